@@ -30,9 +30,9 @@ _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
 _HOUR = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',
          '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1']
 _PAINT = "performance.getEntriesByType('paint')[0].startTime / 1000"
-_VIEWS = {'Errors': 'Error, joint by joint', 'Over time': 'Over time',
-          'Residual': 'What the residual depends on', 'Data': 'Quality of the data',
-          'Answer': 'Error of each joint'}
+_VIEWS = {'Errors': 'Errors by joint', 'Over time': 'Over time',
+          'Residual': 'Residual against speed, position, load and time',
+          'Data': 'Quality of the data', 'Summary': 'Error of each joint'}
 _TICKS = os.sysconf('SC_CLK_TCK')
 # Longest wait for an element of a page, in ms.
 _TIMEOUT = 300_000

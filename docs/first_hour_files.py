@@ -1,4 +1,4 @@
-"""The table and the bag that docs/make_first_hour.py begins with, of an arm of three joints."""
+"""Table and bag of an arm with three joints, the input of docs/make_first_hour.py."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rosbags.typesys import get_typestore, Stores
 FloatArray = NDArray[np.float64]
 
 JOINTS = ('base', 'shoulder', 'elbow')
-# Masses times lever arms of the arm's two heavy links, N·m; friction, N·m; noise, N·m.
+# Gravity moments of the two heavy links, Coulomb friction and noise, all in N·m.
 _UPPER, _FORE = 12.0, 5.0
 _FRICTION = {'base': 0.6, 'elbow': 0.4}
 _NOISE = 0.03
@@ -40,7 +40,7 @@ def motion(seed: int, rate: float, length: float) -> tuple[FloatArray, ...]:
 
 
 def write_table(path: Path) -> str:
-    """Write a log as loggers write it, and return its first two lines."""
+    """Write a table in the format of a logger, and return its first two lines."""
     t, q, _, tau = motion(1, 50.0, 120.0)
     rows = np.column_stack([np.round(1000 * t), np.degrees(q), tau])
     names = ['t', *(f'{name}_pos' for name in JOINTS), *(f'{name}_eff' for name in JOINTS)]
@@ -51,7 +51,7 @@ def write_table(path: Path) -> str:
 
 
 def write_bag(folder: Path) -> None:
-    """Write a rosbag2 folder, by an independent writer: joints by alphabet, and a gripper."""
+    """Write a rosbag2 folder with an independent writer: sorted joints and a gripper."""
     store = get_typestore(Stores.ROS2_JAZZY)
     state, header, stamp = (store.types[name] for name in (
         'sensor_msgs/msg/JointState', 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))

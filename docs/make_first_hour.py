@@ -1,13 +1,13 @@
 """
-Make docs/first_hour.md: what a new user types in the first hour, what is printed, and when.
+Write docs/first_hour.md: the commands of a new user's first hour, with their output and times.
 
     python3 docs/make_first_hour.py RECORDINGS [--set-up] [--test-log FILE] [--only WORD]
 
-RECORDINGS is a folder that has the three public recordings somewhere in it. After the first
-command of each part the script types nothing of its own: it runs the command that was printed as
-the next step. With --set-up it begins with a fresh clone and `make demo`, and all else runs in the
-environment that this makes. FILE is what `make test` printed. With --only, only the parts with
-this word in their title are made, and the others stay as they are.
+RECORDINGS is a folder that contains the three public recordings. After the first command of each
+part, the script runs only commands that were printed as the next step. With --set-up it starts
+with a fresh clone and `make demo`, and uses that environment for all other parts. FILE is the
+output of `make test`. With --only, only parts with this word in their title are written; the
+others are kept.
 """
 
 from __future__ import annotations
@@ -32,29 +32,28 @@ from make_walkthrough import ROOT, STEPS, wrapped
 
 PAGE = ROOT / 'docs' / 'first_hour.md'
 _WIDTH = 110
-# How many printed commands are followed in each part, fewer where each takes long.
+# Maximum number of next steps in each part, fewer where each takes long.
 _FOLLOWED, _FOLLOWED_REAL, _FOLLOWED_TABLE = 6, 4, 3
 
 HEAD = """\
 # The first hour
 
-Made by `python3 docs/make_first_hour.py`, which ran every command on this page and put here what
-it printed, warnings and errors included. Long lines are wrapped, and `[...]` stands for lines that
-are left out: equations, what a recording cannot show, progress. After the first command of each
-part every command is the one that the command before it printed as the next step. Parts with real
-recordings end after a few, before nothing is left to do. The time in brackets is that of the
-command, from its start to its end.
+`python3 docs/make_first_hour.py` writes this page: it runs every command and copies its output,
+including warnings and errors. Long lines are wrapped. `[...]` marks omitted lines: equations,
+effects that are not identifiable, and progress. After the first command of each part, every
+command is a next step printed by the command before it. Parts with real recordings end after a few
+steps. The time in brackets is the duration of the command.
 """
 REAL = (
     ('A recording of a real UR10', 'ur10_exciting_trajectory.db3',
-     'From unisa-acg/inverse-dynamics-solver (BSD-3): 27 s of a motion made for identification,\n'
+     'From unisa-acg/inverse-dynamics-solver (BSD-3): 27 s of an identification motion,\n'
      'at up to 2.2 rad/s. The effort is motor current times gains.'),
     ('A recording of a real Franka Panda', 'panda_exciting_trajectory.db3',
-     'From the same project: 24 s at 30 Hz, with the torque sensors of the joints.'),
+     'From the same project: 24 s at 30 Hz, with joint torque sensors.'),
     ('A table of a real KUKA LBR Med 7', 'measurements.csv',
      'From lbr-stack/dynamic_parameter_identification (MIT): 16 s at 100 Hz, without times; the\n'
-     'arm stands still for the first 6.5 s. The torques have the opposite sign; the table does\n'
-     'not say so.'))
+     'arm is at rest for the first 6.5 s. The torques have the opposite sign, which the table\n'
+     'does not document.'))
 
 
 SET_UP, WALK, TESTS = 'Setting up', 'The walk-through', 'All tests'
@@ -64,7 +63,7 @@ ORDER = (SET_UP, WALK, OWN_TABLE, OWN_BAG, *(title for title, _, _ in REAL), TES
 
 @dataclass
 class Session:
-    """Commands run one after another in a folder; `parts` is the page so far."""
+    """Commands run one after another in a folder; `parts` are the parts of the page."""
 
     folder: Path
     program: tuple[str, ...]
@@ -72,20 +71,20 @@ class Session:
     times: list[tuple[str, float]] = field(default_factory=list)
 
     def begin(self, title: str, prose: str) -> None:
-        """Begin a part of the page."""
+        """Start a part of the page."""
         self.parts.append(f'## {title}\n\n{prose}\n')
         self.times.append((title, 0.0))
 
     def say(self, prose: str) -> None:
-        """Put a sentence between commands."""
+        """Add text between commands."""
         self.parts.append(f'{prose}\n')
 
     def run(self, command: str) -> str:
-        """Run a command of this package, show it, and return what it printed."""
+        """Run a command of this package, show it, and return its output."""
         return self.shell(command, [*self.program, *shlex.split(command)[1:]])
 
     def shell(self, command: str, argv: list[str], folder: Path | None = None) -> str:
-        """Run a program, show it as `command`, and return what it printed."""
+        """Run a program, show it as `command`, and return its output."""
         began = time.monotonic()
         done = subprocess.run(argv, cwd=folder or self.folder, stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, text=True,
@@ -93,15 +92,15 @@ class Session:
         seconds = time.monotonic() - began
         title, total = self.times[-1]
         self.times[-1] = (title, total + seconds)
-        # Commands are printed in one piece, to be copied.
+        # Commands are not wrapped, so that they can be copied.
         shown = '\n'.join(line if line.startswith('  gravity_comp ') else wrapped(line, _WIDTH)
-                          for line in _without_the_long(done.stdout))
+                          for line in _shortened(done.stdout))
         self.parts.append(f'```\n$ {command}\n{shown}\n```\n[{seconds:.1f} s]\n')
         return done.stdout
 
-    def follow(self, printed: str, most: int = _FOLLOWED) -> None:
-        """Run what was printed as the next step, and so on, until nothing is left to do."""
-        for _ in range(most):
+    def follow(self, printed: str, max_steps: int = _FOLLOWED) -> None:
+        """Run the printed next steps, until there is none or the maximum is reached."""
+        for _ in range(max_steps):
             commands = next_commands(printed)
             if not commands:
                 return
@@ -109,18 +108,18 @@ class Session:
                 printed = self.run(command)
 
     def page(self) -> str:
-        """Return the page, with the times of its parts."""
+        """Return the page, with a table of the times of its parts."""
         rows = [f'| {title} | {seconds:.0f} s |' for title, seconds in self.times]
         total = sum(seconds for _, seconds in self.times)
         table = '\n'.join(['| part | commands |', '|---|---|', *rows,
                            f'| all commands | {total / 60:.1f} min |'])
         cores = len(os.sched_getaffinity(0))
-        where = (f'On {cores} cores of a machine with other work, {_system()}, Python '
-                 f'{platform.python_version()}:')
-        return '\n'.join([HEAD, f'{where}\n\n{table}\n', *self.parts])
+        machine = (f'On {cores} cores of a machine with other load, {_system()}, Python '
+                   f'{platform.python_version()}:')
+        return '\n'.join([HEAD, f'{machine}\n\n{table}\n', *self.parts])
 
-    def take_over(self, page: str) -> None:
-        """Put the parts of an earlier page, with their times, where they are not made anew."""
+    def keep_other_parts(self, page: str) -> None:
+        """Insert the parts of an earlier page, with their times, that were not run again."""
         made = dict(self.times)
         split = _by_part('\n'.join(self.parts))
         earlier = _by_part(page.partition('\n## ')[2] and page[page.index('\n## ') + 1:])
@@ -138,7 +137,7 @@ def _by_part(text: str) -> dict[str, str]:
 
 
 def next_commands(printed: str) -> list[str]:
-    """Return the commands below the first `next step`, and those below it alone."""
+    """Return the commands of the first `next step`."""
     found: list[str] = []
     begun = False
     for line in printed.splitlines():
@@ -153,8 +152,8 @@ def next_commands(printed: str) -> list[str]:
     return found
 
 
-def _without_the_long(printed: str) -> Iterator[str]:
-    """Yield the lines of an output, equations and lists of what cannot be judged left out."""
+def _shortened(printed: str) -> Iterator[str]:
+    """Yield the lines of an output without equations and lists of untestable effects."""
     skipping = False
     for line in printed.rstrip().splitlines():
         line = line.rstrip()
@@ -163,7 +162,7 @@ def _without_the_long(printed: str) -> Iterator[str]:
         if line.startswith('... ') or skipping:
             continue
         yield line
-        if line.startswith(('torque in N·m', 'cannot be judged')):
+        if line.startswith(('torque in N·m', 'not identifiable')):
             yield '  [...]'
             skipping = True
 
@@ -174,7 +173,7 @@ def _system() -> str:
 
 
 def set_up(session: Session) -> None:
-    """Clone the project, run `make demo` there, and use the environment that this makes."""
+    """Clone the project, run `make demo`, and use the resulting environment."""
     session.begin(SET_UP, 'On a machine with git, make and Python, in an empty folder:')
     session.shell('git clone <this repository> gravity_comp_ros',
                   ['git', 'clone', '-q', str(ROOT), 'gravity_comp_ros'])
@@ -185,9 +184,9 @@ def set_up(session: Session) -> None:
 
 
 def walk_through(session: Session) -> None:
-    """Run the commands of docs/walkthrough.md, without showing what they print once more."""
-    session.begin(WALK, 'A simulated arm with hidden friction. What these commands '
-                  'print is in\n[walkthrough.md](walkthrough.md).')
+    """Run the commands of docs/walkthrough.md without showing their output again."""
+    session.begin(WALK, 'A simulated arm with hidden friction. [walkthrough.md](walkthrough.md) '
+                  'shows the\noutput of these commands.')
     lines = []
     for command in (command for _, some in STEPS for command in some):
         kept, before = len(session.parts), session.times[-1][1]
@@ -198,26 +197,26 @@ def walk_through(session: Session) -> None:
 
 
 def own_table(session: Session) -> None:
-    """Bring a logger's table in, whose units are not given, and follow what is printed."""
-    session.begin(OWN_TABLE, 'A log of an arm with three joints, as loggers write it: '
-                  'milliseconds, degrees,\nsemicolons and decimal commas. Nothing of this is said '
-                  'in the file. What cannot be is asked about.')
+    """Convert a logger's table without units, and follow the printed next steps."""
+    session.begin(OWN_TABLE, 'A log of an arm with three joints in a common format: '
+                  'milliseconds, degrees,\nsemicolons and decimal commas. The file documents none '
+                  'of this. `convert` requires the units\nthat the values contradict.')
     head = write_table(session.folder / 'my_log.csv')
     session.say(f'```\n$ head -2 my_log.csv\n{head}\n```')
     command = 'gravity_comp convert my_log.csv -o my_log.mcap'
     printed = session.run(command)
     for question in ('--angle-unit deg', '--time-unit ms'):
         if not re.search(question, printed):
-            raise SystemExit(f'{question} was not asked for: {printed}')
+            raise SystemExit(f'{question} was not requested: {printed}')
         command = command.replace(' -o', f' {question} -o')
         printed = session.run(command)
     session.follow(printed)
 
 
 def own_bag(session: Session) -> None:
-    """Follow what is printed for a recording with a gripper and joints by alphabet."""
-    session.begin(OWN_BAG, 'A rosbag2 folder of an arm of three joints with a gripper, its joints '
-                  'by alphabet and its\nefforts in mN·m. Its owner knows both.')
+    """Follow the printed next steps for a bag with a gripper and sorted joints."""
+    session.begin(OWN_BAG, 'A rosbag2 folder of an arm with three joints and a gripper, with '
+                  'joints in alphabetical order\nand efforts in mN·m.')
     write_bag(session.folder / 'my_bag')
     session.follow(session.run('gravity_comp info my_bag --effort-unit mNm --joints '
                                'base,shoulder,elbow'))
@@ -225,10 +224,10 @@ def own_bag(session: Session) -> None:
 
 def real_recording(session: Session, recordings: Path, title: str, name: str,
                    prose: str) -> None:
-    """Follow what is printed for one of the public recordings."""
+    """Follow the printed next steps for one of the public recordings."""
     found = sorted(recordings.rglob(name))
     if not found:
-        raise SystemExit(f'{name} is nowhere in {recordings}')
+        raise SystemExit(f'{name} is not in {recordings}')
     shutil.copyfile(found[0], session.folder / name)
     for model in session.folder.glob('arm*.json'):
         model.unlink()
@@ -238,18 +237,18 @@ def real_recording(session: Session, recordings: Path, title: str, name: str,
         return
     command = f'gravity_comp convert {name} -o med7.mcap'
     session.run(command)
-    session.say('The source says 100 Hz.')
+    session.say('The source documents 100 Hz.')
     session.follow(session.run(command.replace(' -o', ' --rate 100 -o')), _FOLLOWED_TABLE)
 
 
 def tests(session: Session, log: Path) -> None:
-    """Show the end of what `make test` printed."""
-    session.begin(TESTS, 'The second command, on the same machine, at another time. Its last line '
-                  'has its time.')
+    """Show the last line of the output of `make test`."""
+    session.begin(TESTS, 'All tests on the same machine, run separately. The last line includes '
+                  'the time.')
     last = log.read_text().rstrip().splitlines()[-1]
     taken = re.search(r' in ([0-9.]+)s', last)
     if taken is None:
-        raise SystemExit(f'{log}: the last line is not that of a run of tests: {last!r}')
+        raise SystemExit(f'{log}: the last line is not the result of a test run: {last!r}')
     session.times[-1] = (TESTS, float(taken[1]))
     session.parts.append(f'```\n$ make test\n[...]\n{last}\n```\n')
 
@@ -279,7 +278,7 @@ def main() -> None:
             if args.only.lower() in title.lower():
                 step()
         if args.only:
-            session.take_over(PAGE.read_text(encoding='utf-8'))
+            session.keep_other_parts(PAGE.read_text(encoding='utf-8'))
         PAGE.write_text(session.page(), encoding='utf-8')
 
 

@@ -20,7 +20,7 @@ _WIDTH = 112
 # Verb, which call of it, and which lines of its output are shown: the first that begins so, and
 # how many from there.
 SHOWN = (('compare', 0, 'error of the model', 11), ('diagnose', 0, '', 2),
-         ('diagnose', 0, 'what is missing', 7), ('add', 0, 'held-out error', 11))
+         ('diagnose', 0, 'missing effects', 7), ('add', 0, 'held-out error', 11))
 
 
 def main() -> None:

@@ -1,5 +1,5 @@
 """
-Make docs/walkthrough.md: the commands of a walk-through, and what they really printed.
+Write docs/walkthrough.md: the commands of a walk-through with their output.
 
 `python3 docs/make_walkthrough.py` runs every command in an empty folder and writes the page.
 """
@@ -24,48 +24,48 @@ _ROUGH = '--hidden coulomb_friction:iiwa_joint_4=0.8'
 HEAD = """\
 # From a recording to the effect that is missing
 
-Made by `python3 docs/make_walkthrough.py`, which runs every command on this page and puts here
-what it printed, with long lines wrapped. No robot is needed: the arm is simulated, and what is
-wrong with it is known, so that every answer can be checked.
+`python3 docs/make_walkthrough.py` writes this page: it runs every command and copies its output,
+with long lines wrapped. No robot is required: the arm is simulated with known effects, so that
+every result can be verified.
 """
 
-# A piece of prose, then the commands that it speaks of.
+# Text of each section, and its commands.
 STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("""## An arm with unmodelled friction
 
-A KUKA LBR iiwa 7 moves slowly, twice for a minute along different ways, and a third time later.
-Its torque sensors have 0.1 N·m of noise, and joint 4 has 0.8 N·m of friction (a LuGre model,
-integrated in fine steps: bristles that bend, then slide).
+A KUKA LBR iiwa 7 moves slowly along two different paths of a minute, and a third time later. Its
+torque sensors have 0.1 N·m of noise, and joint 4 has 0.8 N·m of friction (a LuGre model,
+integrated in fine steps).
 """,
      (f'{_ARM} --seed 1 {_ROUGH} -o run1.mcap',
       f'{_ARM} --seed 2 {_ROUGH} -o run2.mcap',
       f'{_ARM} --seed 1 --start 60 {_ROUGH} -o later.mcap')),
-    ("""## Learn gravity, and see where it is wrong
+    ("""## Fit gravity and compare
 
-The model is one potential energy, in which friction has no place. So it stays in the error, and
-its joint stands out on the third recording, which the model has not seen.
+A gravity model cannot represent friction. Friction therefore remains in the residual, and its
+joint has a large error on the third recording, which was not fitted.
 """,
      ('gravity_comp fit run1.mcap run2.mcap -o arm.json --terms 3',
       'gravity_comp compare later.mcap --model arm.json')),
-    ("""## What is missing?
+    ("""## Diagnose missing effects
 
-The friction is named, on its joint, with its size and 95 % interval; errors are of data that was
-not fitted. What else is named is there as well: the simulated arm has mass, so that even slow
-motion takes some torque to accelerate it. What the recording cannot show is listed with the
-reason.
+`diagnose` identifies the friction, its joint and its size with a 95 % interval. Errors are
+held-out errors. Other findings are real as well: the links have inertia, so that even slow motion
+requires some acceleration torque. Effects that are not identifiable from the recordings are listed
+with the reason.
 """,
      ('gravity_comp diagnose run1.mcap run2.mcap --model arm.json',)),
-    ("""## Put it in
+    ("""## Add the effect
 
-Gravity and friction are fitted anew together. The error on data that was not fitted falls on joint
-4 to the noise of the sensor, and on others that had to make up for the friction.
+`add` refits gravity and friction jointly. The held-out error of joint 4 decreases to the sensor
+noise. The errors of other joints decrease if their gravity terms had absorbed part of the
+friction.
 """,
      ('gravity_comp add coulomb_friction:iiwa_joint_4 --model arm.json run1.mcap run2.mcap',
       'gravity_comp compare later.mcap --model arm.json')),
-    ("""## Take it back
+    ("""## Undo the addition
 
-The model file remembers what was added, when, and what it brought; the last addition can be
-undone.
+The model file stores every addition with its date and its errors. The last addition can be undone.
 """,
      ('gravity_comp add --undo --model arm.json',)),
 )
@@ -91,7 +91,7 @@ def page(folder: Path) -> str:
 
 
 def output(command: str, folder: Path) -> str:
-    """Return what a command prints, with long lines wrapped."""
+    """Return the output of a command, with long lines wrapped."""
     argv = [sys.executable, '-m', 'gravity_comp_ros.cli', *shlex.split(command)[1:]]
     done = subprocess.run(argv, cwd=folder, check=True, capture_output=True, text=True,
                           env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': str(_WIDTH)})
@@ -102,7 +102,7 @@ def output(command: str, folder: Path) -> str:
 
 
 def wrapped(line: str, width: int = _WIDTH) -> str:
-    """Return a line on several, what follows indented further."""
+    """Return a wrapped line, with continuation lines indented further."""
     indent = ' ' * (len(line) - len(line.lstrip()) + 4)
     return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False,
                          break_on_hyphens=False)

@@ -1,4 +1,4 @@
-"""`gravity_comp VERB`: finds the verb's module, and is the one gate through which errors leave."""
+"""Entry point of `gravity_comp VERB`: dispatches to the verb's module and reports its errors."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from gravity_comp_ros.printable import printable
 PROGRAM = 'gravity_comp'
 
 DESCRIPTION = """\
-Learn the gravity torque of a robot arm from recorded joint states, and judge it.
+Learn the gravity torque of a robot arm from recorded joint states, and evaluate the model.
 """
 EXAMPLE = """\
 the loop:
-  gravity_comp info run1.mcap                       what is in the recording, what is not
+  gravity_comp info run1.mcap                       joints, speeds, coverage of a recording
   gravity_comp fit run1.mcap -o arm.json            learn the gravity model
-  gravity_comp compare run2.mcap --model arm.json   how wrong it is, joint by joint
-  gravity_comp diagnose run2.mcap --model arm.json  which physical effect the model is missing
+  gravity_comp compare run2.mcap --model arm.json   error of the model for each joint
+  gravity_comp diagnose run2.mcap --model arm.json  physical effects missing from the model
   gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
-                                                    put it in, and see the error fall
+                                                    add an effect, compare held-out errors
   gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
-                                                    the motion that settles what run1 cannot
+                                                    motion that resolves open findings
   gravity_comp workbench run1.mcap run2.mcap        the same loop in a browser
 
 without a robot:
-  gravity_comp synth --help                         a simulated arm, recorded like a real one
+  gravity_comp synth --help                         record a simulated arm
 
-`gravity_comp VERB --help` has the options and examples of a verb.
-Exit status: 0 done, 1 failed with one line that says why, 2 wrong usage.
-With GRAVITY_COMP_DEBUG=1 a failure also shows its traceback.
+`gravity_comp VERB --help` lists the options and examples of a verb.
+Exit status: 0 done, 1 failed (one line gives the reason), 2 wrong usage.
+With GRAVITY_COMP_DEBUG=1 a failure also prints its traceback.
 """
 
-# Module -> what to install. Only the verb that needs a missing module fails.
+# Install command by Python module. Only the verb that needs a missing module fails.
 PACKAGES = {
     'bokeh': 'pip install bokeh',
     'defusedxml': 'pip install defusedxml (in a ROS workspace: python3-defusedxml)',
@@ -64,19 +64,19 @@ PACKAGES = {
     'zstandard': 'pip install zstandard',
 }
 
-# What the core advises, in terms of the command line.
+# Hints of the core, in terms of the command line.
 HINTS = {
     Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
-    Hint.IN_MODEL: '`gravity_comp add --undo` takes back what was added last',
+    Hint.IN_MODEL: '`gravity_comp add --undo` removes the last addition',
     Hint.NAME_DESCRIPTION: 'name a file with --urdf',
-    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or name where it stands '
+    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or give its position '
                            '(--fixed JOINT=VALUE)',
-    Hint.INSTALL_EFFECT: 'install the package that brings it, or take it back with '
+    Hint.INSTALL_EFFECT: 'install the package that provides it, or remove it with '
                          '`gravity_comp add --undo`',
 }
 
-# The problems here are too small for threads: on a busy machine, threads that wait for each
-# other made a fit of 6 s take 88 s. Set before NumPy is loaded; a user's own setting stays.
+# The problems are too small for BLAS threads: on a busy machine they slowed a fit from 6 s to
+# 88 s. Set before NumPy is loaded; a setting of the user takes precedence.
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 EXIT_INTERRUPTED = 130
@@ -84,7 +84,7 @@ EXIT_PIPE_CLOSED = 141
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that knows no abbreviations and shows nothing unprintable."""
+    """An argument parser without abbreviated options; its errors are printable."""
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         kwargs.setdefault('allow_abbrev', False)
@@ -107,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, '1')
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # A terminal that cannot show a character is no reason to fail.
+            # A character that the terminal cannot encode must not raise an error.
             stream.reconfigure(errors='replace')
     verb = argv[0] if argv and argv[0] in VERBS else ''
     who = f'{PROGRAM} {verb}'.rstrip()
@@ -120,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _fail(who, 'interrupted', EXIT_INTERRUPTED)
     except BrokenPipeError:
-        # The reader (`| head`) has gone; Python must not complain of it at exit either.
+        # The reader (`| head`) has closed the pipe; suppress Python's own error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE_CLOSED
     except Exception as error:
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _overview(argv: list[str]) -> int:
-    """Answer a call without a known verb: help, version, or what is wrong with it."""
+    """Print help or the version, or report an unknown verb or option."""
     parser = Parser(prog=PROGRAM, usage=f'{PROGRAM} VERB ...', description=DESCRIPTION,
                     epilog=_verb_list() + '\n' + EXAMPLE)
     parser.add_argument('--version', action='version', version=f'{PROGRAM} {__version__}')
@@ -147,33 +147,29 @@ def _verb_list() -> str:
 
 
 def _run_verb(verb: str, argv: list[str]) -> int:
-    usage = _usage(verb)
+    usage = _commands_module(f'usage.{verb}')
     parser = Parser(prog=f'{PROGRAM} {verb}', description=VERBS[verb], epilog=usage.EPILOG)
     usage.add_arguments(parser)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
-    # Options may stand between a verb's arguments.
+    # Options may appear between positional arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
-    # Only now the science: help and wrong usage are answered without it.
-    return int(_module(verb).run(args) or 0)
+    # Numerical modules are imported only now, so that help and usage errors are fast.
+    return int(_commands_module(verb).run(args) or 0)
 
 
-def _usage(verb: str) -> ModuleType:
-    return importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}')
-
-
-def _module(verb: str) -> ModuleType:
-    return importlib.import_module(f'gravity_comp_ros.commands.{verb}')
+def _commands_module(name: str) -> ModuleType:
+    return importlib.import_module(f'gravity_comp_ros.commands.{name}')
 
 
 def _one_line(error: Exception) -> str:
-    """Return what to tell the user about `error`."""
+    """Return the error message for the user."""
     if isinstance(error, GravityCompError):
         return error.message if error.hint is None else f'{error.message}: {HINTS[error.hint]}'
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]
         if missing in PACKAGES:
-            return f'needs the Python module {missing}, which does not load here ({error}): ' \
+            return f'needs the Python module {missing}, which cannot be imported ({error}): ' \
                    f'{PACKAGES[missing]}'
     if isinstance(error, MemoryError):
         return 'not enough memory: use fewer or shorter recordings'
@@ -181,7 +177,7 @@ def _one_line(error: Exception) -> str:
         where = f': {os.fsdecode(error.filename)}' if error.filename is not None else ''
         return f'{error.strerror}{where}'
     return (f'internal error, please report it: {type(error).__name__}: {error} '
-            '(GRAVITY_COMP_DEBUG=1 shows where)')
+            '(GRAVITY_COMP_DEBUG=1 prints the traceback)')
 
 
 def _fail(who: str, message: str, status: int = 1) -> int:
@@ -190,7 +186,7 @@ def _fail(who: str, message: str, status: int = 1) -> int:
     try:
         print(f'{who}: {printable(message)}', file=sys.stderr, flush=True)
     except OSError:
-        pass  # the reader has closed the pipe; the exit status still tells
+        pass  # the reader has closed the pipe; the exit status reports the failure
     return status
 
 

@@ -1,4 +1,4 @@
-"""Headless Chromium for tests of pages: what it shows, what it asks for, what it complains of."""
+"""Headless Chromium for tests of pages, with a record of warnings, requests and dialogs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -15,7 +15,7 @@ OPTIONS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
            '--disable-background-networking', '--disable-component-update', '--disable-sync']
 WAIT = 90_000
 
-# Every plot of a page that has been painted: its title and size in pixels.
+# For every painted plot of a page: title, width and height in pixels.
 PLOTS = """() => {
   const found = []
   const walk = (view) => {
@@ -27,7 +27,7 @@ PLOTS = """() => {
   for (const view of Bokeh.index.roots) walk(view)
   return found
 }"""
-# Of the table that all plots share: how many rows are selected, and how many glyphs draw it.
+# For the shared table of all plots: the number of selected rows and of glyphs.
 SELECTED = """() => {
   const sources = new Set(), glyphs = []
   for (const document of Bokeh.documents)
@@ -41,7 +41,7 @@ SELECTED = """() => {
           glyphs.filter((glyph) => glyph.data_source === source).length]
 }"""
 
-# Elements of a page, shadow roots and all, that a name must never become.
+# Active elements of a page, including shadow roots, that text from files must not create.
 LIVELY = """() => {
   const found = []
   const walk = (root) => {
@@ -56,7 +56,7 @@ LIVELY = """() => {
   walk(document)
   return found
 }"""
-# What a name that did become markup would do: a handler, a script, a link that runs one.
+# Inject a handler, a script, and a link that runs a script.
 INJECT = """() => {
   const place = document.createElement('div')
   place.innerHTML = '<img src="data:," onerror="alert(1)"><a href="javascript:alert(2)">x</a>'
@@ -69,7 +69,7 @@ INJECT = """() => {
 
 
 def heap(page) -> float:
-    """Return the JavaScript heap of a page in MB, after its garbage is collected."""
+    """Return the JavaScript heap of a page in MB, after garbage collection."""
     session = page.context.new_cdp_session(page)
     for _ in range(3):
         session.send('HeapProfiler.collectGarbage')
@@ -90,7 +90,7 @@ def chromium() -> str:
 
 
 class Watched:
-    """A page, and all that it printed, complained of and asked for from elsewhere."""
+    """A page with its console warnings, external requests and dialogs."""
 
     def __init__(self, page, home: str) -> None:
         self.page, self.complaints, self.requests, self.dialogs = page, [], [], []
@@ -107,12 +107,12 @@ class Watched:
         self.page.wait_for_selector('html[data-ready=yes]')
 
     def picture(self, name: str) -> None:
-        """Keep what is on the screen as an artefact of the test run."""
+        """Save a screenshot as an artefact of the test run."""
         PICTURES.mkdir(exist_ok=True)
         self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
 
     def drag(self, box: dict, start: float, end: float) -> None:
-        """Drag over a plot, from one share of its width to another."""
+        """Drag over a plot, between two fractions of its width."""
         self.page.mouse.move(box['x'] + start * box['width'], box['y'] + 0.2 * box['height'])
         self.page.mouse.down()
         self.page.mouse.move(box['x'] + end * box['width'], box['y'] + 0.95 * box['height'],
@@ -124,7 +124,7 @@ class Watched:
         return self.page.evaluate(PLOTS)
 
     def selected(self) -> list[int]:
-        """Return how many rows are selected, and how many glyphs draw the table they are of."""
+        """Return the numbers of selected rows and of glyphs of the shared table."""
         return self.page.evaluate(SELECTED)
 
     def _printed(self, message) -> None:
@@ -138,7 +138,7 @@ class Watched:
 
 @contextmanager
 def watched(home: str, **options) -> Iterator[Watched]:
-    """Yield a new page; `home` is what its own requests begin with."""
+    """Yield a new page; `home` is the URL prefix of its own requests."""
     with browsing() as browser:
         with browser(home, **options) as tab:
             yield tab
@@ -146,7 +146,7 @@ def watched(home: str, **options) -> Iterator[Watched]:
 
 @contextmanager
 def browsing() -> Iterator[Callable[..., AbstractContextManager[Watched]]]:
-    """Yield what `watched` does, for many pages of one browser."""
+    """Yield a function that opens watched pages of one browser."""
     path = chromium()
     from playwright.sync_api import sync_playwright
     with sync_playwright() as play:

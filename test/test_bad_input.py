@@ -34,17 +34,17 @@ def files(tmp_path_factory):
     return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
 
 
-@pytest.mark.parametrize(('status', 'call', 'message'), [
-    (2, 'fit GOOD --terms -3', 'not a whole number above 0'),
+@pytest.mark.parametrize(('status', 'call', 'says'), [
+    (2, 'fit GOOD --terms -3', 'not a positive integer'),
     (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
-    (2, 'synth --samples 0 -o NEW.mcap', 'not a whole number above 0'),
-    (2, 'synth --samples 1.5 -o NEW.mcap', 'not a whole number above 0'),
+    (2, 'synth --samples 0 -o NEW.mcap', 'not a positive integer'),
+    (2, 'synth --samples 1.5 -o NEW.mcap', 'not a positive integer'),
     (1, 'synth --duration 1e9 -o NEW.mcap', 'shorten --duration or lower --rate'),
     (1, 'synth --motion random --duration 1e9 -o NEW.mcap', 'shorten --duration or lower --rate'),
-    (1, 'info GOOD --all-samples --max-speed 1', 'leave --max-speed and --rate out'),
-    (1, 'fit GOOD --all-samples --rate 1 -o NEW.json', 'leave --max-speed and --rate out'),
-    (1, 'compare GOOD --model MODEL --all-samples --rate 1', 'leave --max-speed and --rate out'),
-    (2, 'compare GOOD --model MODEL --previous MODEL', 'give --html as well'),
+    (1, 'info GOOD --all-samples --max-speed 1', 'omit --max-speed and --rate'),
+    (1, 'fit GOOD --all-samples --rate 1 -o NEW.json', 'omit --max-speed and --rate'),
+    (1, 'compare GOOD --model MODEL --all-samples --rate 1', 'omit --max-speed and --rate'),
+    (2, 'compare GOOD --model MODEL --previous MODEL', '--previous requires --html'),
     (2, 'add coulomb_friction viscous_friction GOOD --model MODEL', 'separate effects with comma'),
     (2, 'fit GOOD --effects coulomb_friction torque_offset:elbow', 'separate effects with comma'),
     (1, 'fit CSV', 'is a table, not a recording: first `gravity_comp convert '),

@@ -1,4 +1,4 @@
-"""The command line's frame: overview, usage errors, and the one gate for all other errors."""
+"""Command line: overview, help, usage errors, and reporting of all other errors."""
 
 import os
 from pathlib import Path
@@ -26,8 +26,8 @@ def verb(monkeypatch):
     """Return a function that makes `gravity_comp fit` run the given function."""
     def install(run):
         usage = SimpleNamespace(EPILOG='', add_arguments=lambda parser: None)
-        monkeypatch.setattr(cli, '_usage', lambda name: usage)
-        monkeypatch.setattr(cli, '_module', lambda name: SimpleNamespace(run=run))
+        monkeypatch.setattr(cli, '_commands_module', lambda name: usage if name.startswith(
+            'usage.') else SimpleNamespace(run=run))
     return install
 
 
@@ -53,7 +53,7 @@ def test_every_verb_has_help_with_examples(name, capsys):
     assert f'  gravity_comp {name} ' in shown, 'no example'
 
 
-def test_help_and_wrong_usage_load_nothing_large():
+def test_help_and_wrong_usage_import_no_numerical_modules():
     calls = [['--version'], ['--help'], *([verb, '--help'] for verb in cli.VERBS),
              ['fit', 'a.mcap', '--terms', '-3'], ['plan', 'a.mcap', '-o', 'x.txt']]
     code = ('import sys; from gravity_comp_ros.cli import main\n'
@@ -64,19 +64,19 @@ def test_help_and_wrong_usage_load_nothing_large():
     assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
 
 
-def test_what_the_light_modules_repeat_is_so():
+def test_copied_defaults_equal_those_of_the_core():
     assert arguments.FORMULATIONS == CHOICES and CHOICES[0] == FitOptions().formulation
     assert usage_of_plan.ENDINGS == ENDINGS
-    usual = {name: value for name, _, value, _ in usage_of_plan.LIMITS}
-    assert PlanOptions(**usual, reach=usage_of_plan.REACH) == PlanOptions()
+    limits = {name: value for name, _, value, _ in usage_of_plan.LIMITS}
+    assert PlanOptions(**limits, reach=usage_of_plan.REACH) == PlanOptions()
 
 
 @pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])
 def test_defaults_of_the_gate_are_those_in_the_help(verb, capsys):
     assert cli.main([verb, '--help']) == 0
     shown = ' '.join(capsys.readouterr().out.split())
-    assert f'a sample may have (default: {GateOptions().max_speed:g})' in shown
-    assert f'slow motion, at most (default: {GateOptions().rate_hz:g})' in shown
+    assert f'joint speed of a sample (default: {GateOptions().max_speed:g})' in shown
+    assert f'per second of slow motion (default: {GateOptions().rate_hz:g})' in shown
 
 
 @pytest.mark.parametrize(('typed', 'offered'), [
@@ -106,12 +106,12 @@ def test_version(capsys):
     (['fit'], 'BAG'), (['fit', 'a.mcap', '--max-speed', 'fast'], 'not a number'),
     (['fit', 'a.mcap', '--rate', '-1'], 'not above 0'),
     (['fit', 'a.mcap', '--effort-scale', 'elbow'], 'not JOINT=VALUE'),
-    (['fit', 'a.mcap', '--effort-scale', 'elbow=0'], 'leaves no torque'),
+    (['fit', 'a.mcap', '--effort-scale', 'elbow=0'], 'must not be 0'),
     (['fit', 'a.mcap', '--joints', 'a,,b'], 'empty joint name'),
     (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
     (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
 ])
-def test_wrong_usage_is_2_and_says_what(argv, text, capsys):
+def test_wrong_usage_exits_with_2_and_one_message(argv, text, capsys):
     assert cli.main(argv) == 2
     captured = capsys.readouterr()
     assert text in captured.err and not captured.out
@@ -128,7 +128,7 @@ def test_wrong_usage_is_2_and_says_what(argv, text, capsys):
      'recordings\n'),
     (KeyboardInterrupt(), 130, 'gravity_comp fit: interrupted\n'),
     (ZeroDivisionError('oh'), 1, 'gravity_comp fit: internal error, please report it: '
-     'ZeroDivisionError: oh (GRAVITY_COMP_DEBUG=1 shows where)\n'),
+     'ZeroDivisionError: oh (GRAVITY_COMP_DEBUG=1 prints the traceback)\n'),
 ])
 def test_a_failure_is_one_line(verb, capsys, error, status, line):
     verb(fails_with(error))
@@ -136,7 +136,7 @@ def test_a_failure_is_one_line(verb, capsys, error, status, line):
     assert capsys.readouterr() == ('', line)
 
 
-def test_debug_shows_the_traceback(verb, capsys, monkeypatch):
+def test_debug_prints_the_traceback(verb, capsys, monkeypatch):
     monkeypatch.setenv('GRAVITY_COMP_DEBUG', '1')
     verb(fails_with(BagError('broken')))
     assert cli.main(['fit']) == 1
@@ -152,7 +152,7 @@ def run_without(module, *argv):
                           text=True, timeout=60)
 
 
-def test_a_missing_library_breaks_only_the_verb_that_needs_it(tmp_path):
+def test_a_missing_library_affects_only_the_verb_that_requires_it(tmp_path):
     done = run_without('pinocchio', 'synth', '-o', str(tmp_path / 'a.mcap'))
     assert done.returncode == 1
     assert done.stderr.count('\n') == 1 and 'pip install pin ' in done.stderr
@@ -168,7 +168,7 @@ def test_a_closed_pipe_is_quiet():
     assert done.stderr == ''
 
 
-def test_terminals_without_unicode_are_no_reason_to_fail():
+def test_output_to_a_terminal_without_unicode():
     done = subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'fit', '--help'],
                           cwd=ROOT, capture_output=True, timeout=60,
                           env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
@@ -178,7 +178,7 @@ def test_terminals_without_unicode_are_no_reason_to_fail():
 
 @settings(max_examples=200, deadline=None)
 @given(st.text())
-def test_printable_text_has_nothing_to_obey(text):
+def test_printable_text_contains_no_control_characters(text):
     shown = printable(text)
     assert shown.isprintable()
     assert len(shown.splitlines()) <= 1

@@ -1,4 +1,4 @@
-"""`add`, `add --undo` and `fit --effects`, on two links whose torque is known by hand."""
+"""`add`, `add --undo` and `fit --effects`, on two links with an analytic torque."""
 
 import hashlib
 import json
@@ -54,7 +54,7 @@ def rms(model, samples):
     return np.sqrt(((samples.tau - predict_torque(model, samples)) ** 2).mean(axis=0))
 
 
-def test_friction_and_offset_come_out_as_they_went_in(bags, model, capsys):
+def test_friction_and_offset_are_estimated_correctly(bags, model, capsys):
     found = add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder,'
                 'torque_offset:elbow', model, bags['one'], bags['two'])
     effects = {effect['target']: effect['coefficients'] for effect in found['effects']}
@@ -65,15 +65,15 @@ def test_friction_and_offset_come_out_as_they_went_in(bags, model, capsys):
         value = effects[target][symbol]
         assert value['unit'] == unit
         low, high = value['ci95']
-        # The tilt of the base is free in a chain, and resembles the offset of the elbow.
+        # The base tilt of a chain is free and nearly collinear with the offset of the elbow.
         assert low < truth < high and high - low < 0.35 * truth
     for joint in JOINTS:
         assert found['held_out'][joint]['rmse_after'] < 1.15 * NOISE
-    # Gravity had imitated most of the offset by a feature c2, but can imitate no friction.
+    # Gravity absorbed most of the offset by a feature c2, but no friction.
     assert found['held_out']['shoulder']['rmse_before'] > 0.5
     assert found['held_out']['elbow']['rmse_before'] > 1.5 * NOISE
     assert found['p'] < 1e-3 and not found['warnings'] and found['written']
-    # Gravity itself is right again, on a recording that no fit has seen.
+    # Gravity itself is accurate on a held-out recording.
     changed, later = load_model(model), two_links(3)
     truth = np.column_stack([10.0 * np.sin(later.q[:, 0]), np.zeros(len(later))]) \
         + 4.0 * np.sin(later.q.sum(axis=1))[:, None]
@@ -86,22 +86,22 @@ def test_compare_and_diagnose_take_the_effects_into_account(bags, model, capsys)
     add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder', model, bags['one'])
     after = run_json(capsys, 'compare', bags['later'], '--model', model)['joints']
     assert after['shoulder']['rmse'] < 0.2 * before['shoulder']['rmse']
-    # The elbow's offset bends gravity a little, so that it is not exactly as before.
+    # The offset of the elbow biases gravity slightly, so the error changes a little.
     assert after['elbow']['rmse'] == pytest.approx(before['elbow']['rmse'], rel=0.1)
     rest = run_json(capsys, 'diagnose', bags['one'], bags['two'], '--model', model)['findings']
     assert {(f['joint'], f['effect']) for f in rest} == {('elbow', 'torque_offset')}
 
 
-def test_without_a_joint_it_goes_where_it_shows(bags, model, capsys):
+def test_without_a_joint_an_effect_is_added_where_identifiable(bags, model, capsys):
     found = add(capsys, 'coulomb_friction', model, bags['one'], bags['two'])
     assert 'coulomb_friction:shoulder' in found['added']
-    # The elbow has none: it is left out if it comes out negative, and next to nothing if not.
+    # The elbow has no friction: the effect is omitted if negative, and near zero otherwise.
     elbow = [e for e in found['effects'] if e['joint'] == 'elbow']
     assert 'coulomb_friction:elbow' in found['left_out'] or \
         abs(elbow[0]['coefficients']['F_c']['value']) < 0.03
 
 
-def test_undo_brings_the_model_back_to_the_last_bit(bags, model, capsys):
+def test_undo_restores_the_model_bit_by_bit(bags, model, capsys):
     start = load_model(model)
     add(capsys, 'coulomb_friction:shoulder', model, bags['one'])
     middle = load_model(model)
@@ -126,7 +126,7 @@ def test_undo_brings_the_model_back_to_the_last_bit(bags, model, capsys):
     assert model.read_bytes() == kept
 
 
-def test_a_needless_effect_is_added_with_a_warning(bags, model, capsys):
+def test_an_unnecessary_effect_is_added_with_a_warning(bags, model, capsys):
     assert main(['add', 'joint_spring:elbow', '--model', str(model), bags['one']]) == 0
     out = capsys.readouterr()
     assert 'the held-out error does not decrease' in out.err
@@ -139,15 +139,15 @@ def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
     assert model.read_bytes() == fitted
 
 
-def test_what_was_held_out_stays_held_out(bags, tmp_path, capsys):
+def test_held_out_data_stays_held_out(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
     found = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
-    # The second bag is the one that was held out.
+    # The second bag was held out.
     assert found['n_samples'] == 1200 and found['on_holdout'] is None
 
 
-def test_errors_on_what_was_held_out_are_those_that_compare_finds(bags, tmp_path, capsys):
+def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
     run_json(capsys, 'fit', *both, '--holdout', '-o', path)
     before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
@@ -164,7 +164,7 @@ def test_errors_on_what_was_held_out_are_those_that_compare_finds(bags, tmp_path
     assert diagnosed['data']['n_samples'] == 1200
 
 
-def test_what_was_held_out_of_all_samples_is_compared_with_all_of_them(bags, tmp_path, capsys):
+def test_holdout_of_a_fit_of_all_samples_compares_all_samples(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
     run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
     found = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
@@ -172,13 +172,13 @@ def test_what_was_held_out_of_all_samples_is_compared_with_all_of_them(bags, tmp
 
 
 @pytest.mark.parametrize('verb', ['add', 'diagnose'])
-def test_nothing_held_out_is_said(bags, model, capsys, verb):
+def test_a_fit_without_holdout_is_reported(bags, model, capsys, verb):
     effect = ['coulomb_friction'] if verb == 'add' else []
     assert main([verb, *effect, bags['one'], '--model', str(model), '--holdout']) == 1
-    assert 'nothing was held out' in capsys.readouterr().err
+    assert 'was fitted without --holdout' in capsys.readouterr().err
 
 
-def test_an_effect_that_is_one_of_a_tie_is_added_and_said_to_be(bags, tmp_path, capsys):
+def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     run_json(capsys, 'fit', bags['one_way'], '-o', path)
     status = main(['add', 'torque_offset:shoulder', bags['one_way'], '--model', str(path),
@@ -192,7 +192,7 @@ def test_an_effect_that_is_one_of_a_tie_is_added_and_said_to_be(bags, tmp_path, 
     assert 'coulomb_friction' in found['ties'][0]['rivals'] and found['ties'][0]['settled_by']
 
 
-def test_fit_learns_effects_with_gravity(bags, tmp_path, capsys):
+def test_fit_of_effects_jointly_with_gravity(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     found = run_json(capsys, 'fit', bags['one'], bags['two'], '--effects',
                      'coulomb_friction:shoulder,viscous_friction:shoulder,torque_offset:elbow',
@@ -207,7 +207,7 @@ def test_fit_learns_effects_with_gravity(bags, tmp_path, capsys):
     assert (rms(model, two_links(3)) < 1.2 * NOISE).all()
 
 
-def test_an_effect_that_is_not_installed_is_named(bags, model, capsys):
+def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     found = load_model(model)
     strange = AppliedEffect('ghost_torque', 'elbow', {}, {'x': Value(1.0, 'N·m', (0.9, 1.1))})
     applied = type(found.applied)((strange,), {'width': np.full(2, 0.01)})
@@ -227,7 +227,7 @@ def test_an_effect_that_is_not_installed_is_named(bags, model, capsys):
     ('coulomb_friction:shoulder', 'other', 'no joint shoulder'),
     ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
 ])
-def test_bad_input_gets_one_line_and_leaves_the_file(bags, model, fitted, capsys, effects, bag,
+def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
                                                      words):
     path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
     assert main(['add', effects, '--model', str(model), path]) == 1

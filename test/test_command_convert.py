@@ -1,4 +1,4 @@
-"""`convert` brings a table into a bag; one line where it cannot."""
+"""`convert` of a table to a bag, and one line for invalid input."""
 
 import json
 
@@ -49,7 +49,8 @@ def test_json(table, tmp_path, capsys):
     (('', ''), ('--rate', '9', '--effort-sign', '1,1,1'), '3 effort signs for 2 joints'),
     (('', ''), ('--rate', '9', '--time', 'q_0'), 'not both'),
     (('', ''), ('--rate', '9', '--delimiter', '::'), 'one character')])
-def test_one_line_and_the_old_file_stays(table, tmp_path, capsys, change, arguments, says):
+def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, change, arguments,
+                                                     says):
     table.write_text(TEXT.replace(*change) if change[0] else TEXT)
     out = tmp_path / 'x.mcap'
     out.write_bytes(b'old')

@@ -1,4 +1,4 @@
-"""`gravity_comp cut`: parts of a recording, on the clock of the whole."""
+"""`gravity_comp cut`: parts of a recording with the clock of the whole."""
 
 import json
 
@@ -27,21 +27,21 @@ def test_a_part_has_the_samples_between_two_times(bag, tmp_path):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), '--from', '1', '--to', '2.5']) == 0
     whole, part = read_bag(bag), read_bag(out)
-    here = (whole.samples.t >= 1.0) & (whole.samples.t <= 2.5)
+    inside = (whole.samples.t >= 1.0) & (whole.samples.t <= 2.5)
     for name in ('q', 'qd', 'tau'):
         np.testing.assert_array_equal(getattr(part.samples, name),
-                                      getattr(whole.samples, name)[here])
+                                      getattr(whole.samples, name)[inside])
     assert part.report.start_ns == START + 1_000_000_000
     assert part.report.topic == '/joint_states'
 
 
-def test_joints_are_kept_in_the_order_that_was_asked_for(bag, tmp_path):
+def test_joints_are_written_in_the_requested_order(bag, tmp_path):
     out = tmp_path / 'b.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), '--joints', 'b,a']) == 0
     assert read_bag(out).samples.names == ('b', 'a')
 
 
-def test_parts_of_a_split_are_the_whole_and_on_one_clock(bag, tmp_path, capsys):
+def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), '--split', '2,4', '--json']) == 0
     found = json.loads(capsys.readouterr().out)
@@ -54,9 +54,9 @@ def test_parts_of_a_split_are_the_whole_and_on_one_clock(bag, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('wrong, words', [
-    (['--from', '3', '--to', '2'], 'must rise'), (['--split', '4,50'], 'must rise'),
-    (['--from', '0.005', '--to', '0.01'], 'no sample'), (['--joints', 'a,z'], 'z')])
-def test_what_cannot_be_cut_is_refused_in_one_line(bag, tmp_path, capsys, wrong, words):
+    (['--from', '3', '--to', '2'], 'must increase'), (['--split', '4,50'], 'must increase'),
+    (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
+def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, words):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), *wrong]) == 1
     error = capsys.readouterr().err.strip()
@@ -64,7 +64,7 @@ def test_what_cannot_be_cut_is_refused_in_one_line(bag, tmp_path, capsys, wrong,
     assert not out.exists()
 
 
-def test_the_recording_itself_is_not_written_over(bag, capsys):
+def test_the_input_recording_is_not_overwritten(bag, capsys):
     before = bag.read_bytes()
     assert cli.main(['cut', str(bag), '-o', str(bag), '--to', '1']) == 1
     assert cli.main(['cut', str(bag.rename(bag.with_stem('run-1'))), '-o', str(bag),

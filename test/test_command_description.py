@@ -1,4 +1,4 @@
-"""`fit` and `update` with the robot description that a recording holds."""
+"""`fit` and `update` with the robot description of a recording."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ WAIST = 0.3
 
 
 def recording(path, text, arm, q, seed=0, others=(), order=sorted):
-    """Write gravity at poses q in the order of `order`, other joints' positions beside it."""
+    """Write gravity at poses q, joints in the order of `order`, and positions of `others`."""
     tau = arms.gravity_torque(arm, q)
     tau += 0.1 * np.random.default_rng(seed).normal(size=tau.shape)
     names = order(arm.joints)
@@ -37,11 +37,11 @@ def recording(path, text, arm, q, seed=0, others=(), order=sorted):
         writer.write(described, START_NS, STORE.serialize_cdr(message, STRING))
         for n, pose in enumerate(q):
             stamp = START_NS + n * 200_000_000
-            beside = [(name, where(n)) for name, where in others]
+            extra = [(name, position(n)) for name, position in others]
             writer.write(states, stamp, encode(
-                stamp, [*names, *(name for name, _ in beside)],
-                [*pose[columns], *(value for _, value in beside)],
-                np.zeros(len(names) + len(beside)), [*tau[n, columns], *(0.0 for _ in beside)]))
+                stamp, [*names, *(name for name, _ in extra)],
+                [*pose[columns], *(value for _, value in extra)],
+                np.zeros(len(names) + len(extra)), [*tau[n, columns], *(0.0 for _ in extra)]))
     return path
 
 
@@ -53,7 +53,7 @@ def bags(tmp_path_factory):
     backwards = tuple(reversed(JOINTS))
     recording(folder / 'own', IIWA, arm, q, order=lambda names: backwards)
     recording(folder / 'other', robots.UR, arm, q)
-    # A waist that leans forward about y turns the vertical the other way.
+    # A waist that leans forward about y rotates the vertical in the opposite direction.
     leaning = arms.with_base_tilt(arm, 0.0, WAIST)
     finger = ('finger', lambda n: 0.01 * (n % 2))
     recording(folder / 'leaning', WAISTED, leaning, q, 0, [finger, ('waist', lambda n: WAIST)])
@@ -82,7 +82,7 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     assert load_model(model).joints == JOINTS
     assert load_model(model).provenance['description']['source'] == '/robot_description in own'
     assert found['report']['chain']['known_axes']
-    # The tool is weighed without any file named.
+    # The payload is estimated without a file argument.
     payload, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--json')
     assert payload['description']['source'] == '/robot_description in tool'
     assert payload['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
@@ -102,11 +102,11 @@ def test_without_a_description_numbers_order_the_joints(bags, capsys):
     assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == 'as asked'
 
 
-def test_another_robots_description_is_left_aside(bags, tmp_path, capsys):
+def test_the_description_of_another_robot_is_ignored(bags, tmp_path, capsys):
     found, told = run(capsys, 'fit', bags / 'other', '--formulation', 'chain', '--json')
     assert found['description'] is None
     assert 'robot description not used: /robot_description in other has no joint iiwa' in told
-    # Named by the user, it must fit.
+    # A description named by the user must match.
     path = tmp_path / 'ur.urdf'
     path.write_text(robots.UR)
     assert main(['fit', str(bags / 'own'), '--urdf', str(path)]) == 1
@@ -116,16 +116,16 @@ def test_another_robots_description_is_left_aside(bags, tmp_path, capsys):
 @pytest.mark.parametrize('bag, argv, value, by', [
     ('leaning', (), WAIST, 'recording'), ('lacking', ('--fixed', f'waist={WAIST}'), WAIST,
                                           'option'), ('lacking', (), 0.0, 'assumption')])
-def test_a_waist_that_is_no_joint_of_the_model(bags, capsys, bag, argv, value, by):
+def test_a_waist_that_is_not_a_joint_of_the_model(bags, capsys, bag, argv, value, by):
     found, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
                    '--formulation', 'chain', '--json')
     assert found['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
     tilt = found['report']['chain']['base_tilt']
-    # Where it is known the base stands as described; at 0 the data show the tilt.
+    # With a known waist angle the base is level; with the assumed 0 the fit finds the tilt.
     assert tilt == pytest.approx(0.0 if by != 'assumption' else WAIST, abs=0.02)
 
 
-def test_a_gripper_is_left_out_and_a_moving_waist_is_told(bags, capsys):
+def test_a_gripper_is_omitted_and_a_moving_waist_is_reported(bags, capsys):
     found, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
     assert found['description']['left_out'] == ['finger']
     assert list(found['joints']) == list(JOINTS)
@@ -138,6 +138,6 @@ def test_a_gripper_is_left_out_and_a_moving_waist_is_told(bags, capsys):
     (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'part of the arm'),
     (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
 ])
-def test_a_useless_fixed_joint_is_refused(bags, capsys, argv, words):
+def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, words):
     assert main(['fit', str(bags / 'own'), *argv]) == 1
     assert words in capsys.readouterr().err

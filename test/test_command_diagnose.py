@@ -1,4 +1,4 @@
-"""`diagnose`: what it says for people and for machines, and what it says cannot be known."""
+"""`diagnose`: text and JSON output, next steps, and untestable effects."""
 
 from argparse import Namespace
 import json
@@ -46,7 +46,7 @@ def shown(capsys, *argv):
     return out.out, out.err
 
 
-def test_json_is_as_agreed_and_names_what_is_missing(capsys):
+def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
     found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     for finding in found['findings']:
         assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
@@ -69,12 +69,12 @@ def test_json_is_as_agreed_and_names_what_is_missing(capsys):
     assert low < OFFSET < high
 
 
-def test_people_get_a_sentence_a_table_and_commands(capsys):
+def test_text_has_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
     assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
-    for words in ('the recording: 2400 samples', 'what is missing', 'held-out error', 'next step',
-                  'cannot be judged from this recording', 'coulomb_friction', 'established',
+    for words in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
+                  'not identifiable from this recording', 'coulomb_friction', 'established',
                   'reversals', 'at rest', 'effective n'):
         assert words in out, words
 
@@ -92,12 +92,12 @@ def test_the_next_step_is_a_command_that_works(capsys):
 
 def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
     out, _ = shown(capsys, 'one.mcap', '--effects', 'coulomb_friction,viscous_friction')
-    # A file of the name arm.json is there already.
+    # The file arm.json already exists.
     assert 'gravity_comp fit one.mcap -o arm_2.json' in out
     assert 'coulomb_friction:shoulder' in out and 'torque_offset' not in out
 
 
-def test_nothing_is_invented_where_nothing_is_missing(capsys):
+def test_no_findings_where_nothing_is_missing(capsys):
     found = run_json(capsys, 'clean.mcap')
     assert found['findings'] == []
     assert found['verdict'] == 'Nothing is missing that is detectable in this motion.'
@@ -105,10 +105,10 @@ def test_nothing_is_invented_where_nothing_is_missing(capsys):
     assert out.startswith('Nothing is missing') and 'next step' not in out
 
 
-def test_one_way_motion_cannot_show_friction(capsys):
+def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     found = run_json(capsys, 'one_way.mcap')
-    sure = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
-    assert not [f for f in sure if f['joint'] == 'shoulder' and 'friction' in f['effect']]
+    accepted = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
+    assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
     assert 'one way only' in found['joints']['shoulder']['untestable']['coulomb_friction']
     assert any('one direction only: shoulder' in remark for remark in found['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
@@ -118,7 +118,7 @@ def test_one_way_motion_cannot_show_friction(capsys):
 
 def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
     out, _ = shown(capsys, 'one.mcap', '--json', str(tmp_path / 'd.json'))
-    assert 'what is missing' in out
+    assert 'missing effects' in out
     assert json.loads((tmp_path / 'd.json').read_text())['findings']
 
 
@@ -136,8 +136,8 @@ def test_bad_input_gets_one_line(capsys, argv, words):
     assert len(err) == 1 and words in err[0], err
 
 
-def test_what_was_added_may_change_its_size_beside_what_is_found(capsys, tmp_path):
-    # Alone, Coulomb friction takes part of the viscous friction that is missing beside it.
+def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_path):
+    # Coulomb friction alone absorbs part of the missing viscous friction.
     model = tmp_path / 'arm.json'
     model.write_bytes(Path('arm.json').read_bytes())
     assert main(['add', 'coulomb_friction:shoulder', '--model', str(model), 'one.mcap',
@@ -153,7 +153,7 @@ def finding(effect, verdict, rivals=(), next_step='move it'):
 
 
 @pytest.mark.parametrize('model', ['arm.json', None])
-def test_what_is_sure_is_added_and_what_is_not_is_planned(capsys, folder, model):
+def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, model):
     args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
                      effort_scale=[], effort_unit='Nm', rename=[], degrees=False,
                      differentiate=False)
@@ -165,18 +165,18 @@ def test_what_is_sure_is_added_and_what_is_not_is_planned(capsys, folder, model)
     commands = [shlex.split(line)[1:] for line in shown.splitlines()
                 if line.startswith('  gravity_comp ')]
     verbs = [command[0] for command in commands]
-    # What is sure, the best of the tie on its own, and the motion that settles the tie.
+    # The accepted effect, the best of the ambiguous ones, and the motion for the open ones.
     assert verbs == (['add', 'add', 'plan'] if model else ['fit', 'add', 'add', 'fit', 'plan'])
     assert [c[1] for c in commands if c[0] == 'add'] == ['coulomb_friction:shoulder',
                                                          'torque_offset:shoulder']
     add, plan = (next(c for c in commands if c[0] == verb) for verb in ('add', 'plan'))
     assert add[1] == 'coulomb_friction:shoulder' and plan[-1] == 'motion.yaml'
-    assert 'open: 3 findings not to be added yet' in shown
-    assert 'or rather joint_spring' in shown and 'one of them may be added today' in shown
-    assert 'there is nothing to add' in shown
+    assert 'open: 3 findings not to add yet' in shown
+    assert 'alternative: joint_spring' in shown and 'add at most one of them' in shown
+    assert 'no known effect describes it' in shown
 
 
-def test_recordings_of_the_training_and_new_ones_are_told_apart(capsys):
+def test_fitted_and_new_recordings_are_listed(capsys):
     out, _ = shown(capsys, 'one.mcap', 'clean.mcap', '--model', 'arm.json', '--effects',
                    'torque_offset')
-    assert 'the model was fitted to one.mcap and has not seen clean.mcap' in out
+    assert 'the model was fitted to one.mcap and not fitted to clean.mcap' in out

@@ -1,4 +1,4 @@
-"""`info` on recordings, good and bad, for people and for programs."""
+"""`info` on valid and invalid recordings, as text and JSON."""
 
 import json
 
@@ -64,7 +64,7 @@ def test_a_driver_that_publishes_zero_speed(tmp_path, capsys):
     assert facts['joints']['a']['max_speed'] == pytest.approx(1.0, abs=0.05)
 
 
-def test_names_from_a_file_cannot_command_the_terminal(tmp_path, capsys):
+def test_names_from_a_file_are_escaped(tmp_path, capsys):
     path = tmp_path / 'x.mcap'
     t = np.arange(60) / 10
     q = np.sin(t)[:, None]
@@ -87,7 +87,7 @@ def test_one_line_for_bad_recordings(tmp_path, slow, capsys):
         assert says in printed.err and printed.err.count('\n') == 1 and printed.out == ''
 
 
-def test_the_fit_that_follows_turns_efforts_that_point_against_the_motion(tmp_path, capsys):
+def test_the_next_fit_inverts_efforts_that_oppose_friction(tmp_path, capsys):
     path = tmp_path / 'x.mcap'
     t = np.arange(600) / 10
     q = np.column_stack([np.sin(0.12 * t), np.sin(0.1 * t + 1.0)])

@@ -31,8 +31,8 @@ def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.yaml'
     assert main(command(folder, motion)) == 0
     shown = capsys.readouterr().out
-    for words in (' s: elbow ', 'coulomb_friction:elbow', 'bring the arm to',
-                  'obstacles are not known', f'written to {motion}'):
+    for words in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
+                  'obstacles are not checked', f'written to {motion}'):
         assert words in ' '.join(shown.split())
     again = tmp_path / 'again.csv'
     assert main(command(folder, again, '--effort', '--json')) == 0
@@ -79,8 +79,8 @@ def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys
     assert main(line) == 0
     shown = ' '.join(capsys.readouterr().err.split())
     assert 'gravity may absorb all but' in shown
-    assert 'may settle torque_offset:elbow: --widen 0.7' in shown
-    assert 'gravity on known axes imitates less' in shown
+    assert 'may resolve torque_offset:elbow: --widen 0.7' in shown
+    assert 'with known axes is collinear with fewer effects' in shown
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
 
@@ -111,8 +111,8 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
 
 
 @pytest.mark.parametrize('argv, status, words', [
-    (('--within', 'limits'), 1, '--within limits needs the limits'),
-    (('--within', 'limits', '--widen', '1'), 1, 'exclude each other'),
+    (('--within', 'limits'), 1, '--within limits requires --urdf'),
+    (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
     (('--widen', '-1'), 2, 'not above 0'),
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),

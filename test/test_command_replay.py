@@ -1,4 +1,4 @@
-"""`replay` writes measured, predicted and residual torque that add up."""
+"""`replay` writes consistent measured, predicted and residual torque."""
 
 import json
 
@@ -17,7 +17,7 @@ T, Q, QD, TAU = motion()
 
 @pytest.fixture
 def model(tmp_path):
-    """Return the file of a model with tau = 2 sin(q_elbow), and one of nothing."""
+    """Save and return a model with tau_wrist = 2 sin(q_elbow) and tau_elbow = 0."""
     # Base 3, first joint first: the feature of one sine at the last of two joints is 1.
     terms = (Expansion(np.array([1]), np.array([2.0])), Expansion(np.empty(0), np.empty(0)))
     made = GravityModel(('wrist', 'elbow'), 'per_joint', terms, None, np.zeros(2),
@@ -36,12 +36,12 @@ def topics(path):
         '/joint_states', '/gravity_comp/prediction', '/gravity_comp/residual')}
 
 
-def test_three_topics_that_add_up(tmp_path, bag, model, capsys):
+def test_three_consistent_topics(tmp_path, bag, model, capsys):
     out = tmp_path / 'out.mcap'
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out)]) == 0
     printed = capsys.readouterr()
     assert '150 messages' in printed.out and 'wrist' in printed.out
-    assert 'outside the range' in printed.err
+    assert 'outside the trained range' in printed.err
     found = topics(out)
     measured, predicted, residual = (found[name].samples for name in found)
     assert measured.names == predicted.names == residual.names == ('wrist', 'elbow')
@@ -68,7 +68,7 @@ def test_json(tmp_path, bag, model, capsys):
     assert 0.1 < facts['outside_trained_range'] < 0.9
 
 
-def test_the_recording_itself_is_never_overwritten(tmp_path, bag, model, capsys):
+def test_the_input_recording_is_never_overwritten(tmp_path, bag, model, capsys):
     single = tmp_path / 'x.mcap'
     write_bag(single, [JointTopic('/joint_states', NAMES, T, Q, QD, TAU)])
     link = tmp_path / 'link.mcap'
@@ -85,7 +85,7 @@ def test_the_recording_itself_is_never_overwritten(tmp_path, bag, model, capsys)
 @pytest.mark.parametrize(('arguments', 'says'), [
     (('--joints', 'wrist,shoulder'), 'no joint elbow'), (('--topic', '/x'), 'no topic /x'),
     (('--model', 'none.json'), 'none.json')])
-def test_one_line_for_what_does_not_fit(tmp_path, bag, model, capsys, arguments, says):
+def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, says):
     out = tmp_path / 'out.mcap'
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out),
                  *arguments]) == 1
@@ -93,7 +93,7 @@ def test_one_line_for_what_does_not_fit(tmp_path, bag, model, capsys, arguments,
     assert says in text and text.count('\n') == 1 and not out.exists()
 
 
-def test_robot_that_the_model_is_not_for(tmp_path, model, capsys):
+def test_a_recording_of_another_robot(tmp_path, model, capsys):
     bag = write_folder(tmp_path / 'other', {'/joint_states': messages(names='xyz')})
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'),
                  '-o', str(tmp_path / 'out.mcap')]) == 1

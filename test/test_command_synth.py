@@ -1,4 +1,4 @@
-"""`synth` writes what its options say, and refuses the rest in one line."""
+"""`synth` writes the requested recording, and refuses invalid options in one line."""
 
 import json
 
@@ -47,7 +47,7 @@ def test_same_motion_later(tmp_path):
     assert len(samples) == 200
 
 
-def test_payload_part_way_counts_from_the_beginning_of_the_bag(tmp_path):
+def test_payload_time_counts_from_the_start_of_the_bag(tmp_path):
     common = ('--start', '50', '--duration', '20')
     bare = synth(tmp_path, *common)
     loaded = synth(tmp_path, *common, '--payload', '2', '--payload-at', '10')
@@ -90,17 +90,17 @@ def test_json_and_limits(tmp_path, capsys):
     assert main(['synth', '--motion', 'eq15', '--json', '-o', str(path)]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts['n_samples'] == 200 and facts['output'] == str(path)
-    assert facts['notes'] == ['joint iiwa_joint_5 passes its limit by 0.033 rad']
+    assert facts['notes'] == ['joint iiwa_joint_5 exceeds its limit by 0.033 rad']
 
 
 @pytest.mark.parametrize(('arguments', 'says'), [
     (('--arm', 'puma'), 'no arm puma'), (('--arm', 'none.urdf'), 'cannot read URDF none.urdf'),
     (('--noise', '-1'), 'absolute is -1'),
-    (('--samples', '5', '--duration', '5'), 'not both'), (('--max-speed', '1'), 'multisines'),
-    (('--payload-com', '0', '0', '1'), 'needs --payload'),
+    (('--samples', '5', '--duration', '5'), 'not both'), (('--max-speed', '1'), 'multisine'),
+    (('--payload-com', '0', '0', '1'), 'requires --payload'),
     (('--payload-at', '5'), 'needs a payload'), (('--joint-names', 'a,b'), '7 joints'),
     (('--duration', '0.01'), 'no sample'), (('--topic', 'joints'), 'slash')])
-def test_one_line_for_what_cannot_be(tmp_path, capsys, arguments, says):
+def test_one_line_for_invalid_options(tmp_path, capsys, arguments, says):
     assert says in refused(tmp_path, capsys, *arguments)
 
 

@@ -1,4 +1,4 @@
-"""`update`: a new payload from ten seconds of a moving arm, by the command line."""
+"""`update`: a new payload from ten seconds of motion, on the command line."""
 
 import json
 from pathlib import Path
@@ -62,8 +62,7 @@ def worst(model) -> float:
     return float(np.sqrt((error ** 2).mean(axis=0)).max())
 
 
-def test_a_model_with_axes_weighs_the_tool_without_being_told_of_them_again(folder, tmp_path,
-                                                                            capsys):
+def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path, capsys):
     path, new, few = tmp_path / 'axes.json', tmp_path / 'new.json', tmp_path / 'few.mcap'
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path)]) == 0
     update = ('update', folder / 'tool.mcap', '--model', path, '-o', new)
@@ -76,7 +75,7 @@ def test_a_model_with_axes_weighs_the_tool_without_being_told_of_them_again(fold
     assert any(w.startswith('16 slow samples are few') for w in found['warnings'])
 
 
-def test_a_tool_is_learned_and_its_effect_told(folder, model, tmp_path, capsys):
+def test_the_torque_of_a_payload_is_learned(folder, model, tmp_path, capsys):
     new = tmp_path / 'new.json'
     before = model.read_bytes()
     found = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
@@ -105,15 +104,15 @@ def test_mass_and_centre_with_the_urdf(folder, model, capsys):
     capsys.readouterr()
     assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--dry-run']) == 0
     out = capsys.readouterr()
-    assert 'already: is it of the new payload?' in out.err and '--dry-run' in out.out
+    assert 'does it contain the new payload?' in out.err and '--dry-run' in out.out
 
 
-def test_words_and_undo(folder, model, capsys):
+def test_text_and_undo(folder, model, capsys):
     before = load_model(model)
     assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--urdf', URDF]) == 0
     text = capsys.readouterr().out
     assert 'mass +' in text and 'in the frame of iiwa_link_7' in text
-    assert 'what the payload does, N·m (chain, 50 samples)' in text
+    assert 'torque of the payload, N·m (chain, 50 samples)' in text
     assert main(['update', '--undo', '--model', str(model)]) == 0
     back = load_model(model)
     np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))
@@ -122,7 +121,7 @@ def test_words_and_undo(folder, model, capsys):
     assert 'undone already' in refused(capsys, 'update', '--undo', '--model', model)
 
 
-def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):
+def test_effects_are_kept_unchanged(folder, tmp_path, capsys):
     model, new = tmp_path / 'rough.json', tmp_path / 'new.json'
     assert main(['fit', str(folder / 'bare_rough.mcap'), '--formulation', 'chain', '--effects',
                  'coulomb_friction:iiwa_joint_4', '-o', str(model)]) == 0
@@ -133,16 +132,16 @@ def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):
     assert changed.applied.effects == old.applied.effects
     assert worst(changed) <= 0.15
     assert found['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
-    # Both were added and may be taken back, the last one first.
+    # Both changes can be undone, the last one first.
     assert [step.action for step in changed.history] == ['added', 'updated']
     assert main(['update', '--undo', '--model', str(new)]) == 0
-    assert 'coulomb_friction:iiwa_joint_4 was added' in refused(
+    assert 'the addition of coulomb_friction:iiwa_joint_4' in refused(
         capsys, 'update', '--undo', '--model', new)
     assert main(['add', '--undo', '--model', str(new)]) == 0
 
 
-def test_an_addition_is_not_taken_back_behind_a_payload(folder, tmp_path, capsys):
-    # As a node leaves it: updated, with no step of that in its history.
+def test_an_addition_before_a_payload_change_is_not_undone(folder, tmp_path, capsys):
+    # A model updated by the node, without a history step of the update.
     from dataclasses import replace
     from gravity_comp_ros.models.history import with_step
     from gravity_comp_ros.models.model_file import save_model
@@ -154,7 +153,7 @@ def test_an_addition_is_not_taken_back_behind_a_payload(folder, tmp_path, capsys
     assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in words
 
 
-def test_what_cannot_be_updated_says_so(folder, model, tmp_path, capsys):
+def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
     before = model.read_bytes()
     tool = folder / 'tool.mcap'
     assert '8 slow samples' in refused(capsys, 'update', folder / 'few.mcap', '--model', model)
@@ -180,10 +179,10 @@ def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
     assert found['report']['formulation'] == 'chain' and found['report']['chain']['known_axes']
     assert load_model(path).provenance['options']['known_axes']
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
-    assert 'axes as in the URDF' in capsys.readouterr().out
+    assert 'axes from the URDF' in capsys.readouterr().out
     assert 'of no use to potential' in refused(
         capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
-    # A recording may list the joints in any order; the model has them in the arm's.
+    # A recording may list the joints in any order; the model uses the order of the arm.
     names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
     run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path, '--joints',
              ','.join(names))

@@ -1,4 +1,4 @@
-"""`fit` and `compare`, from bag to figures, on an arm whose torque is known by hand."""
+"""`fit` and `compare`, from bag to errors, on an arm with an analytic torque."""
 
 import json
 from pathlib import Path
@@ -57,7 +57,7 @@ def model(bags, tmp_path_factory):
 
 
 def run_json(capsys, *argv):
-    """Run a verb with --json and return what it printed, which must be JSON and nothing else."""
+    """Run a verb with --json and return its output, which must be pure JSON."""
     status = main([*map(str, argv), '--json'])
     out = capsys.readouterr()
     assert status == 0, out.err
@@ -66,7 +66,7 @@ def run_json(capsys, *argv):
 
 def test_fit_finds_the_equations(model):
     found = load_model(model)
-    # s1 c2 and c1 s2 carry 4 N·m each, s1 of the shoulder 10 N·m; 0.05 N·m is the noise.
+    # Weights: s1 c2 and c1 s2 4 N·m each, s1 of the shoulder 10 N·m; noise 0.05 N·m.
     shoulder, elbow = found.torques
     assert found.equation('shoulder', 0) in ('10 s1 + 4 s1 c2 + 4 c1 s2',
                                              '10 s1 + 4 c1 s2 + 4 s1 c2')
@@ -75,7 +75,7 @@ def test_fit_finds_the_equations(model):
 
 
 def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_LONG', 0.0)
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 0.0)
     assert main(['fit', bags['train'], '--terms', '1', '--formulation', 'potential']) == 0
     out = capsys.readouterr()
     shown = ' '.join(out.out.split())
@@ -85,7 +85,7 @@ def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
     assert '... fit' in out.err
 
 
-def test_noise_that_grows_with_the_load_is_shown_as_such(tmp_path, capsys):
+def test_relative_noise_is_shown(tmp_path, capsys):
     path = str(tmp_path / 'poses.mcap')
     assert main(['synth', '--motion', 'random', '--samples', '400', '--static', '--joint-names',
                  'a,b,c,d,e,f,g', '--relative-noise', '0.02', '-o', path]) == 0
@@ -96,7 +96,7 @@ def test_noise_that_grows_with_the_load_is_shown_as_such(tmp_path, capsys):
     assert found['joints']['b']['relative_noise'] == pytest.approx(0.02, rel=0.15)
 
 
-def test_fit_json_holds_report_and_data(bags, capsys, tmp_path):
+def test_fit_json_contains_report_and_data(bags, capsys, tmp_path):
     found = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
                      tmp_path / 'm.json')
     assert found['converged'] and found['report']['solver'][0]['gap'] < 1e-6
@@ -108,7 +108,7 @@ def test_fit_json_holds_report_and_data(bags, capsys, tmp_path):
     assert kept['bags'] == found['bags'] and kept['holdout'] is None
 
 
-def test_compare_judges_unseen_data_at_the_noise(bags, model, capsys):
+def test_the_error_on_held_out_data_equals_the_noise(bags, model, capsys):
     found = run_json(capsys, 'compare', bags['later'], '--model', model)
     assert found['fitted_to'] == []
     for joint in JOINTS:
@@ -118,22 +118,22 @@ def test_compare_judges_unseen_data_at_the_noise(bags, model, capsys):
         assert figures['rmse'] == pytest.approx(NOISE, rel=0.15)
 
 
-def test_compare_sees_a_load_of_known_size(bags, model, capsys):
+def test_compare_with_an_unmodelled_load_of_known_size(bags, model, capsys):
     found = run_json(capsys, 'compare', bags['loaded'], '--model', model)
     truth = 2.0 * np.sin(double_pendulum().q.sum(axis=1))
-    wanted = float(np.sqrt(np.mean(truth ** 2) + NOISE ** 2))
+    expected = float(np.sqrt(np.mean(truth ** 2) + NOISE ** 2))
     for joint in JOINTS:
-        assert found['joints'][joint]['rmse'] == pytest.approx(wanted, rel=0.03)
+        assert found['joints'][joint]['rmse'] == pytest.approx(expected, rel=0.03)
 
 
-def test_compare_says_when_data_was_fitted(bags, model, capsys):
+def test_compare_warns_of_fitted_data(bags, model, capsys):
     assert main(['compare', bags['train'], '--model', model]) == 0
     out = capsys.readouterr()
     assert 'the model was fitted to train.mcap' in out.err
     assert 'worst joint: ' in out.out
 
 
-def test_held_out_figures_of_fit_and_compare_agree(bags, capsys, tmp_path):
+def test_held_out_errors_of_fit_and_compare_agree(bags, capsys, tmp_path):
     path = tmp_path / 'm.json'
     fitted = run_json(capsys, 'fit', bags['train'], '--holdout', '0.25', '-o', path)
     assert fitted['holdout']['n_samples'] == pytest.approx(100, abs=4)
@@ -151,7 +151,7 @@ def test_of_two_bags_the_last_is_held_out(bags, capsys):
     assert found['report']['n_samples'] == 400
 
 
-def test_effort_scale_and_joints_reach_the_model(bags, tmp_path):
+def test_effort_scale_and_joints_apply_to_the_model(bags, tmp_path):
     path = tmp_path / 'm.json'
     assert main(['fit', bags['train'], '--joints', 'elbow,shoulder', '--effort-scale',
                  'elbow=-2', '--formulation', 'per_joint', '-o', str(path)]) == 0
@@ -162,7 +162,7 @@ def test_effort_scale_and_joints_reach_the_model(bags, tmp_path):
     assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
 
 
-def test_another_effort_scale_than_the_fit_had_is_warned_of(bags, model, capsys, tmp_path):
+def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, capsys, tmp_path):
     path, scale = str(tmp_path / 'm.json'), ['--effort-scale', 'elbow=-2']
     assert main(['fit', bags['train'], *scale, '-o', path]) == 0
     (provenance,) = load_model(path).provenance['bags']
@@ -178,8 +178,8 @@ def test_another_effort_scale_than_the_fit_had_is_warned_of(bags, model, capsys,
                  ['diagnose', later, '--effects', 'torque_offset'],
                  ['add', 'torque_offset', later, '--dry-run']):
         (line,) = warnings(*verb, '--model', path)
-        assert line == ('warning: the model was fitted with another scale of the effort of elbow: '
-                        'unless the driver has changed, read with --effort-scale elbow=-2')
+        assert line == ('warning: the model was fitted with another effort scale of elbow: '
+                        'unless the driver has changed, use --effort-scale elbow=-2')
     assert not warnings('compare', later, '--model', path, *scale)
     assert not warnings('compare', later, '--model', model)
     (line,) = warnings('compare', later, '--model', model, *scale)
@@ -195,7 +195,7 @@ def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
     (['compare', 'fast', '--model', 'MODEL', '--max-speed', '1e-6'], 'pass --all-samples'),
     (['compare', 'other', '--model', 'MODEL'], 'no joint shoulder'),
     (['compare', 'later', '--model', 'MODEL', '--joints', 'wrist'], 'no joint wrist'),
-    (['compare', 'train', '--model', 'MODEL', '--holdout'], 'nothing was held out'),
+    (['compare', 'train', '--model', 'MODEL', '--holdout'], 'was fitted without --holdout'),
     (['compare', 'train', '--model', 'train'], 'train.mcap'),
     (['compare', 'train', '--model', 'absent.json'], 'absent.json'),
     (['fit', 'train', 'other'], 'different'),
@@ -203,7 +203,7 @@ def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
     (['fit', 'train', '-o', 'nowhere/m.json'], 'there is no folder'),
     (['fit', 'train', '-o', 'train'], 'would be overwritten'),
 ])
-def test_bad_input_is_one_line_and_changes_nothing(bags, model, capsys, argv, text):
+def test_bad_input_gives_one_line_and_changes_nothing(bags, model, capsys, argv, text):
     before = {path: Path(path).read_bytes() for path in [*bags.values(), model]}
     argv = [bags.get(word, model if word == 'MODEL' else word) for word in argv]
     capsys.readouterr()
@@ -222,7 +222,7 @@ def test_a_damaged_model_is_refused(model, bags, tmp_path, capsys):
     assert capsys.readouterr().err.count('\n') == 1
 
 
-def test_names_in_a_bag_cannot_command_the_terminal(tmp_path, capsys):
+def test_names_in_a_bag_are_escaped(tmp_path, capsys):
     path = tmp_path / 'evil.mcap'
     bag(path, count=120, names=('[red]a[/red]', 'b\x1b[2J'))
     assert main(['fit', str(path)]) == 0
@@ -230,19 +230,19 @@ def test_names_in_a_bag_cannot_command_the_terminal(tmp_path, capsys):
     assert '[red]a[/red]' in out.out and '\x1b' not in out.out + out.err
 
 
-def test_fast_samples_can_be_asked_for(bags, model, capsys):
+def test_fast_samples_are_compared_with_all_samples(bags, model, capsys):
     found = run_json(capsys, 'compare', bags['fast'], '--model', model, '--all-samples')
     assert found['gate'] == {'total': 400, 'kept': 400, 'dropped': {}, 'all_samples': True}
 
 
-def test_json_into_a_file_leaves_the_screen_to_people(bags, model, capsys, tmp_path):
+def test_json_into_a_file_keeps_the_text_output(bags, model, capsys, tmp_path):
     target = tmp_path / 'errors.json'
     assert main(['compare', bags['later'], '--model', model, '--json', str(target)]) == 0
     assert 'worst joint' in capsys.readouterr().out
     assert set(json.loads(target.read_text())['joints']) == set(JOINTS)
 
 
-def test_json_without_a_place_to_go_says_so(bags, model, capsys, tmp_path):
+def test_json_into_a_missing_folder_is_refused(bags, model, capsys, tmp_path):
     argv = ['compare', bags['later'], '--model', model, '--json', str(tmp_path / 'no/where.json')]
     assert main(argv) == 1
     assert 'cannot write' in capsys.readouterr().err.splitlines()[-1]

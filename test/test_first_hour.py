@@ -59,7 +59,7 @@ def test_parts_that_are_not_remade_stay(script, tmp_path):
     session = script.Session(tmp_path, ())
     session.begin(script.WALK, 'new')
     session.times = [(script.WALK, 3.4)]
-    session.take_over(PAGE)
+    session.keep_other_parts(PAGE)
     page = session.page()
     assert '| The walk-through | 3 s |' in page and '\nnew\n' in page
     old, new = (script._by_part(text[text.index('\n## ') + 1:]) for text in (PAGE, page))

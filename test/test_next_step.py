@@ -1,4 +1,4 @@
-"""What a verb prints as the next command runs as it is, on the same files, read the same way."""
+"""Printed next commands run unchanged, on the same files with the same reading options."""
 
 import shlex
 
@@ -27,7 +27,7 @@ def table(tmp_path, monkeypatch):
 
 
 def printed(capsys, argv):
-    """Run a call and return the commands that it prints."""
+    """Run a call and return the printed commands."""
     capsys.readouterr()
     assert main(argv) == 0
     return [shlex.split(line)[1:] for line in capsys.readouterr().out.splitlines()
@@ -35,7 +35,7 @@ def printed(capsys, argv):
 
 
 def test_from_a_table_to_an_effect_by_the_printed_commands_alone(table, capsys, monkeypatch):
-    monkeypatch.setenv('COLUMNS', '60')   # commands stay whole
+    monkeypatch.setenv('COLUMNS', '60')   # commands are not wrapped
     (info,) = printed(capsys, ['convert', 'my log.csv', '-o', 'my run.mcap'])
     assert info == ['info', 'my run.mcap']
     (fit,) = printed(capsys, [*info, '--effort-unit', 'mNm', '--effort-scale', '1=-1,2=-1'])
@@ -50,7 +50,7 @@ def test_from_a_table_to_an_effect_by_the_printed_commands_alone(table, capsys, 
     assert again == diagnose
 
 
-def test_a_model_that_is_there_is_not_overwritten(table, capsys):
+def test_an_existing_model_is_not_overwritten(table, capsys):
     write_bag('x.mcap', [JointTopic('/joint_states', ('a',), *(
         lambda t: (t, np.sin(0.1 * t)[:, None], 0.1 * np.cos(0.1 * t)[:, None],
                    np.sin(np.sin(0.1 * t))[:, None] * 5))(np.arange(300) / 5.0))])

@@ -1,4 +1,4 @@
-"""No verb writes over what it reads, and what cannot be written is refused before the work."""
+"""No verb overwrites its input, and unwritable outputs are refused before the work."""
 
 import importlib
 from pathlib import Path
@@ -7,7 +7,7 @@ from gravity_comp_ros.cli import main, Parser, VERBS
 from gravity_comp_ros.commands import outputs
 import pytest
 
-# What each verb needs beside the files under test; BAG, MODEL and TABLE stand for files.
+# Arguments of each verb; BAG, MODEL, TABLE, OLD and ARM.urdf are replaced by files.
 CALLS = {
     'synth': ['-o', 'OUT.mcap', '--arm', 'ARM.urdf'],
     'convert': ['TABLE', '-o', 'OUT.mcap'],
@@ -24,7 +24,7 @@ PLACES = [(verb, place) for verb, call in CALLS.items() for place, word in enume
 
 
 def arguments_of(verb):
-    """Return the parser's actions of a verb."""
+    """Return the actions of a verb's parser."""
     parser = Parser(prog=verb)
     importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}').add_arguments(parser)
     return parser._actions
@@ -39,7 +39,7 @@ def test_every_file_of_every_verb_is_known_as_input_or_output(verb):
 
 
 def call(folder, verb, replaced):
-    """Return a call of the verb in which `replaced` maps places to names of files."""
+    """Return a call of the verb; `replaced` maps argument positions to file names."""
     words = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
     return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in words)]
 
@@ -70,21 +70,21 @@ def test_two_outputs_are_two_files(tmp_path, capsys, verb):
 
 
 @pytest.mark.parametrize('verb', CALLS)
-def test_a_missing_folder_is_said_before_the_work(tmp_path, capsys, verb):
-    # The inputs are missing as well: whoever reads them first does not speak of the folder.
+def test_a_missing_folder_is_reported_before_the_work(tmp_path, capsys, verb):
+    # The inputs are missing as well: a verb that reads them first would report them instead.
     assert main([*call(tmp_path, verb, {}), '--json', str(tmp_path / 'nowhere' / 'x.json')]) == 1
     shown = capsys.readouterr().err
     assert 'there is no folder' in shown and shown.count('\n') == 1
 
 
-def test_a_file_in_the_folder_of_the_recording(tmp_path, capsys):
+def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):
     bag = tmp_path / 'bag'
     bag.mkdir()
     assert main(['info', str(bag), '--json', str(bag / 'x.json')]) == 1
-    assert 'in the folder of the recording' in capsys.readouterr().err
+    assert 'inside the folder of the recording' in capsys.readouterr().err
 
 
-def test_a_read_only_model_stays(tmp_path, capsys):
+def test_a_read_only_model_is_not_changed(tmp_path, capsys):
     model = tmp_path / 'arm.json'
     model.write_text('{}')
     model.chmod(0o444)
@@ -95,7 +95,7 @@ def test_a_read_only_model_stays(tmp_path, capsys):
     assert model.read_text() == '{}'
 
 
-def test_the_summary_of_a_fleet_is_no_model(tmp_path, capsys):
+def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
     (tmp_path / 'robots' / 'one').mkdir(parents=True)
     (tmp_path / 'robots' / 'one' / 'a.mcap').write_bytes(b'')
     models = tmp_path / 'models'
@@ -105,5 +105,5 @@ def test_the_summary_of_a_fleet_is_no_model(tmp_path, capsys):
     models.mkdir()
     assert main(['fleet', 'fit', str(tmp_path / 'robots'), '-o', str(models), '--json',
                  str(models / 'one.json')]) == 1
-    assert 'the file of a robot' in capsys.readouterr().err
+    assert 'the result file of a robot' in capsys.readouterr().err
     assert not (models / 'one.json').exists()

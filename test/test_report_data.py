@@ -1,4 +1,4 @@
-"""What reports draw, computed without Bokeh, against numbers made by hand."""
+"""Data of report plots, computed without Bokeh, against analytic values."""
 
 from dataclasses import replace
 
@@ -31,13 +31,13 @@ def test_no_peak_is_lost(seed, m, k):
     values[peaks, np.arange(k)] = rng.choice([-50.0, 50.0], k)
     runs = np.sort(rng.integers(0, 3, m))
     rows, weights = keep_extremes(runs, values, 200)
-    # Every sample is stood for once.
+    # The weights sum to the number of samples.
     assert weights.sum() == pytest.approx(m) and (weights >= 1.0).all()
     assert (np.diff(rows) > 0).all() and len(rows) <= 320
     assert set(peaks) <= set(rows)
     for run in np.unique(runs):
-        here = np.flatnonzero(runs == run)
-        assert here[0] in rows and here[-1] in rows
+        samples = np.flatnonzero(runs == run)
+        assert samples[0] in rows and samples[-1] in rows
 
 
 def test_an_hour_is_drawn_with_few_rows():
@@ -48,19 +48,19 @@ def test_an_hour_is_drawn_with_few_rows():
     assert len(rows) < 12_000 and 123_457 in rows
 
 
-def test_the_rmse_of_a_selection_has_no_bias_from_drawn_extremes():
+def test_the_weighted_rmse_of_a_selection_is_unbiased():
     rng = np.random.default_rng(5)
     values = rng.normal(size=(200_000, 7))
     rows, weights = keep_extremes(np.zeros(len(values), dtype=int), values)
     part = (rows >= 50_000) & (rows < 150_000)
     rms = np.sqrt((weights[part, None] * values[rows[part]] ** 2).sum(axis=0)
                   / weights[part].sum())
-    plain = np.sqrt((values[rows[part]] ** 2).mean(axis=0))
-    # Beside the error of chance in about a thousand samples, and far from that of all alike.
-    assert (np.abs(rms - 1.0) < 0.1).all() and (plain > 1.2).all()
+    unweighted = np.sqrt((values[rows[part]] ** 2).mean(axis=0))
+    # Within the sampling error of about a thousand samples; the unweighted RMSE is biased.
+    assert (np.abs(rms - 1.0) < 0.1).all() and (unweighted > 1.2).all()
 
 
-def test_pairs_of_joints_by_hand():
+def test_pair_grid_against_analytic_values():
     q = np.array([[0.0, 0.0], [0.1, 0.1], [0.9, 1.0], [1.0, 0.9]])
     residual = np.array([[1.0, 0.0], [3.0, 0.0], [2.0, 0.0], [2.0, 4.0]])
     grid = pair_grid(q, residual, cells=2)
@@ -74,13 +74,13 @@ def test_pairs_of_joints_by_hand():
     assert places(q, grid.edges).tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
 
 
-def test_a_joint_that_stands_still_has_one_cell():
+def test_a_joint_at_rest_has_one_cell():
     grid = pair_grid(np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)]), np.ones((50, 2)))
     own = (grid.first == 1) & (grid.second == 1)
     assert own.sum() == 1 and grid.count[own].tolist() == [50]
 
 
-def test_a_hum_is_found_at_its_frequency():
+def test_an_oscillation_is_found_at_its_frequency():
     t = np.arange(0, 40, 0.01)
     residual = 0.5 * np.sin(2 * np.pi * 12.5 * t)
     zero = np.zeros((len(t), 1))
@@ -90,7 +90,7 @@ def test_a_hum_is_found_at_its_frequency():
     assert len(frequency) <= 400
 
 
-def test_a_ripple_is_found_at_its_order_and_size():
+def test_a_ripple_is_found_at_its_order_and_amplitude():
     rng = np.random.default_rng(1)
     q = rng.uniform(-1.5, 1.5, 4000)
     order, amplitude = over_angle(q, 0.2 * np.sin(24 * q + 1.0) + rng.normal(0, 0.02, 4000))
@@ -98,7 +98,7 @@ def test_a_ripple_is_found_at_its_order_and_size():
     assert abs(order[place] - 24.0) < 1.1 and 0.17 < amplitude[place] < 0.21
 
 
-def test_no_spectrum_where_there_is_nothing():
+def test_no_spectrum_of_short_runs_or_joints_at_rest():
     short = two_links(count=10)
     assert len(over_time(short, short.tau[:, 0])[0]) == 0
     assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
@@ -108,7 +108,7 @@ def _finding(effect, joint):
     return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
 
 
-def test_friction_lies_on_the_line_of_its_added_variable_plot():
+def test_friction_gives_the_line_of_its_added_variable_plot():
     samples = concatenate([two_links(1), two_links(2)])
     model = fit(samples).model
     rows = np.arange(0, samples.n_samples, 3)
@@ -117,13 +117,13 @@ def test_friction_lies_on_the_line_of_its_added_variable_plot():
     viscous = _finding('viscous_friction', 'shoulder')
     found = added_variable(motion, model, friction, [viscous], rows)
     assert found.joint == 'shoulder' and found.x.shape == rows.shape
-    # What friction explains has about the size of the friction, and little else is left.
+    # The explained torque has the size of the friction, with a small residual.
     assert found.share > 0.85 and 0.2 * COULOMB < found.x.std() < COULOMB
     nothing = added_variable(motion, model, _finding('coulomb_friction', 'elbow'), [], rows)
     assert nothing.share < 0.1
 
 
-def test_something_unexplained_is_shown_over_the_angle():
+def test_an_unexplained_residual_is_plotted_over_the_angle():
     samples = two_links(1)
     model = fit(samples).model
     rows = np.arange(0, len(samples), 5)
@@ -135,7 +135,7 @@ def test_something_unexplained_is_shown_over_the_angle():
     assert added_variable(motion, model, unknown, [], rows) is None
 
 
-def test_text_from_files_never_is_markup():
+def test_text_from_files_is_escaped():
     bad = '<script>alert(1)</script>"&\x1b[31m\n'
     for html in (markup.text(bad), markup.paragraph(bad), markup.bullets([bad]),
                  markup.table([bad, 'b'], [[bad, bad]]), markup.folded(bad, ''),

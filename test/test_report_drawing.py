@@ -1,4 +1,4 @@
-"""A report draws its plots with little work, and just as Bokeh alone would."""
+"""The speed-ups of Bokeh in a report reduce its work without changing the picture."""
 
 import io
 
@@ -18,7 +18,7 @@ from rough_links import two_links
 
 pytestmark = pytest.mark.slow
 
-# Every plot of the page: how often it was painted, and whether it is within the first screen.
+# For every plot: the number of paints, and whether it is within the first screen.
 PAINTED = """() => {
   const found = []
   const walk = (view) => {
@@ -29,24 +29,24 @@ PAINTED = """() => {
   for (const view of Bokeh.index.roots) walk(view)
   return found
 }"""
-# Style sheets of elements: how many are their own, how many are shared, how many texts there are.
+# Number of own style sheets, of uses of shared sheets, and of shared sheets.
 SHEETS = """() => {
-  let own = 0, worn = 0
+  let own = 0, used = 0
   const all = new Set()
   const walk = (root) => {
     own += root.querySelectorAll('style').length
     for (const sheet of root.adoptedStyleSheets) {
-      worn += 1
+      used += 1
       all.add(sheet)
     }
     for (const each of root.querySelectorAll('*')) if (each.shadowRoot) walk(each.shadowRoot)
   }
   for (const place of document.querySelectorAll('.plots'))
     for (const each of place.children) walk(each.shadowRoot)
-  return [own, worn, all.size]
+  return [own, used, all.size]
 }"""
-# Of every glyph of the table that plots share: rows that a box around everything finds, and rows
-# that have a place.
+# For every glyph of the shared table: rows found by a box around everything, rows with a position,
+# and all rows.
 FOUND = """() => {
   const found = []
   const walk = (view) => {
@@ -73,7 +73,7 @@ def watched():
 
 @pytest.fixture(scope='module')
 def pages(tmp_path_factory):
-    """Return a report of two runs, and the same one as Bokeh alone draws it."""
+    """Return a report of two runs, with and without the speed-ups of Bokeh."""
     samples = concatenate([two_links(1), two_links(2)])
     slow = slow_samples(samples).samples
     model = fit(slow, FitOptions('potential')).model
@@ -81,10 +81,10 @@ def pages(tmp_path_factory):
                                 compare(model, slow), '', (), Origin('', '')))
     assert markup.LESS_WORK in html
     folder = tmp_path_factory.mktemp('drawing')
-    made, plain = folder / 'report.html', folder / 'plain.html'
-    made.write_text(html)
-    plain.write_text(html.replace(markup.LESS_WORK, ''))
-    return made, plain
+    fast, unmodified = folder / 'report.html', folder / 'unmodified.html'
+    fast.write_text(html)
+    unmodified.write_text(html.replace(markup.LESS_WORK, ''))
+    return fast, unmodified
 
 
 def test_every_plot_is_painted_once_without_scrolling(pages, watched):
@@ -93,7 +93,7 @@ def test_every_plot_is_painted_once_without_scrolling(pages, watched):
         assert tab.page.evaluate('scrollY') == 0
         painted = tab.page.evaluate(PAINTED)
         assert [count for count, _ in painted] == [1] * len(painted)
-        # Most of them are below the screen.
+        # Most plots are below the screen.
         assert len(painted) > 15 and sum(seen for _, seen in painted) < 5
         assert tab.complaints == []
 
@@ -101,11 +101,11 @@ def test_every_plot_is_painted_once_without_scrolling(pages, watched):
 def test_elements_share_their_style_sheets(pages, watched):
     with watched(pages[0].as_uri()) as tab:
         tab.open(pages[0].as_uri())
-        own, worn, sheets = tab.page.evaluate(SHEETS)
-        assert own == 0 and worn > 3 * sheets
+        own, used, sheets = tab.page.evaluate(SHEETS)
+        assert own == 0 and used > 3 * sheets
 
 
-def test_a_box_around_everything_finds_all_that_is_drawn_and_no_breaks(pages, watched):
+def test_a_box_around_everything_finds_all_points_and_no_breaks(pages, watched):
     with watched(pages[0].as_uri()) as tab:
         tab.open(pages[0].as_uri())
         found = tab.page.evaluate(FOUND)
@@ -115,7 +115,7 @@ def test_a_box_around_everything_finds_all_that_is_drawn_and_no_breaks(pages, wa
 
 
 @pytest.mark.parametrize('width, scheme', [(1280, 'light'), (400, 'dark')])
-def test_the_page_looks_as_bokeh_alone_would_draw_it(pages, watched, width, scheme):
+def test_the_page_looks_the_same_without_the_speed_ups(pages, watched, width, scheme):
     shown = []
     for page in pages:
         with watched(page.as_uri(), color_scheme=scheme) as tab:
@@ -125,5 +125,5 @@ def test_the_page_looks_as_bokeh_alone_would_draw_it(pages, watched, width, sche
             picture = tab.page.screenshot(full_page=True)
             shown.append(np.asarray(Image.open(io.BytesIO(picture)).convert('RGB'), dtype=int))
     assert shown[0].shape == shown[1].shape
-    # Only the edges of small squares are smoothed by a shade more or less.
+    # Only the antialiasing of small squares differs.
     assert np.abs(shown[0] - shown[1]).max() < 48

@@ -1,4 +1,4 @@
-"""`--html` of `compare` and `diagnose`: one file with everything in it, or words that say why."""
+"""`--html` of `compare` and `diagnose`: a self-contained page, or a page with the error."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,12 +30,12 @@ from rough_links import two_link_urdf, two_links
 
 pytestmark = pytest.mark.slow
 
-# Markup, and formulas that a typesetter of mathematics turns into links that run a script.
+# Markup, and formulas that MathJax would turn into links that run a script.
 LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
         rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
 EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
-ORDER = ['answer', 'joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
+ORDER = ['summary', 'joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
          'quality', 'provenance']
 
 
@@ -70,7 +70,7 @@ def text_of(page: Path) -> str:
     return page.read_text()
 
 
-def test_a_report_is_one_file_in_the_order_of_a_readers_questions(diagnosed):
+def test_a_report_is_one_file_with_all_sections_in_order(diagnosed):
     html = text_of(diagnosed)
     assert re.findall(r'<section id="(\w+)">', html) == ORDER
     verdict = re.search(r'<h1[^>]*id="verdict">(.*?)</h1>', html)[1]
@@ -79,11 +79,11 @@ def test_a_report_is_one_file_in_the_order_of_a_readers_questions(diagnosed):
     assert len(html) < 15e6
     for fact in ('coulomb_friction', 'run1.mcap', 'SHA-256', 'gravity_comp diagnose', '3.98 s1'):
         assert fact in html or fact == '3.98 s1'
-    # Hash, version and command stand in it.
+    # It includes hash, version and command.
     assert re.search(r'[0-9a-f]{64}', html) and '0.1.0' in html
 
 
-def test_compare_has_the_previous_model_beside(folder, capsys):
+def test_compare_lists_the_errors_of_the_previous_model(folder, capsys):
     model, page = folder / 'added.json', folder / 'compared.html'
     model.write_bytes((folder / 'arm.json').read_bytes())
     assert main(['add', 'coulomb_friction:shoulder', '--model', str(model),
@@ -92,16 +92,16 @@ def test_compare_has_the_previous_model_beside(folder, capsys):
                  str(page)]) == 0
     capsys.readouterr()
     html = text_of(page)
-    assert 'before coulomb_friction:shoulder N·m' in html and 'a constant N·m' in html
+    assert 'before coulomb_friction:shoulder N·m' in html and 'constant torque N·m' in html
     row = re.search(r'<th scope="row">shoulder</th>(.*?)</tr>', html)[1]
     cells = [float(x) for x in re.findall(r'<td class="number">([\d.]+)</td>', row)]
-    # n, RMSE, std, largest, in training, before, a constant
+    # n, RMSE, std, largest, in training, before, constant torque
     rmse, before, constant = cells[1], cells[-2], cells[-1]
     assert rmse < 0.5 * before < 0.5 * constant
 
 
 @pytest.mark.parametrize('bag, words', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
-def test_a_failure_is_told_in_the_page_too(folder, capsys, bag, words):
+def test_a_failure_is_reported_in_the_page(folder, capsys, bag, words):
     page = folder / 'failed.html'
     assert main(['compare', str(folder / bag), '--model', str(folder / 'arm.json'), '--html',
                  str(page)]) == 1
@@ -112,7 +112,7 @@ def test_a_failure_is_told_in_the_page_too(folder, capsys, bag, words):
 
 
 @pytest.mark.parametrize('name', ['run1.mcap', 'report'])
-def test_no_bag_is_taken_for_the_page(folder, capsys, name):
+def test_no_bag_is_overwritten_by_the_page(folder, capsys, name):
     before = (folder / 'run1.mcap').read_bytes()
     assert main(['compare', str(folder / 'run1.mcap'), '--model', str(folder / 'arm.json'),
                  '--html', str(folder / name)]) == 2
@@ -120,7 +120,7 @@ def test_no_bag_is_taken_for_the_page(folder, capsys, name):
     assert (folder / 'run1.mcap').read_bytes() == before
 
 
-def test_without_bokeh_one_line_says_what_to_install(folder):
+def test_without_bokeh_one_line_names_the_package_to_install(folder):
     program = ('import sys; sys.modules["bokeh"] = None\n'
                'from gravity_comp_ros.cli import main\nsys.exit(main(sys.argv[1:]))')
     for argv in (['compare', str(folder / 'run1.mcap'), '--model', str(folder / 'arm.json'),
@@ -136,16 +136,16 @@ def test_the_report_in_a_browser(diagnosed, watched):
         page = tab.page
         tab.open(diagnosed.as_uri())
         plots = tab.plots()
-        # Two a joint over time, four residuals, two spectra; two heat maps; bars and more.
+        # Per joint two plots over time, four residuals, two spectra; two heat maps; bars and more.
         assert len(plots) >= 2 * 8 + 3
         assert all(width > 60 and height > 25 for _, width, height in plots), plots
-        # Every plot that there is was painted when the page called itself ready, and none has an
-        # axis of names, beside which Bokeh leaves stray marks.
+        # Every plot is painted when the page is ready, and none has a categorical axis, next to
+        # which Bokeh leaves stray marks.
         kinds = page.evaluate(_kinds)
         assert kinds.count('Figure') == len(plots) and 'CategoricalAxis' not in kinds
         assert tab.selected()[0] == 0
         first, last = page.locator('#time .bk-Figure').first, page.locator('#time .bk-Figure').last
-        # At the last joint the tools are on the screen still, and the cursor tells values.
+        # At the last joint the tools are still visible, and the cursor shows values.
         page.set_viewport_size({'width': 1280, 'height': 400})
         last.scroll_into_view_if_needed()
         tools, box = page.locator('#time .bk-Toolbar').bounding_box(), last.bounding_box()
@@ -157,11 +157,11 @@ def test_the_report_in_a_browser(diagnosed, watched):
         tab.drag(first.bounding_box(), 0.2, 0.4)
         page.wait_for_function(f'({_selected_count}) > 0')
         rows, glyphs = tab.selected()
-        # One table behind every plot, so what is selected is marked in all of them.
+        # All plots share one table, so a selection is marked in all of them.
         assert 20 < rows < 1200 and glyphs >= 2 * (2 + 4)
-        told = page.evaluate(_selection)
-        assert f'<b>{rows} selected</b>: run1.mcap, ' in told
-        assert re.search(r'[\d.]+ to [\d.]+ s. RMSE, N·m: shoulder [\d.]+, elbow [\d.]+</p>', told)
+        text = page.evaluate(_selection)
+        assert f'<b>{rows} selected</b>: run1.mcap, ' in text
+        assert re.search(r'[\d.]+ to [\d.]+ s. RMSE, N·m: shoulder [\d.]+, elbow [\d.]+</p>', text)
         page.wait_for_function(f'({_chosen_cells})()[0] > 0')
         marked = page.evaluate(_chosen_cells)
         assert marked[0] < marked[1], marked
@@ -171,7 +171,7 @@ def test_the_report_in_a_browser(diagnosed, watched):
 
 @pytest.fixture(scope='module')
 def large(tmp_path_factory):
-    """Return a page of more samples than are drawn, of an arm with a description."""
+    """Return a page with more samples than are drawn, of an arm with a description."""
     samples = two_links(count=24_000)
     slow = samples.select(np.arange(0, 24_000, 40))
     model = fit(slow, FitOptions('potential')).model
@@ -182,13 +182,13 @@ def large(tmp_path_factory):
     return page, contents
 
 
-def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
+def test_zooming_in_draws_more_samples_for_selection(large, watched):
     page, contents = large
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         whole = np.array(tab.page.evaluate(_lines)[0])
         assert len(whole) < 7500
-        # In a plot the wheel zooms both ways, with Ctrl; over an axis it zooms that axis alone.
+        # With Ctrl the wheel zooms both axes of a plot; over an axis it zooms that axis only.
         torque = tab.page.locator('#time .bk-Figure').first
         torque.scroll_into_view_if_needed()
         box = torque.bounding_box()
@@ -213,14 +213,14 @@ def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
             f'() => {{ const [t] = ({_lines})(); return t[t.length - 1] - t[0] < 300 }}')
         near, errors = tab.page.evaluate(_lines)
         inside = (contents.samples.t > near[0] - 1e-3) & (contents.samples.t < near[-1] + 1e-3)
-        # As many as there are, and every one as it was measured.
+        # All samples of the window, with their measured values.
         assert len(near) == inside.sum() > 2 * ((whole > near[0]) & (whole < near[-1])).sum()
         np.testing.assert_allclose(errors, contents.residual[inside, 0], atol=1e-4)
         tab.drag(box, 0.4, 0.6)
         tab.page.wait_for_function(f'({_selection})() != ""')
-        told = tab.page.evaluate(_selection)
+        text = tab.page.evaluate(_selection)
         count, start, end, rmse = map(float, re.search(
-            r'<b>(\d+) selected</b>: .*?([\d.]+) to ([\d.]+) s.*shoulder ([\d.]+)', told).groups())
+            r'<b>(\d+) selected</b>: .*?([\d.]+) to ([\d.]+) s.*shoulder ([\d.]+)', text).groups())
         chosen = tab.page.evaluate(_chosen)
         assert len(chosen) == count > 100
         assert [start, end] == pytest.approx(contents.samples.t[chosen][[0, -1]], abs=6e-3)
@@ -228,7 +228,7 @@ def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
         assert tab.complaints == []
 
 
-def test_a_server_draws_what_is_zoomed_in_on_from_all_samples(large):
+def test_a_server_draws_a_zoomed_window_from_all_samples(large):
     _, contents = large
     table = Table(contents)
     table.range.start, table.range.end = 100.0, 150.0
@@ -238,45 +238,45 @@ def test_a_server_draws_what_is_zoomed_in_on_from_all_samples(large):
     assert set(inside) <= set(k) and len(k) <= len(inside) + 2 > 900
     np.testing.assert_allclose(table.lines.data['r0'], contents.residual[k, 0], atol=1e-4)
     np.testing.assert_allclose(t, contents.samples.t[k], atol=1e-3)
-    # What all plots share stays as it is.
+    # The shared table is unchanged.
     assert len(table.source.data['t']) == len(table.rows) < 7500
 
 
-def test_the_arm_moves_with_the_slider_and_shows_what_is_selected(large, watched):
+def test_the_arm_follows_the_slider_and_the_selection(large, watched):
     page, contents = large
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
-        told = tab.page.get_by_role('status')
-        assert 'At 0.00 s: shoulder' in told.inner_text()
-        assert 'Not yet visited: shoulder' in told.inner_text()
+        status = tab.page.get_by_role('status')
+        assert 'At 0.00 s: shoulder' in status.inner_text()
+        assert 'Not yet visited: shoulder' in status.inner_text()
         capsules = tab.page.evaluate(_capsules)
-        # By keyboard alone.
+        # By keyboard only.
         tab.page.get_by_role('slider').first.focus()
         for _ in range(3):
             tab.page.keyboard.press('PageUp')
-        told.filter(has_not_text='At 0.00 s').wait_for()
+        status.filter(has_not_text='At 0.00 s').wait_for()
         assert tab.page.evaluate(_capsules) != capsules
         found = re.search(r'At ([\d.]+) s: shoulder (-?[\d.]+) rad, residual (-?[\d.]+) N·m',
-                          told.inner_text())
+                          status.inner_text())
         time, angle, error = map(float, found.groups())
         row = np.abs(contents.samples.t - time).argmin()
         assert angle == pytest.approx(contents.samples.q[row, 0], abs=6e-3)
         assert error == pytest.approx(contents.residual[row, 0], abs=1e-3)
         tab.drag(tab.page.locator('#arm .bk-Figure').bounding_box(), 0.4, 0.6)
         turned = tab.page.evaluate(_capsules)
-        before = told.inner_text()
+        before = status.inner_text()
         plot = tab.page.locator('#time .bk-Figure').first
         plot.scroll_into_view_if_needed()
         tab.drag(plot.bounding_box(), 0.7, 0.8)
-        told.filter(has_not_text=before.split(':')[0]).wait_for()
-        time = float(re.search(r'At ([\d.]+) s', told.inner_text())[1])
+        status.filter(has_not_text=before.split(':')[0]).wait_for()
+        time = float(re.search(r'At ([\d.]+) s', status.inner_text())[1])
         assert 0.6 * contents.samples.t[-1] < time < 0.9 * contents.samples.t[-1]
         assert tab.page.evaluate(_capsules) != turned
         tab.picture('report-arm')
         assert tab.complaints == [] and tab.requests == []
 
 
-def test_a_narrow_dark_page_has_all_its_plots_within_it(diagnosed, watched):
+def test_a_narrow_dark_page_fits_all_its_plots(diagnosed, watched):
     with watched(diagnosed.as_uri(), color_scheme='dark') as tab:
         tab.page.set_viewport_size({'width': 400, 'height': 860})
         tab.open(diagnosed.as_uri())
@@ -287,14 +287,14 @@ def test_a_narrow_dark_page_has_all_its_plots_within_it(diagnosed, watched):
         assert tab.complaints == []
 
 
-def test_paper_is_light_and_has_whole_plots_and_coloured_keys(diagnosed, watched):
+def test_print_is_light_with_unbroken_plots_and_coloured_keys(diagnosed, watched):
     with watched(diagnosed.as_uri(), color_scheme='dark') as tab:
         tab.page.set_viewport_size({'width': 1900, 'height': 860})
         tab.open(diagnosed.as_uri())
         tab.page.emulate_media(media='print', color_scheme='dark')
         found = tab.page.evaluate(_paper)
         assert found['ground'] == '#ffffff' and found['keys'] == {'exact': found['count']}
-        # Plots that were drawn dark are turned light; none is cut by the end of a page.
+        # Dark plots are inverted; none is broken across pages.
         assert found['plots'] and all(
             'invert(1)' in shown and whole == 'avoid' for shown, whole in found['plots'])
         assert found['tools'] == ['none'] * len(found['tools']) != []
@@ -302,7 +302,7 @@ def test_paper_is_light_and_has_whole_plots_and_coloured_keys(diagnosed, watched
         assert tab.complaints == []
 
 
-def test_names_that_are_markup_or_formulas_stay_text(folder, watched):
+def test_names_with_markup_or_formulas_are_shown_as_text(folder, watched):
     page = folder / 'evil.html'
     assert main(['diagnose', str(folder / EVIL_BAG), '--html', str(page)]) == 0
     with watched(page.as_uri()) as tab:
@@ -312,14 +312,14 @@ def test_names_that_are_markup_or_formulas_stay_text(folder, watched):
         assert tab.page.evaluate(LIVELY) == []
         assert tab.page.evaluate('typeof MathJax') == 'undefined'
         assert tab.page.locator('#joints th[scope=row]').first.inner_text() == EVIL[0]
-        # Should a name become a script after all, the policy of the page does not let it run.
+        # The policy of the page also blocks injected scripts.
         tab.page.evaluate(INJECT)
         tab.page.wait_for_timeout(200)
         assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
-        assert all('Content Security Policy' in told for told in tab.complaints)
+        assert all('Content Security Policy' in line for line in tab.complaints)
 
 
-def test_without_javascript_the_page_says_why_it_is_empty(diagnosed, watched):
+def test_without_javascript_the_page_explains_the_missing_plots(diagnosed, watched):
     with watched(diagnosed.as_uri(), java_script_enabled=False) as tab:
         tab.page.goto(diagnosed.as_uri())
         assert tab.page.locator('noscript p').is_visible()
@@ -327,7 +327,7 @@ def test_without_javascript_the_page_says_why_it_is_empty(diagnosed, watched):
 
 
 def found_on(contents, verdict='established', before=0.1, after=0.02, **more):
-    """Return contents with one finding, on the joint that is not the worst."""
+    """Return contents with one finding on a joint other than the worst."""
     joint = next(name for name in contents.joints if name != contents.worst)
     finding = Finding(joint, more.get('effect', 'coulomb_friction'), verdict, (), {}, before,
                       after, 0.0, 1.0, '', '')
@@ -335,32 +335,32 @@ def found_on(contents, verdict='established', before=0.1, after=0.02, **more):
     return replace(contents, diagnosis=Diagnosis((finding,), reports))
 
 
-def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(folder, watched):
+def test_the_headline_and_the_emphasised_row_name_the_same_joint(folder, watched):
     samples = concatenate(read_bag(folder / name).samples for name in ('run1.mcap', 'run2.mcap'))
     model = fit(slow_samples(samples).samples, FitOptions('potential')).model
     slow = slow_samples(samples).samples
     contents = Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',
                         (), Origin('', ''))
-    # Friction that training had as well: no joint is worse.
-    told = headline(contents)
-    assert told.startswith('The error is largest on shoulder')
-    assert 'no joint is much worse than in training' in told
+    # The training data had the same friction, so no error is larger.
+    sentence = headline(contents)
+    assert sentence.startswith('The error is largest on shoulder')
+    assert 'no error exceeds twice the training error' in sentence
     found = found_on(contents)
     assert named_joint(contents) == 'shoulder' and named_joint(found) == 'elbow'
     row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', joints.section(found).lead)
     assert row[1] == 'elbow'
-    # What changes no digit of the error is not called missing.
+    # An effect that changes no shown digit of the error is not reported as missing.
     assert headline(found).startswith('Missing: Coulomb friction on joint elbow')
     same = found_on(contents, before=0.0025, after=0.002499)
-    assert headline(same).startswith('Nothing is missing that changes the error')
+    assert headline(same).startswith('No missing effect changes the error')
     assert '0.25 % of the range' in headline(same)
-    # What no effect explains but breaks the structure of gravity is told as in the terminal.
-    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
-                             'has a part that no gravity has', ('tool_force',))
+    # Contradictions to the structure of gravity are listed as in the terminal.
+    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow has a '
+                    'part that no gravity has', ('tool_force',))
     broken = replace(found, diagnosis=replace(found.diagnosis, laws=(law,)))
     words = effects.structure(broken.diagnosis)
     assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words
-    # The name of an effect is text as well.
+    # The name of an effect is escaped as well.
     evil = folder / 'effect.html'
     evil.write_text(report_html(found_on(contents, effect=EVIL[0])))
     assert '<img src=x' not in evil.read_text()

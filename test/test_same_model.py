@@ -7,7 +7,7 @@ import gravity_comp_ros as gc
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.workbench.jobs import Bench, Learn, Read
+from gravity_comp_ros.workbench.jobs import JobRunner, Learn, Read
 from gravity_comp_ros.workbench.session import Session
 import numpy as np
 import pytest
@@ -28,13 +28,13 @@ def folder(tmp_path_factory):
 
 
 def on_the_bench(path, urdf=None):
-    """Return a session of the workbench after its first fit."""
-    session, bench = Session((path,), urdf=urdf), Bench()
+    """Return the workbench's session once it has learned a model."""
+    session, runner = Session((path,), urdf=urdf), JobRunner()
     for _ in range(2):
         job = session.next_job()
-        answer = bench.work(job, lambda word, share: None)
+        answer = runner.work(job, lambda word, share: None)
         if isinstance(job, Read):
-            session.take(answer, job.options)
+            session.accept_recordings(answer, job.options)
         else:
             assert isinstance(job, Learn)
             session.learned(answer, job.choice)
@@ -79,10 +79,10 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
 def test_the_workbench_can_ignore_the_description(folder):
     session = on_the_bench(folder / 'robots' / 'one' / 'run')
     session.learn(replace(session.choice, urdf='none'))
-    bench = Bench()
-    bench.work(Read(session.paths, session.choice.reading(None)), lambda word, share: None)
+    runner = JobRunner()
+    runner.work(Read(session.paths, session.choice.reading(None)), lambda word, share: None)
     job = session.next_job()
-    session.learned(bench.work(job, lambda word, share: None), job.choice)
+    session.learned(runner.work(job, lambda word, share: None), job.choice)
     assert session.stage.model.geometry is None
     assert ' --urdf none ' in session.commands()[0]
     assert session.facts('stage 1')['axes'] == 'not known'

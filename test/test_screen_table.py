@@ -1,4 +1,4 @@
-"""Names and numbers are whole at every width, in a terminal and in a pipe."""
+"""Tables with untruncated names and numbers at every width, in a terminal and a pipe."""
 
 import os
 from pathlib import Path
@@ -41,7 +41,7 @@ def files(tmp_path_factory):
 
 @pytest.mark.parametrize('width', [60, 80, 120])
 @pytest.mark.parametrize('verb', ['info', 'compare', 'fit'])
-def test_a_verb_shows_names_and_numbers_whole(files, verb, width, monkeypatch, capsys):
+def test_a_verb_shows_untruncated_names_and_numbers(files, verb, width, monkeypatch, capsys):
     bag, model = files
     argv = [verb, bag, *(['--model', model] if verb == 'compare' else [])]
     monkeypatch.setenv('COLUMNS', '1000')
@@ -52,7 +52,7 @@ def test_a_verb_shows_names_and_numbers_whole(files, verb, width, monkeypatch, c
     shown = capsys.readouterr().out
     for joint in JOINTS:
         assert joint in shown
-    seconds = re.compile(r'in \d+\.\d+ s')   # a fit's time differs
+    seconds = re.compile(r'in \d+\.\d+ s')   # the time of a fit varies
     numbers = [sorted(NUMBER.findall(seconds.sub('', text))) for text in (shown, wide)]
     assert numbers[0] == numbers[1]
     table_lines = [line for line in shown.splitlines() if bag not in line]
@@ -80,7 +80,7 @@ def test_in_a_terminal_of_60_columns(files):
     while select.select([master], [], [], 60)[0]:
         try:
             text += os.read(master, 65536)
-        except OSError:   # Linux says so when the other end is closed
+        except OSError:   # raised on Linux when the other end is closed
             break
     assert child.wait(60) == 0
     os.close(master)
@@ -95,7 +95,7 @@ CELL = st.text('abcdefghij_0123456789', min_size=1, max_size=24)
 
 @settings(max_examples=60, deadline=None)
 @given(st.data(), st.integers(20, 140))
-def test_no_cell_is_cut_at_any_width(data, width):
+def test_no_cell_is_truncated_at_any_width(data, width):
     columns = data.draw(st.integers(1, 9))
     headings = [f'h{k} ' + data.draw(CELL) for k in range(columns)]
     rows = data.draw(st.lists(st.lists(CELL, min_size=columns, max_size=columns), min_size=1,
@@ -105,12 +105,12 @@ def test_no_cell_is_cut_at_any_width(data, width):
     shown = printed(table, width)
     for row in rows:
         for cell in row:
-            # A word wider than the screen is all that may be folded.
+            # Only words wider than the screen may be folded.
             assert cell in shown or len(cell) + 3 > width or len(max(headings, key=len)) > width
     assert all(cell_len(line) <= width for line in shown.splitlines())
 
 
-def test_a_cell_that_is_wider_than_the_screen_is_folded_not_cut():
+def test_a_cell_wider_than_the_screen_is_folded_not_truncated():
     name = 'very_long_name_' * 4
     shown = printed(terminal.table('', ['joint', 'x'], [[name, '1.25']]), 30)
     assert name in re.sub(r'\s', '', shown) and '1.25' in shown
@@ -118,7 +118,7 @@ def test_a_cell_that_is_wider_than_the_screen_is_folded_not_cut():
 
 @given(st.lists(st.text('abc.1', min_size=1, max_size=12), min_size=1, max_size=30),
        st.integers(0, 6), st.integers(24, 120))
-def test_wrapped_lines_hold_the_words_in_their_order(words, lead, width):
+def test_wrapped_lines_keep_the_words_in_order(words, lead, width):
     line = Text(' ' * lead + ' '.join(words))
     parts = [part.plain for part in wrapped(line, width)]
     assert ' '.join(parts).split() == words
@@ -126,7 +126,7 @@ def test_wrapped_lines_hold_the_words_in_their_order(words, lead, width):
     assert all(len(part) <= max(width, lead + 4 + longest) for part in parts)
 
 
-def test_a_number_keeps_its_unit():
+def test_a_number_is_not_separated_from_its_unit():
     for width in range(20, 60):
         parts = [p.plain for p in wrapped(Text('RMSE 11.5 N·m, at 99.8 s: 12.3 % of it'), width)]
         for whole in ('11.5 N·m', '99.8 s', '12.3 %'):

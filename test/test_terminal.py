@@ -1,4 +1,4 @@
-"""Progress in a log: silent on short work, a line for each stage of long work."""
+"""Progress in a log: none for short work, a line for each stage of long work."""
 
 import threading
 import time
@@ -6,17 +6,17 @@ import time
 from gravity_comp_ros.commands import terminal
 
 
-def lines(capsys, wanted):
-    """Return what was printed on standard error so far, waiting until it holds `wanted`."""
+def lines(capsys, expected):
+    """Return the lines on standard error, waiting until they contain `expected`."""
     text, deadline = '', time.monotonic() + 60
-    while wanted not in text:
+    while expected not in text:
         assert time.monotonic() < deadline, text
         text += capsys.readouterr().err
     return text.splitlines()
 
 
 def test_short_work_is_silent(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_LONG', 3600.0)
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 3600.0)
     before = threading.active_count()
     with terminal.progress() as report:
         report('read', 0.0)
@@ -29,8 +29,8 @@ def test_short_work_is_silent(capsys, monkeypatch):
     assert threading.active_count() <= before
 
 
-def test_long_work_says_where_it_is_and_what_comes_next(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_LONG', 0.0)
+def test_long_work_prints_the_current_and_each_new_stage(capsys, monkeypatch):
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 0.0)
     with terminal.progress() as report:
         report('read [red]a', 0.0)
         assert lines(capsys, 'read') == ['... read [red]a']  # without another report
@@ -41,8 +41,8 @@ def test_long_work_says_where_it_is_and_what_comes_next(capsys, monkeypatch):
 
 
 def test_nothing_is_shown_after_the_end(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_LONG', 3600.0)
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 3600.0)
     with terminal.progress() as report:
         report('read', 0.0)
-    report._lose_patience()   # a timer that fired as it was cancelled
+    report._end_silence()   # a timer that fired as it was cancelled
     assert capsys.readouterr().err == ''

@@ -1,4 +1,4 @@
-"""The workbench as people use it: a real browser, a real process, real recordings."""
+"""The workbench in a browser, with a server process and recordings."""
 
 import base64
 from contextlib import contextmanager
@@ -25,11 +25,12 @@ pytestmark = pytest.mark.slow
 
 PATIENCE = 120.0
 RMSE = 'td:nth-of-type(2)'  # in the table of errors
-# Each view's heading, and how many plots it has at least, with the error so far.
-VIEWS = {'Over time': ('Over time', 4), 'Residual': ('What the residual depends on', 8),
-         'Pairs': ('Over pairs of joints', 2), 'Spectrum': ('How the residual repeats', 4),
-         'Effects': ('What is missing', 1), 'Model': ('The model', 2),
-         'Data': ('Quality of the data', 0), 'Origin': ('Where this comes from', 0),
+# Heading of each view, and its minimum number of plots, including the error history.
+VIEWS = {'Over time': ('Over time', 4),
+         'Residual': ('Residual against speed, position, load and time', 8),
+         'Pairs': ('Pairs of joints', 2), 'Spectrum': ('Spectrum of the residual', 4),
+         'Effects': ('Missing effects', 1), 'Model': ('The model', 2),
+         'Data': ('Quality of the data', 0), 'Provenance': ('Provenance', 0),
          'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 5)}
 LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
@@ -99,14 +100,14 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         add.wait_for()
         # The button is sent before the verdict.
         page.locator('#verdict').filter(has_text='Coulomb friction').wait_for()
-        # The answer first: bars, the plot that shows it, the command.
+        # The first view has bars, the evidence plot and the next command.
         assert [width > 60 for _, width, _ in tab.plots()[-2:]] == [True, True]
         assert 'gravity_comp add coulomb_friction:shoulder' in page.locator(
             '.command pre').inner_text()
         tab.picture('workbench')
         page.get_by_role('button', name='Errors', exact=True).click()
         rmse_before = _rmse(page, 'shoulder')
-        # Reached and pressed by keyboard alone.
+        # By keyboard only.
         add.focus()
         page.keyboard.press('Enter')
         page.locator('.fall').wait_for()
@@ -114,13 +115,13 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         assert after < 0.5 * before
         _until_other_than(page, 'shoulder', rmse_before)
         assert _rmse(page, 'shoulder') < 0.5 * rmse_before
-        assert 'coulomb_friction:shoulder' in page.locator('#held').inner_text()
+        assert 'coulomb_friction:shoulder' in page.locator('#applied').inner_text()
         page.locator('#idle').wait_for()
-        # A reader of the screen stands at the answer, not nowhere.
+        # The focus of a screen reader is on the result.
         page.wait_for_function("document.activeElement.id == 'head'")
         _look_at_all_views(tab)
-        # What a page no longer shows does not stay in its memory.
-        _look(page, 'Answer')
+        # Removed views do not stay in memory.
+        _look(page, 'Summary')
         before = heap(page)
         for number in range(100):
             _look(page, _HEADINGS[number % len(_HEADINGS)])
@@ -128,7 +129,7 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         _select(tab)
         saved = _saved(page, 'Save the model', tmp_path / 'saved.json')
         effect = load_model(saved).applied.effects[0]
-        # The viscous part is not in the model yet, so friction takes some of it.
+        # Viscous friction is not modelled yet, so Coulomb friction absorbs part of it.
         assert effect.target == 'coulomb_friction:shoulder'
         assert effect.coefficients['F_c'].value == pytest.approx(COULOMB, abs=0.05)
         report = _saved(page, 'Save a report', tmp_path / 'report.html').read_text()
@@ -140,11 +141,11 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         add.wait_for()
         page.get_by_role('button', name='Errors', exact=True).click()
         assert _rmse(page, 'shoulder') == pytest.approx(rmse_before, rel=1e-3)
-        assert page.locator('#held').count() == 0
+        assert page.locator('#applied').count() == 0
         page.get_by_role('button', name='Dark').click()
         page.get_by_role('button', name='Light').wait_for()
         tab.picture('workbench-dark')
-        # A reload finds the session as it was: both stages, the one before the addition chosen.
+        # A reload restores the session: both stages, with the first one selected.
         page.reload()
         add.wait_for()
         assert page.get_by_label('Stage (').locator('option').all_inner_texts() == [
@@ -152,14 +153,14 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 
 
-def test_a_session_outlives_its_page_and_is_open_in_one_window(server, watched):
+def test_a_session_persists_and_is_open_in_one_window(server, watched):
     address = server[0]
     with watched(address) as tab, watched(address) as other:
         tab.open(address)
         tab.page.locator('#doing').wait_for()
         tab.page.wait_for_function("location.search.startsWith('?session=')")
         name = tab.page.url
-        # Reloaded in the middle of the work, closed, opened elsewhere: it goes on.
+        # The job continues after a reload and in another window.
         tab.page.reload()
         tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
         other.open(name)
@@ -175,25 +176,25 @@ def test_a_session_outlives_its_page_and_is_open_in_one_window(server, watched):
         assert tab.complaints == [] and other.complaints == []
 
 
-def test_cancelled_or_killed_the_work_can_go_on(server, watched):
+def test_work_continues_after_cancelling_or_a_killed_process(server, watched):
     address, process = server
     with watched(address) as tab:
         page = tab.page
         tab.open(address)
         again = page.get_by_role('button', name='Try again')
-        # Twice, wherever it is: in reading, learning or diagnosing.
+        # Twice, in any of reading, fitting and diagnosing.
         for _ in range(2):
             page.get_by_role('button', name='Cancel').click()
             page.locator('#trouble').filter(has_text='was cancelled').wait_for()
             assert not page.locator('#doing').count()
             again.click()
         page.locator('#idle').wait_for()
-        # Stopped, a process is in the middle of its job until it is killed. All of them: which
-        # one works for this page is the server's business.
+        # A stopped process does not finish its job before it is killed. All of them, because the
+        # process of this page is unknown.
         workers = _workers(process.pid)
         for worker in workers:
             os.kill(worker, signal.SIGSTOP)
-        page.get_by_role('button', name='Learn with these choices').click()
+        page.get_by_role('button', name='Fit with these settings').click()
         page.locator('#doing').filter(has_text='Learning gravity').wait_for()
         for worker in workers:
             os.kill(worker, signal.SIGKILL)
@@ -204,7 +205,7 @@ def test_cancelled_or_killed_the_work_can_go_on(server, watched):
 
 
 def _workers(pid):
-    """Return the processes that work for a server."""
+    """Return the worker processes of a server."""
     found = []
     for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
         if 'worker.serve' in Path(f'/proc/{child}/cmdline').read_text():
@@ -212,7 +213,7 @@ def _workers(pid):
     return found
 
 
-def test_names_stay_text_in_every_view(folder, watched):
+def test_names_are_escaped_in_every_view(folder, watched):
     with served(folder, EVIL_BAG) as (address, _), watched(address) as tab:
         page = tab.page
         tab.open(address)
@@ -220,7 +221,7 @@ def test_names_stay_text_in_every_view(folder, watched):
         page.get_by_label('Name of this stage').fill(EVIL[0])
         page.get_by_label('Name of this stage').press('Enter')
         page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.wait_for()
-        for name in ['Answer', *VIEWS]:
+        for name in ['Summary', *VIEWS]:
             page.get_by_role('button', name=name, exact=True).click()
             page.locator('#views h2, #views p').first.wait_for()
             page.wait_for_timeout(150)
@@ -230,7 +231,7 @@ def test_names_stay_text_in_every_view(folder, watched):
         page.evaluate(INJECT)
         page.wait_for_timeout(200)
         assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
-        assert all('Content Security Policy' in told for told in tab.complaints)
+        assert all('Content Security Policy' in line for line in tab.complaints)
 
 
 def _row(page, joint):
@@ -238,7 +239,7 @@ def _row(page, joint):
 
 
 def _until_other_than(page, joint, rmse):
-    """Wait for the view of the new model: the panels of a page are drawn one by one."""
+    """Wait for the view of the new model; panels are updated one by one."""
     old = page.locator(f'{RMSE} >> text={rmse:.4f}')
     _row(page, joint).filter(has_not=old).first.wait_for()
 
@@ -250,12 +251,12 @@ def _rmse(page, joint):
     return float(row.locator(RMSE).inner_text())
 
 
-_HEADINGS = ('Errors', 'Over time', 'Data', 'Residual', 'Answer')
+_HEADINGS = ('Errors', 'Over time', 'Data', 'Residual', 'Summary')
 
 
 def _look(page, name):
     """Open a view and wait for its heading."""
-    title = {'Errors': 'Error, joint by joint', 'Answer': 'Error of each joint'}
+    title = {'Errors': 'Errors by joint', 'Summary': 'Error of each joint'}
     page.get_by_role('button', name=name, exact=True).click()
     page.locator('#views').get_by_role('heading', name=title.get(name) or VIEWS[name][0],
                                        exact=True).wait_for()
@@ -268,7 +269,7 @@ def _look_at_all_views(tab):
 
 
 def _show(tab, name):
-    """Open a view and wait until its plots are drawn; the error so far is one more."""
+    """Open a view and wait until its plots and the error history are drawn."""
     title, at_least = VIEWS[name]
     tab.page.get_by_role('button', name=name, exact=True).click()
     tab.page.locator('#views').get_by_role('heading', name=title, exact=True).wait_for()
@@ -278,7 +279,7 @@ def _show(tab, name):
 
 
 def _select(tab):
-    """Select in one view; the selection is there in another."""
+    """Select in one view and check the selection in another."""
     from playwright.sync_api import TimeoutError as NotYet
     page = tab.page
     _show(tab, 'Over time')
@@ -294,7 +295,7 @@ def _select(tab):
             page.wait_for_function(f'() => ({SELECTED})()[0] > 0', timeout=4000)
             break
         except NotYet:
-            # On a busy machine the page is still laid out, and the plot moved from the mouse.
+            # On a busy machine the layout may still move the plot.
             continue
     _show(tab, 'Residual')
     assert 20 < tab.selected()[0] < 1200
@@ -308,7 +309,7 @@ def _saved(page, button, path):
 
 
 LONG = tuple(f'left_arm_of_the_second_robot/{name}_pitch_joint' for name in ('shoulder', 'elbow'))
-# Each line of the chart of errors: its colour, and the marker on it.
+# Colour and marker of each line of the chart of errors.
 LINES = """() => {
   const found = []
   for (const document of Bokeh.documents)
@@ -325,7 +326,7 @@ GROUNDS = """() => {
       if (model.type == 'Figure') found.push(model.background_fill_color)
   return found
 }"""
-# What is wider than the screen, in boxes that do not scroll by themselves.
+# Width of the page, and buttons beyond the screen.
 WIDE = """() => {
   const found = []
   const walk = (root) => {
@@ -341,7 +342,7 @@ WIDE = """() => {
 }"""
 
 
-def test_a_narrow_dark_page_with_long_names_has_everything_within_it(folder, watched):
+def test_a_narrow_dark_page_fits_long_names(folder, watched):
     write_bag(folder / 'long.mcap', [joint_states(two_links(1, names=LONG))])
     with served(folder, 'long.mcap') as (address, _), \
             watched(address, color_scheme='dark') as tab:
@@ -353,7 +354,7 @@ def test_a_narrow_dark_page_with_long_names_has_everything_within_it(folder, wat
         page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.click()
         page.locator('.fall').wait_for()
         page.locator('#idle').wait_for()
-        for name in ('Answer', *VIEWS):
+        for name in ('Summary', *VIEWS):
             page.get_by_role('button', name=name, exact=True).click()
             page.wait_for_timeout(300)
             width, out = page.evaluate(WIDE)
@@ -366,14 +367,14 @@ def test_a_narrow_dark_page_with_long_names_has_everything_within_it(folder, wat
         assert tab.complaints == []
 
 
-def test_two_stages_side_by_side_tell_what_differs(server, watched):
+def test_comparison_of_two_stages(server, watched):
     from playwright.sync_api import expect
     with watched(server[0]) as tab:
         page = tab.page
         tab.open(server[0])
         page.get_by_role('button', name='Add coulomb_friction:shoulder').click()
         page.locator('.fall').wait_for()
-        # The fields are those of the new stage by now; a word lasts until the job has ended.
+        # The fields show the new stage; unfinished input is kept until the job has ended.
         expect(page.get_by_label('Name of this stage')).to_have_value(
             '+ coulomb_friction:shoulder')
         page.get_by_label('Note').fill('with friction')
@@ -383,7 +384,7 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         stages = page.get_by_label('Stage (')
         stages.locator('option', has_text='with friction').wait_for(state='attached')
         page.locator('#idle').wait_for()
-        # Back, and another way from there: a branch.
+        # Go back and add another effect: a branch.
         stages.select_option(label='1. gravity')
         page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
         page.get_by_role('button', name='Add viscous_friction:shoulder').click()
@@ -395,13 +396,13 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         second.select_option(label='3. + viscous_friction:shoulder')
         page.get_by_role('heading', name=re.compile(r'^3\. .* against 2\. ')).wait_for()
         row = page.get_by_role('row', name=re.compile('^coulomb_friction:shoulder '))
-        assert 'F_c' in row.inner_text() and 'not in it' in row.inner_text()
+        assert 'F_c' in row.inner_text() and 'not included' in row.inner_text()
         assert 'with friction' in page.get_by_role('row', name=re.compile('^note')).inner_text()
-        # One plot of the residual a joint and model, on the same scale.
+        # One plot of the residual per joint and model.
         titles = [title for title, _, _ in tab.plots()]
         assert [t for t in titles if t.startswith(('A ', 'B '))] == [
             'A  shoulder', 'B  shoulder', 'A  elbow', 'B  elbow']
-        # What is added later leaves the choice as it is.
+        # The selected pair is kept when stages change.
         page.get_by_label('Stage (').select_option(
             label='· 2. + coulomb_friction:shoulder – with friction')
         page.get_by_role('button', name='Add viscous_friction:shoulder').wait_for()
@@ -420,33 +421,33 @@ def test_a_fast_recording_of_seven_described_joints(folder, watched, tmp_path):
             address, color_scheme='light') as tab:
         page = tab.page
         tab.open(address)
-        # It is learned from all of its samples, on the axes of the description, and says so.
+        # All samples are fitted, with the axes of the description and a warning.
         page.locator('.warning').filter(
             has_text='samples are slow: all are fitted').first.wait_for()
         page.get_by_role('button', name=re.compile('^Add all')).wait_for()
-        assert page.get_by_label('Gravity is learned and judged on').input_value() == 'all samples'
+        assert page.get_by_label('Samples for fit and errors').input_value() == 'all samples'
         learned = load_model(_saved(page, 'Save the model', tmp_path / 'learned.json'))
         assert learned.geometry is not None and learned.provenance['description']['source'] == str(
             urdf)
         page.get_by_role('button', name='Arm', exact=True).click()
         page.locator('#views').get_by_role('heading', name='The arm', exact=True).wait_for()
-        told = page.get_by_role('status').filter(has_text='iiwa_joint_1')
-        told.filter(has_text='At 0.00 s').wait_for()
+        status = page.get_by_role('status').filter(has_text='iiwa_joint_1')
+        status.filter(has_text='At 0.00 s').wait_for()
         page.get_by_role('slider').first.focus()
         page.keyboard.press('PageUp')
-        told.filter(has_not_text='At 0.00 s').wait_for()
-        # Torque that is read with the other sign is learned anew, from the same page.
-        page.get_by_role('button', name='Units and speeds').click()
+        status.filter(has_not_text='At 0.00 s').wait_for()
+        # A new fit with the opposite sign of the torque.
+        page.get_by_role('button', name='Units and velocities').click()
         page.get_by_label('iiwa_joint_4', exact=True).last.fill('-1')
-        page.get_by_role('button', name='Learn with these choices').click()
+        page.get_by_role('button', name='Fit with these settings').click()
         page.get_by_label('Stage (').locator('option').nth(1).wait_for(state='attached')
-        turned = load_model(_saved(page, 'Save the model', tmp_path / 'turned.json'))
-        assert turned.provenance['bags'][0]['effort_scale'] == {'iiwa_joint_4': -1.0}
+        inverted = load_model(_saved(page, 'Save the model', tmp_path / 'inverted.json'))
+        assert inverted.provenance['bags'][0]['effort_scale'] == {'iiwa_joint_4': -1.0}
         assert tab.complaints == []
 
 
-def test_a_motion_is_planned_for_what_is_open(folder, watched, tmp_path):
-    # One way alone does not tell friction from an offset.
+def test_a_motion_is_planned_for_an_open_finding(folder, watched, tmp_path):
+    # Motion in one direction does not distinguish friction from an offset.
     write_bag(folder / 'one_way.mcap', [joint_states(two_links(1, one_way=True))])
     with served(folder, 'one_way.mcap') as (address, _), watched(address) as tab:
         page = tab.page
@@ -454,35 +455,35 @@ def test_a_motion_is_planned_for_what_is_open(folder, watched, tmp_path):
         ask = page.get_by_role('button', name='Plan a motion')
         ask.wait_for()
         page.locator('#idle').wait_for()
-        choice = page.get_by_label('Record next what settles')
-        wanted = 'coulomb_friction:shoulder'
-        assert wanted in choice.locator('option').all_inner_texts()
-        choice.select_option(wanted)
+        choice = page.get_by_label('Next recording resolves')
+        target = 'coulomb_friction:shoulder'
+        assert target in choice.locator('option').all_inner_texts()
+        choice.select_option(target)
         ask.click()
         page.locator('#planned').wait_for()
-        row = page.get_by_role('row', name=re.compile(f'^{wanted} '))
+        row = page.get_by_role('row', name=re.compile(f'^{target} '))
         assert re.search(r'100 %', row.inner_text()) and 'F_c ±' in row.inner_text()
-        told = page.locator('p.warning').filter(has_text='Bring the arm to')
-        assert 'keep the space around it clear' in told.inner_text()
+        warning = page.locator('p.warning').filter(has_text='Move the arm to')
+        assert 'keep the space around the arm clear' in warning.inner_text()
         page.locator('#idle').wait_for()
         motion = read_trajectory(_saved(page, 'Save as trajectory', tmp_path / 'motion.yaml'))
         table = read_trajectory(_saved(page, 'Save as CSV', tmp_path / 'motion.csv'))
         assert motion.joints == table.joints == ('shoulder', 'elbow')
         assert np.ptp(motion.q[:, 0]) > 0.01 and abs(table.qd).max() < 0.301
         tab.picture('workbench-plan')
-        # A plan belongs to the model that it was made for.
-        page.get_by_role('button', name='Learn with these choices').click()
+        # A plan is discarded with its model.
+        page.get_by_role('button', name='Fit with these settings').click()
         page.locator('#planned').wait_for(state='detached')
         assert tab.complaints == []
 
 
-def test_without_javascript_the_page_says_why_it_is_empty(server, watched):
+def test_without_javascript_the_page_shows_a_message(server, watched):
     with watched(server[0], java_script_enabled=False) as tab:
         tab.page.goto(server[0])
-        assert 'needs JavaScript' in tab.page.locator('noscript').first.inner_text()
+        assert 'requires JavaScript' in tab.page.locator('noscript').first.inner_text()
 
 
-def test_what_cannot_be_shown_is_said_in_words(folder, watched):
+def test_an_unreadable_recording_is_reported(folder, watched):
     with served(folder, 'silent.mcap') as (address, _), watched(address) as tab:
         tab.open(address)
         tab.page.locator('#words').filter(has_text='effort is missing, NaN').wait_for()
@@ -496,7 +497,7 @@ DROP = """([name, data]) => {
 }"""
 
 
-def test_a_recording_is_dropped_into_the_page(folder, server, watched):
+def test_a_recording_is_uploaded_to_the_page(folder, server, watched):
     address = server[0]
     with watched(address) as tab:
         page = tab.page
@@ -506,31 +507,32 @@ def test_a_recording_is_dropped_into_the_page(folder, server, watched):
         count = runs.count()
         name = '../../<img src=x onerror=alert(1)> $$x$$.mcap'
         page.evaluate(DROP, [name, base64.b64encode(b'no recording').decode()])
-        words = page.locator('#bring-words')
-        words.filter(has_text='is no MCAP or rosbag2 recording').wait_for()
+        status_line = page.locator('#upload-status')
+        status_line.filter(has_text='is not an MCAP or rosbag2 recording').wait_for()
         page.evaluate(DROP, ['empty.mcap', ''])
-        words.filter(has_text='empty.mcap: the file is no MCAP or rosbag2 recording').wait_for()
+        status_line.filter(
+            has_text='empty.mcap: the content is not an MCAP or rosbag2 recording').wait_for()
         page.evaluate(DROP, [name, base64.b64encode(
             (folder / 'run1.mcap').read_bytes()).decode()])
-        words.filter(has_text='was brought').wait_for()
+        status_line.filter(has_text='was uploaded').wait_for()
         page.get_by_text(re.compile('^[0-9a-f]{6}_img_src_x_onerror_alert_1_x.mcap$')).wait_for()
         assert runs.count() == count + 1 and runs.nth(2).is_checked()
-        # Its name became no path: it lies with its session, for this user alone.
+        # The name is not used as a path; the file is in the folder of its session.
         kept = list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))
         assert [path.read_bytes() for path in kept] == [(folder / 'run1.mcap').read_bytes()]
-        # A recording of another robot is not taken, and what was there stays.
-        page.locator('#bring').set_input_files(folder / 'other.mcap')
-        refused = page.locator('#status, .warning').filter(has_text='not taken').first
+        # A recording of another robot is refused, and the others are kept.
+        page.locator('#upload').set_input_files(folder / 'other.mcap')
+        refused = page.locator('#status, .warning').filter(has_text='not added').first
         refused.wait_for()
         assert str(folder) not in refused.inner_text()
         page.locator('#idle').filter(has_text=re.compile('.')).wait_for()
         assert runs.count() == count + 1
         assert len(list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))) == 1
         assert page.evaluate(LIVELY) == [] and tab.dialogs == []
-        # Neither other pages, nor for sessions that nobody has open, nor without end.
+        # Uploads of other pages, to closed sessions, of other types or too large are refused.
         session = urllib.parse.parse_qs(urllib.parse.urlsplit(page.url).query)['session'][0]
         host = urllib.parse.urlsplit(address).netloc
-        place, own = f'/bring?session={session}&name=', {'Host': host, 'Content-Length': '9'}
+        place, own = f'/upload?session={session}&name=', {'Host': host, 'Content-Length': '9'}
         site = {'Origin': address.rstrip('/')}
         for path, headers, status in (
                 (place + 'a.mcap', own, 403),
@@ -538,25 +540,25 @@ def test_a_recording_is_dropped_into_the_page(folder, server, watched):
                 (place.replace(session, 'f' * 16) + 'a.mcap', {**own, **site}, 409),
                 (place + 'a.sh', {**own, **site}, 415),
                 (place + 'a.mcap', {'Host': host, 'Content-Length': str(2 ** 40), **site}, 413)):
-            assert _asked(address, path, headers, 'PUT')[0] == status, (path, headers)
-        assert len(tab.complaints) == 2 and all('415' in told for told in tab.complaints)
+            assert _request(address, path, headers, 'PUT')[0] == status, (path, headers)
+        assert len(tab.complaints) == 2 and all('415' in line for line in tab.complaints)
 
 
-def _asked(address, path, headers, method='GET'):
-    """Return status and headers of a bare request."""
+def _request(address, path, headers, method='GET'):
+    """Return status and headers of the answer to a request."""
     place = urllib.parse.urlsplit(address)
-    asking = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
-    asking.putrequest(method, path, skip_host=True)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
+    connection.putrequest(method, path, skip_host=True)
     for name, value in headers.items():
-        asking.putheader(name, value)
-    asking.endheaders()
-    answer = asking.getresponse()
-    found = answer.status, dict(answer.getheaders())
-    asking.close()
-    return found
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    result = answer.status, dict(answer.getheaders())
+    connection.close()
+    return result
 
 
-def test_other_sites_cannot_talk_to_it(server):
+def test_requests_of_other_sites_are_refused(server):
     address = server[0]
     own = urllib.parse.urlsplit(address).netloc
     port = own.rpartition(':')[2]
@@ -564,30 +566,31 @@ def test_other_sites_cannot_talk_to_it(server):
                'Sec-WebSocket-Protocol': f'bokeh, {generate_jwt_token(generate_session_id())}',
                'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ=='}
     evil = f'evil.example:{port}'
-    # A name that was made to point at this machine (DNS rebinding) gets nothing at all.
+    # A host name rebound to this machine (DNS rebinding) is refused for every path.
     for path in ('/', '/ws', '/static/js/bokeh.min.js', '/metadata'):
         for host in (evil, 'evil.example', 'localhost.evil.example:5006', '127.0.0.1', ''):
-            assert _asked(address, path, {'Host': host})[0] == 421, (path, host)
-    assert _asked(address, '/ws', {'Host': evil, 'Origin': f'http://{evil}', **upgrade})[0] == 421
+            assert _request(address, path, {'Host': host})[0] == 421, (path, host)
+    rebound = {'Host': evil, 'Origin': f'http://{evil}', **upgrade}
+    assert _request(address, '/ws', rebound)[0] == 421
     for host in (own, f'localhost:{port}'):
-        status, headers = _asked(address, '/', {'Host': host})
+        status, headers = _request(address, '/', {'Host': host})
         assert status == 200 and headers['X-Frame-Options'] == 'DENY'
         assert headers['Cross-Origin-Resource-Policy'] == 'same-origin'
-    # A page of another site may neither open the websocket nor include a script with a session.
+    # A page of another site can neither open the websocket nor include a script.
     for origin, status in (('http://evil.example', 403), (address.rstrip('/'), 101)):
-        assert _asked(address, '/ws', {'Host': own, 'Origin': origin, **upgrade})[0] == status
+        assert _request(address, '/ws', {'Host': own, 'Origin': origin, **upgrade})[0] == status
     for path in ('/autoload.js?bokeh-autoload-element=x', '/static/js/bokeh-mathjax.min.js'):
-        assert _asked(address, path, {'Host': own})[0] == 404
-    assert _asked(address, '/', {'Host': own}, 'POST')[0] == 404
+        assert _request(address, path, {'Host': own})[0] == 404
+    assert _request(address, '/', {'Host': own}, 'POST')[0] == 404
 
 
-def test_asking_for_the_page_starts_no_process(server):
+def test_a_request_for_the_page_starts_no_process(server):
     address, process = server
     host = {'Host': urllib.parse.urlsplit(address).netloc}
     before = _workers(process.pid)
     for _ in range(20):
-        assert _asked(address, '/', host)[0] == 200
-    # One that nobody has used for a minute may have ended meanwhile.
+        assert _request(address, '/', host)[0] == 200
+    # A process idle for a minute may have ended meanwhile.
     assert set(_workers(process.pid)) <= set(before)
 
 
@@ -595,8 +598,8 @@ def test_asking_for_the_page_starts_no_process(server):
     ([], 'name at least one recording'), (['run1.mcap', '--model', 'none.json'], 'none.json'),
     (['run1.mcap', '--host', '256.1.1.1'], '--port'),
 ])
-def test_wrong_calls_end_with_one_line(folder, capsys, monkeypatch, argv, words):
+def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, words):
     monkeypatch.chdir(folder)
     assert main(['workbench', *argv, '--port', '0', '--no-browser']) == 1
-    told = capsys.readouterr().err
-    assert words in told and told.count('\n') == 1
+    error = capsys.readouterr().err
+    assert words in error and error.count('\n') == 1

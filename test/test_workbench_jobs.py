@@ -1,11 +1,11 @@
-"""The states of a worker: what cancelling, killing, closing and asking do in each of them."""
+"""State machine of a worker: submit, cancel, process end and close in every state."""
 
 from pathlib import Path
 
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import job_state
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.job_state import DIED, Failed, Finished, Jobs, State
+from gravity_comp_ros.workbench.job_state import Failed, Finished, Jobs, PROCESS_ENDED, State
 from gravity_comp_ros.workbench.jobs import Learn, Read
 from hypothesis import given, settings, strategies as st
 import pytest
@@ -13,7 +13,7 @@ import pytest
 READ = Read((Path('run.mcap'),), ReadOptions())
 FIRST, SECOND = Learn(Choice((0,), ('a',))), Learn(Choice((0,), ('b',)))
 
-# Every state, as it comes about.
+# Reachable states.
 STATES = {
     'new': Jobs(),
     'reading': Jobs(State.WORKING, READ, (), READ, False),
@@ -34,8 +34,8 @@ def lost_in(jobs):
 
 @EACH
 @pytest.mark.parametrize('end, reason, cancelled', [
-    (job_state.cancelled, 'cancelled', True), (job_state.died, DIED, False)])
-def test_whatever_ends_the_process_every_job_is_answered_and_nothing_is_forgotten(
+    (job_state.cancelled, 'cancelled', True), (job_state.process_ended, PROCESS_ENDED, False)])
+def test_after_the_end_of_the_process_every_job_is_answered_and_recordings_are_kept(
         name, end, reason, cancelled):
     before = STATES[name]
     move = end(before)
@@ -45,16 +45,16 @@ def test_whatever_ends_the_process_every_job_is_answered_and_nothing_is_forgotte
         return
     assert move.jobs.state is State.IDLE and move.jobs.recordings == before.recordings
     assert move.send is None
-    if lost_in(before) or end is job_state.died:
-        assert move.end and not move.jobs.held
+    if lost_in(before) or end is job_state.process_ended:
+        assert move.end and not move.jobs.recordings_read
     else:
-        # Nothing was being done: the warm process stays.
+        # No job was running: the process is kept.
         assert not move.end and move.jobs == before
-    # The next job works wherever recordings were ever asked for: they are read again first.
-    after = job_state.asked(move.jobs, SECOND)
+    # The next job first reads the last recordings again.
+    after = job_state.submitted(move.jobs, SECOND)
     if before.recordings is None:
         assert after.events == (Failed(SECOND, 'no recording has been read'),)
-    elif move.jobs.held:
+    elif move.jobs.recordings_read:
         assert after.send == SECOND
     else:
         assert after.send == READ and after.jobs.current == SECOND
@@ -71,27 +71,27 @@ def test_a_second_cancel_changes_nothing(name):
 
 
 @EACH
-def test_closed_is_the_end(name):
+def test_closed_is_final(name):
     move = job_state.closed(STATES[name])
     assert move.end and move.jobs.state is State.CLOSED and not move.events
-    again = job_state.asked(move.jobs, FIRST)
+    again = job_state.submitted(move.jobs, FIRST)
     assert again.send is None and isinstance(again.events[0], Failed)
-    assert job_state.answered(move.jobs, 'late') == job_state.Move(move.jobs)
+    assert job_state.answered(move.jobs, 'late') == job_state.Transition(move.jobs)
 
 
 @EACH
-def test_a_reading_that_fails_is_told_and_can_be_asked_again(name):
+def test_a_failed_reading_is_reported_and_can_be_repeated(name):
     jobs = job_state.cancelled(STATES[name]).jobs
-    move = job_state.asked(jobs, READ)
+    move = job_state.submitted(jobs, READ)
     if name == 'closed':
         return
     failed = job_state.answered(move.jobs, None, 'the file is cut')
     assert failed.events == (Failed(READ, 'the file is cut'),)
-    assert job_state.asked(failed.jobs, READ).send == READ
+    assert job_state.submitted(failed.jobs, READ).send == READ
 
 
-def test_a_restoring_that_fails_says_so_to_all_who_wait():
-    jobs = job_state.asked(STATES['restoring'], SECOND).jobs
+def test_a_failed_restoring_fails_all_waiting_jobs():
+    jobs = job_state.submitted(STATES['restoring'], SECOND).jobs
     move = job_state.answered(jobs, None, 'the file is gone')
     assert [event.job for event in move.events] == [FIRST, SECOND]
     assert all(event.reason == 'the file is gone' for event in move.events)
@@ -104,23 +104,23 @@ _EVENTS = st.lists(st.sampled_from(['read', 'ask', 'done', 'fail', 'die', 'cance
 @settings(max_examples=300, deadline=None)
 @given(_EVENTS)
 def test_every_job_ends_once_and_none_works_without_recordings(events):
-    jobs, asked, ended = Jobs(), 0, 0
+    jobs, submitted, ended = Jobs(), 0, 0
     for event in events:
         if event in ('read', 'ask'):
-            asked += 1
-            move = job_state.asked(jobs, READ if event == 'read' else FIRST)
+            submitted += 1
+            move = job_state.submitted(jobs, READ if event == 'read' else FIRST)
         elif event == 'done':
             move = job_state.answered(jobs, 'answer')
         elif event == 'fail':
             move = job_state.answered(jobs, None, 'why')
         else:
-            move = job_state.died(jobs) if event == 'die' else job_state.cancelled(jobs)
+            move = job_state.process_ended(jobs) if event == 'die' else job_state.cancelled(jobs)
         jobs = move.jobs
         ended += len(move.events)
-        assert asked - ended == len(lost_in(jobs))
+        assert submitted - ended == len(lost_in(jobs))
         if jobs.state is State.WORKING and jobs.job is FIRST:
-            assert jobs.held and jobs.recordings is READ
-        # Somebody works whenever somebody waits: no page says "Reading ..." for ever.
+            assert jobs.recordings_read and jobs.recordings is READ
+        # A job runs whenever a job waits, so no page waits forever.
         assert (jobs.state is State.IDLE) == (jobs.current is None)
         if move.send is not None:
             assert jobs.state in (State.WORKING, State.RESTORING)

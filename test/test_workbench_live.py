@@ -1,4 +1,4 @@
-"""The workbench beside a running node: real DDS, a real browser."""
+"""The live view of the workbench with a running node, real DDS and a browser."""
 
 import os
 import re
@@ -53,7 +53,7 @@ def test_a_node_is_followed(iiwa_model_file):
                 assert tab.page.get_by_text('Events').count() and len(tab.plots()) == 14
                 assert all(width > 60 for _, width, _ in tab.plots())
                 tab.picture('workbench-live')
-                # Nothing more is sent: the page says how old what it shows is.
+                # No more messages: the page shows the age of its data.
                 age = tab.page.locator('#live-age')
                 age.filter(has_text=re.compile(r'SILENT: last torque [2-9] s ago')).wait_for()
                 assert 'error' in age.get_attribute('class')
@@ -66,7 +66,7 @@ def test_a_node_is_followed(iiwa_model_file):
             process.stdout.close()
 
 
-def test_a_silent_node_is_said_to_be_silent_and_its_levels_stale():
+def test_a_silent_node_is_reported_with_stale_levels():
     statuses = [Status('input', 0, 'ok <b>'), Status('model', 2, 'residual too large')]
     fresh, old = status_html(statuses, 0.5), status_html(statuses, 18.0)
     assert '<span class="level ok">ok</span>' in fresh and 'ok &lt;b&gt;' in fresh

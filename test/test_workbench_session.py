@@ -1,4 +1,4 @@
-"""What is on the bench, and the process that does the long work, without a browser."""
+"""Sessions of the workbench and their worker processes, without a browser."""
 
 import asyncio
 import contextlib
@@ -34,13 +34,13 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished
-from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
+from gravity_comp_ros.workbench.jobs import Add, Diagnose, JobRunner, Learn, Read
 from gravity_comp_ros.workbench.page_parts import status_html
 from gravity_comp_ros.workbench.serve import is_of_an_open_page
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
 from living import lives
@@ -63,18 +63,18 @@ def paths(tmp_path_factory):
 
 
 def silent(stage, share):
-    """ProgressCallback nobody."""
+    """Ignore progress."""
 
 
-def do_next(session, bench, job=None):
-    """Do a job, usually what the session needs next, and tell it the answer."""
+def do_next(session, runner, job=None):
+    """Run a job, by default the next one of the session, and pass it the answer."""
     job = job or session.next_job()
-    answer = bench.work(job, silent)
+    answer = runner.work(job, silent)
     if isinstance(job, Read):
-        session.take(answer, job.options)
+        session.accept_recordings(answer, job.options)
     elif isinstance(job, Learn):
         session.learned(answer, job.choice)
-    elif isinstance(job, Ask):
+    elif isinstance(job, Diagnose):
         session.diagnosed(answer, job)
     else:
         session.added(answer, job)
@@ -83,26 +83,26 @@ def do_next(session, bench, job=None):
 
 @pytest.fixture
 def learned(paths):
-    """Return a session with a model of gravity, and the bench that it was learned on."""
-    bench, session = Bench(), Session(paths)
-    do_next(session, bench)
-    do_next(session, bench)
-    return session, bench
+    """Return a session with a model of gravity, and its job runner."""
+    runner, session = JobRunner(), Session(paths)
+    do_next(session, runner)
+    do_next(session, runner)
+    return session, runner
 
 
-def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
-    bench, session = Bench(), Session(paths)
-    assert isinstance(do_next(session, bench), Read)
+def test_add_reduces_the_error_and_undo_restores_it(paths):
+    runner, session = JobRunner(), Session(paths)
+    assert isinstance(do_next(session, runner), Read)
     assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
     constant = session.preview()
     np.testing.assert_allclose(constant.predicted[0], session.recording.samples.tau.mean(axis=0))
-    assert isinstance(do_next(session, bench), Learn)
-    assert isinstance(do_next(session, bench), Ask)
+    assert isinstance(do_next(session, runner), Learn)
+    assert isinstance(do_next(session, runner), Diagnose)
     assert session.next_job() is None
     targets = [target for _, target in session.findings()]
     assert 'coulomb_friction:shoulder' in targets
     before = session.contents()
-    do_next(session, bench, session.adding(BOTH))
+    do_next(session, runner, session.adding(BOTH))
     held = [stage.held_out['shoulder'] for stage in session.stages]
     assert held[1] < 0.5 * held[0]
     found = session.stage.model.applied.effects[0].coefficients['F_c'].value
@@ -110,8 +110,8 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
     after = session.contents()
     assert after.comparison.joints['shoulder'].rmse < 0.5 * before.comparison.joints[
         'shoulder'].rmse == 0.5 * after.previous['shoulder']
-    # What is in the model already cannot be added again, and a new diagnosis is due.
-    assert session.findings() == [] and isinstance(session.next_job(), Ask)
+    # Applied effects cannot be added again, and a new diagnosis is required.
+    assert session.findings() == [] and isinstance(session.next_job(), Diagnose)
     assert session.undo() == ', '.join(BOTH)
     assert not session.stage.model.applied.effects
     np.testing.assert_allclose(session.contents().predicted, before.predicted)
@@ -120,61 +120,62 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
         session.undo()
 
 
-def test_going_back_and_adding_otherwise_is_a_branch_and_nothing_is_lost(learned):
-    session, bench = learned
-    do_next(session, bench, session.adding(BOTH))
-    session.go_to(0)
-    do_next(session, bench, session.adding(('torque_offset:elbow',)))
+def test_an_addition_to_an_earlier_stage_is_a_branch(learned):
+    session, runner = learned
+    do_next(session, runner, session.adding(BOTH))
+    session.select_stage(0)
+    do_next(session, runner, session.adding(('torque_offset:elbow',)))
     assert [stage.parent for stage in session.stages] == [None, 0, 0]
     assert ' add torque_offset:elbow ' in session.commands()[1] and BOTH[0] not in str(
         session.commands())
     session.describe(2, 'only the offset', 'after a talk')
     session.learn(replace(session.choice, joints=('elbow',)))
-    assert isinstance(do_next(session, bench), Read)
-    assert isinstance(do_next(session, bench), Learn)
+    assert isinstance(do_next(session, runner), Read)
+    assert isinstance(do_next(session, runner), Learn)
     assert session.stage.model.joints == ('elbow',) and len(session.stages) == 4
-    session.go_to(2)
-    # The joints of that stage are read again before anything is shown of it.
-    assert isinstance(do_next(session, bench), Read)
+    session.select_stage(2)
+    # The joints of that stage are read again first.
+    assert isinstance(do_next(session, runner), Read)
     assert session.contents().model is session.stages[2].model
     assert session.stage.name == 'only the offset'
 
 
-def test_a_model_is_judged_on_other_runs_without_being_learned_anew(learned):
-    session, bench = learned
+def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
+    session, runner = learned
     model = session.stage.model
-    session.judge(replace(session.choice, runs=(0,)))
+    session.evaluate(replace(session.choice, runs=(0,)))
     assert session.stage.model is model and session.recording.n_runs == 1
-    assert isinstance(session.next_job(), Ask)
-    with pytest.raises(DataError, match='learn one of these joints'):
-        session.judge(replace(session.choice, joints=('elbow',)))
+    assert isinstance(session.next_job(), Diagnose)
+    with pytest.raises(DataError, match='fit a model of the selected joints'):
+        session.evaluate(replace(session.choice, joints=('elbow',)))
     with pytest.raises(DataError, match='no run'):
         Choice((), JOINTS).recording(session.read.samples, session.read.reports)
 
 
-def test_a_model_of_another_robot_is_refused_in_words(learned, tmp_path):
+def test_a_model_of_another_robot_is_refused(learned, tmp_path):
     other = tmp_path / 'other.mcap'
     write_bag(other, [joint_states(two_links(1, names=('a', 'b')))])
-    stranger = Session((other,), given=(Given(Path('arm.json'), learned[0].stage.model),))
+    stranger = Session((other,), given=(GivenModel(Path('arm.json'), learned[0].stage.model),))
     with pytest.raises(ModelMismatchError, match='arm.json is of another robot'):
-        do_next(stranger, Bench())
+        do_next(stranger, JobRunner())
 
 
-def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_path):
+def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(paths, tmp_path):
     fast = tmp_path / 'fast.mcap'
     samples = two_links(1)
     write_bag(fast, [joint_states(replace(samples, t=samples.t / 8.0, qd=samples.qd * 8.0))])
-    bench, session = Bench(), Session((fast,))
-    do_next(session, bench)
-    # As `fit` does: all are learned from, and the model is judged on what it was learned from.
-    assert session.choice.all_samples and 'samples are slow: all are fitted' in session.few_slow()
-    do_next(session, bench)
+    runner, session = JobRunner(), Session((fast,))
+    do_next(session, runner)
+    # As in `fit`, all samples are fitted, and the model is evaluated on the same samples.
+    assert session.choice.all_samples
+    assert 'samples are slow: all are fitted' in session.slow_warning()
+    do_next(session, runner)
     found = session.contents()
-    assert found.judged == '1200 samples used, including fast ones'
+    assert found.compared == '1200 samples used, fast ones too'
     assert '--all-samples' in session.commands()[0]
-    session.judge(replace(session.choice, all_samples=False))
-    assert 'fast motion' in session.few_slow()
-    session.judge(replace(session.choice, all_samples=True))
+    session.evaluate(replace(session.choice, all_samples=False))
+    assert 'fast motion' in session.slow_warning()
+    session.evaluate(replace(session.choice, all_samples=True))
     assert found.comparison.joints['elbow'].n == 1200
 
 
@@ -192,26 +193,26 @@ def a_random_choice(rng, session):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, capsys, seed):
+def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed):
     rng = np.random.default_rng(seed)
     folder = tmp_path / "a b's bags"
     folder.mkdir()
     bags = tuple(folder / path.name for path in paths)
     for path, bag in zip(paths, bags):
         bag.write_bytes(path.read_bytes())
-    bench, session = Bench(), Session(bags, topic='/joint_states' if seed % 2 else None)
-    do_next(session, bench)
+    runner, session = JobRunner(), Session(bags, topic='/joint_states' if seed % 2 else None)
+    do_next(session, runner)
     session.learn(a_random_choice(rng, session))
-    while not isinstance(session.next_job(), Ask):
-        do_next(session, bench)
+    while not isinstance(session.next_job(), Diagnose):
+        do_next(session, runner)
     for target in rng.permutation(_EFFECTS)[:rng.integers(1, 4)].tolist():
         try:
-            do_next(session, bench, session.adding((target,)))
+            do_next(session, runner, session.adding((target,)))
         except FitError:
-            continue  # a model that predicts its own data worse is refused, here as by `add`
+            continue  # a model with a larger error on its own data is refused, as by `add`
         if rng.random() < 0.3:
             session.undo()
-        session.judge(replace(session.choice, runs=a_random_choice(rng, session).runs))
+        session.evaluate(replace(session.choice, runs=a_random_choice(rng, session).runs))
     *makes, compare, _ = session.commands()
     with contextlib.chdir(tmp_path):
         for line in makes:
@@ -220,19 +221,19 @@ def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, ca
         same = json.loads(Path('arm.json').read_text())['model']
         assert main([*shlex.split(compare)[1:], '--json', 'errors.json']) == 0
     mine = json.loads(store.model_text(session.stage.model))['model']
-    # Gravity, effects, noise, range; and what it came from, as `fit` and `add` tell it.
+    # Gravity, effects, noise, range and provenance are equal.
     for model in (same, mine):
         model.get('applied', {}).pop('history', None)
     assert same == mine and mine['provenance']['gate']['total'] > 0
-    # And every number of the view of errors is the one that `compare` prints.
+    # The errors on the page equal those of `compare`.
     errors = json.loads((tmp_path / 'errors.json').read_text())['joints']
     for name, joint in session.contents().comparison.joints.items():
         assert (errors[name]['n'], errors[name]['rmse']) == (joint.n, joint.rmse)
 
 
-def test_a_session_is_found_again_as_it_was(learned, tmp_path):
-    session, bench = learned
-    do_next(session, bench, session.adding(BOTH))
+def test_a_saved_session_is_restored(learned, tmp_path):
+    session, runner = learned
+    do_next(session, runner, session.adding(BOTH))
     session.describe(1, 'with friction', 'looks right')
     place, name = tmp_path / 'state', '0123456789abcdef'
     store.save(place, name, session)
@@ -242,35 +243,35 @@ def test_a_session_is_found_again_as_it_was(learned, tmp_path):
     assert found.paths == session.paths and found.choice == session.choice
     assert [s.name for s in found.stages] == ['gravity', 'with friction']
     assert found.commands() == session.commands()
-    assert isinstance(do_next(found, Bench()), Read)
+    assert isinstance(do_next(found, JobRunner()), Read)
     assert store.changed_recordings(found, hashes) == []
     np.testing.assert_array_equal(found.contents().predicted, session.contents().predicted)
-    assert isinstance(found.next_job(), Ask)
+    assert isinstance(found.next_job(), Diagnose)
     saved, = store.listed(place)
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
     other = dict.fromkeys(hashes, 'f' * 64)
     assert store.changed_recordings(found, other) == ['run1.mcap', 'run2.mcap']
 
 
-def test_what_is_doubtful_of_a_model_stays_in_sight(paths, tmp_path):
-    # One run of a minute leaves the arm unsure away from its poses.
+def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(paths, tmp_path):
+    # With one run of a minute the chain is uncertain away from its poses.
     place = tmp_path / 'state'
     sessions = Sessions(lambda: Session(paths[:1]), place)
     try:
         one = sessions.attach('', object())
         polled(sessions, lambda: one.session.diagnosis is not None)
-        doubt, = (text for text in one.session.stage.warnings if 'another chain' in text)
-        assert doubt in html.unescape(status_html(one))
+        uncertainty, = (text for text in one.session.stage.warnings if 'another chain' in text)
+        assert uncertainty in html.unescape(status_html(one))
         one.add(('torque_drift:elbow',))
-        polled(sessions, lambda: one.trouble or (
+        polled(sessions, lambda: one.error or (
             len(one.session.stages) == 2 and not one.worker.busy))
-        assert not one.trouble
-        useless, = one.session.stage.warnings
-        assert useless in html.unescape(status_html(one))
-        assert 'does not decrease significantly' in useless
+        assert not one.error
+        ineffective, = one.session.stage.warnings
+        assert ineffective in html.unescape(status_html(one))
+        assert 'does not fall by more than chance' in ineffective
         one.undo()
         shown = html.unescape(status_html(one))
-        assert doubt in shown and useless not in shown
+        assert uncertainty in shown and ineffective not in shown
     finally:
         sessions.close()
     found, _ = store.load(place, one.id)
@@ -302,24 +303,24 @@ def test_a_damaged_session_is_refused_in_one_line(learned, tmp_path):
             store.load(tmp_path, text)
 
 
-def test_only_so_many_processes_work_at_a_time(paths, tmp_path):
-    sessions = Sessions(lambda: Session(paths), tmp_path, most=1)
+def test_the_number_of_worker_processes_is_limited(paths, tmp_path):
+    sessions = Sessions(lambda: Session(paths), tmp_path, max_processes=1)
     try:
         pages = object(), object()
         first = sessions.attach('', pages[0])
         second = sessions.attach('', pages[1])
         assert first.worker.alive and not second.worker.alive
-        assert 'busy with another session' in second.trouble
+        assert 'busy with another session' in second.error
         polled(sessions, lambda: first.session.read is not None)
         first.cancel()
-        # The idle process of the first makes room; its session stays.
+        # The idle process of the first session ends; the session remains.
         second.try_again()
         assert second.worker.alive and not first.worker.alive
         polled(sessions, lambda: second.session.stage is not None)
         second.cancel()
         first.try_again()
         polled(sessions, lambda: first.session.stage is not None)
-        # A page that comes back finds its session; one page has it at a time.
+        # A page can attach an open session again; only one page has it at a time.
         again = object()
         assert sessions.attach(first.id, again) is first and first.page is again
         sessions.detach(pages[0])
@@ -347,7 +348,7 @@ def until(worker, kind, patience=PATIENCE):
     raise AssertionError(f'no {kind} within {patience} s')
 
 
-def test_work_goes_on_aside_and_can_be_cancelled(paths):
+def test_jobs_run_in_the_background_and_can_be_cancelled(paths):
     worker = Worker()
     try:
         worker.ask(Read(paths, ReadOptions()))
@@ -358,7 +359,7 @@ def test_work_goes_on_aside_and_can_be_cancelled(paths):
         assert until(worker, (Progress, Finished)) is not None
         lost = worker.cancel()
         assert [event.cancelled for event in lost] in ([True], [])
-        # The next job finds the recordings read again.
+        # The next job reads the recordings again first.
         worker.ask(Learn(choice))
         learned = until(worker, Finished)
         assert isinstance(learned.job, Learn) and learned.answer.model.joints == JOINTS
@@ -374,7 +375,7 @@ def test_a_process_that_dies_is_replaced(paths):
     try:
         worker.ask(Read(paths, ReadOptions()))
         until(worker, Finished)
-        # Stopped before it is asked: on a busy machine it might have finished before it died.
+        # Stopped before the job, which could otherwise finish before the process is killed.
         os.kill(worker.pid, signal.SIGSTOP)
         worker.ask(Learn(Choice((0, 1), JOINTS)))
         os.kill(worker.pid, signal.SIGKILL)
@@ -385,7 +386,7 @@ def test_a_process_that_dies_is_replaced(paths):
         worker.close()
 
 
-def test_the_work_ends_with_the_page_that_asked_for_it(paths):
+def test_the_worker_ends_with_its_parent_process(paths):
     program = ('from gravity_comp_ros.workbench.worker import Worker\n'
                'import os\nif __name__ == "__main__":\n    worker = Worker(warm=True)\n'
                '    print(worker.pid, flush=True)\n    os._exit(0)')
@@ -396,7 +397,7 @@ def test_the_work_ends_with_the_page_that_asked_for_it(paths):
     pid = int(done.stdout)
     end = time.monotonic() + PATIENCE
     while lives(pid):
-        assert time.monotonic() < end, 'the worker outlives its page'
+        assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.05)
 
 
@@ -412,16 +413,16 @@ def test_seven_joints_have_seven_colours_and_markers():
 
 
 @pytest.mark.parametrize('is_open', [True, False])
-def test_what_a_closed_page_had_sent_is_no_error(is_open, caplog, monkeypatch):
-    # A workbench that another test began in this process has its filter there.
+def test_a_message_of_a_closed_page_logs_no_error(is_open, caplog, monkeypatch):
+    # A workbench started by another test in this process has installed its filter.
     log = logging.getLogger('bokeh.server.protocol_handler')
     monkeypatch.setattr(log, 'filters', [])
-    # Bokeh logs a traceback for it; other faults of a message are still logged.
+    # Bokeh logs a traceback; other errors of a message are still logged.
     session = ServerSession(ID('page'), Document(), IOLoop(make_current=False))
     connection = ServerConnection(Protocol(), None, None, session)
     other, ends = Document(), Range1d()
     other.add_root(ends)
-    # An open page that has no such model.
+    # The model belongs to another document.
     message = Protocol().create('PATCH-DOC', [ModelChangedEvent(other, ends, 'end', 1.0)])
     if not is_open:
         connection.detach_session()

@@ -1,1 +1,1 @@
-"""The verbs of the command line: one module each, with `run`; `usage` says what they take."""
+"""Verbs of the command line: one module each, with `run`; `usage` has their arguments."""

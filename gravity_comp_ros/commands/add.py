@@ -1,4 +1,4 @@
-"""`gravity_comp add`: put effects into a model, see the held-out error fall, or take them back."""
+"""`gravity_comp add`: add effects to a model with a joint refit, or undo the last addition."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gravity_comp_ros.recordings.bag import ReadReport
 
 
 def run(args: argparse.Namespace) -> int:
-    """Change the model, show what it brought, and write it."""
+    """Add effects or undo the last addition; write the model."""
     _check_usage(args)
     model = load_model(args.model)
     return _undo(args, model) if args.undo else _add(args, model)
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_usage(args: argparse.Namespace) -> None:
     if args.undo and args.effects is not None:
-        args.parser.error('--undo takes back the last addition; it needs no effect and no bag')
+        args.parser.error('--undo removes the last addition; it takes no effect and no bag')
     if not args.undo and not (args.effects and args.bags):
         args.parser.error('name an effect and at least one bag, or give --undo')
 
@@ -38,20 +38,20 @@ def _check_usage(args: argparse.Namespace) -> None:
 def _undo(args: argparse.Namespace, model: GravityModel) -> int:
     back = refitting.undo(args, model, args.model)
     step = back.history[-1]
-    left = [effect.target for effect in back.applied.effects]
+    remaining = [effect.target for effect in back.applied.effects]
     if args.json != '-':
-        done = 'would be taken back from' if args.dry_run else 'taken back from'
-        terminal.say(f'{", ".join(step.effects)} {done} {args.model}; the model '
-                     f'is as it was before, with {", ".join(left) or "no effect"}')
+        removed = 'would be removed from' if args.dry_run else 'removed from'
+        terminal.say(f'{", ".join(step.effects)} {removed} {args.model}; remaining effects: '
+                     f'{", ".join(remaining) or "none"}')
     if args.json:
         terminal.emit_json({'model': str(args.model), 'removed': list(step.effects),
-                            'effects': left, 'written': not args.dry_run}, args.json)
+                            'effects': remaining, 'written': not args.dry_run}, args.json)
     return 0
 
 
 def _add(args: argparse.Namespace, model: GravityModel) -> int:
     effects = args.effects.split(',')
-    requests(effects, model.joints)  # a slip of the keyboard shows before bags are read
+    requests(effects, model.joints)  # report a misspelt name before bags are read
     held_out.required(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
@@ -59,12 +59,12 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
         ties = ambiguous_additions(model, recording, result.added)
     reports = recording.reports
-    aside = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
+    holdout = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
         if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, result.model)
     if args.json != '-':
-        _show(args, result, reports, ties, aside)
+        _show(args, result, reports, ties, holdout)
     terminal.warn(*reading.scale_warnings(model, reports), *refitting.warnings(result))
     if args.json:
         terminal.emit_json(
@@ -72,31 +72,32 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
              **result.to_json(), 'warnings': refitting.warnings(result),
              'ties': [{'effect': tie.effect, 'joint': tie.joint, 'rivals': tie.rivals,
                        'settled_by': tie.next_step} for tie in ties],
-             'on_holdout': {name: asdict(error) for name, error in aside.items()}
+             'on_holdout': {name: asdict(error) for name, error in holdout.items()}
              if args.holdout else None,
              'bags': [r.to_json() for r in reports]}, args.json)
     return 0
 
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-          ties: Sequence[Finding], aside: dict[str, HeldOutError]) -> None:
+          ties: Sequence[Finding], holdout: dict[str, HeldOutError]) -> None:
     terminal.say(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
-    if aside:
-        terminal.show('', held_out.table(aside))
+    if holdout:
+        terminal.show('', held_out.table(holdout))
     for tie in ties:
         terminal.say(
-            f'{target(tie.effect or "", tie.joint)} is one of a tie: {", ".join(tie.rivals)} '
-            f'would explain these recordings as well. The error falls with any of them; keep '
-            f'one. What settles it: {tie.next_step}')
+            f'{target(tie.effect or "", tie.joint)} is ambiguous: {", ".join(tie.rivals)} '
+            f'explains these recordings equally well. Keep only one of them. Motion that '
+            f'distinguishes them: {tie.next_step}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return
     undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
-    terminal.show('', terminal.safe(f'written to {args.model}; this takes it back:'))
+    terminal.show('', terminal.safe(f'written to {args.model}; to undo:'))
     terminal.show_command(undo)
     if not result.helps:
-        next_step.show('take it back: it does not pay (see the warning)', undo)
+        next_step.show('undo the addition: it does not reduce the error (see the warning)', undo)
         return
-    next_step.show('is more missing?', next_step.command('diagnose', args, model=args.model))
+    next_step.show('test for further missing effects',
+                   next_step.command('diagnose', args, model=args.model))

@@ -1,4 +1,4 @@
-"""Arguments that several verbs share, and what they mean in terms of the core."""
+"""Arguments shared by several verbs, and their conversion to options of the core."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from gravity_comp_ros.recordings.bag import ReadOptions
 
 
-DRAWN = 'the page shows the arm in three dimensions by this description'
-# Those of `estimation.fit`, the usual one first. It would have to be loaded for --help; a test
-# compares them.
+DRAWN = 'robot description for the three-dimensional drawing of the arm'
+# Copy of the formulations of `estimation.fit`, the default first, so that --help does not import
+# it; a test compares both.
 FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
 
 
@@ -27,42 +27,42 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     name = 'bag' if nargs is None else 'bags'
     parser.add_argument(
         name, metavar='BAG', nargs=nargs, type=recording,
-        help='an MCAP file, a rosbag2 folder or a bare .db3 file'
+        help='MCAP file, rosbag2 folder or bare .db3 file'
         + ('' if nargs is None else '; several bags are several runs'))
 
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     """
-    Add what says how a bag is read; --joints unless a model says it.
+    Add the arguments for `read_options`.
 
-    `read_options` says what they mean.
+    :param joints: whether to add --joints; False if a model determines the joints.
     """
     parser.set_defaults(joints=None)
     group = parser.add_argument_group('reading')
     group.add_argument('--topic', metavar='TOPIC',
-                       help='topic of the joint states (default: the only one in the bag, or '
+                       help='joint state topic (default: the only one in the bag, or '
                        '/joint_states)')
     if joints:
         group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
-                           help='use these joints, in this order (default: all, as recorded)')
+                           help='joints to use, in this order (default: all, as recorded)')
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
     group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
-                       help='unit of the effort in the bag (default: %(default)s); for a motor '
+                       help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
     group.add_argument('--degrees', action='store_true',
                        help='angles and speeds in the bag are in degrees')
     group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
-                       default=[], help='call joints of the bag by other names, as those of a '
-                       'URDF; the other options and the model use the new ones')
+                       default=[], help='rename joints of the bag, e.g. to those of a URDF; '
+                       'the other options and the model use the new names')
     group.add_argument('--differentiate', action='store_true',
-                       help='take speeds from the positions, for a driver whose velocities are '
-                       '0 or wrong; where there are none that is done anyway')
+                       help='compute velocities from positions, for a driver whose velocities '
+                       'are 0 or wrong; always done for a bag without velocities')
 
 
 def read_options(args: argparse.Namespace) -> ReadOptions:
-    """Return the `ReadOptions` that the arguments of `add_reading` ask for."""
+    """Return the `ReadOptions` of the arguments of `add_reading`."""
     from gravity_comp_ros.recordings.bag import ReadOptions
     merged: dict[str, float] = {}
     for part in args.effort_scale:
@@ -73,31 +73,31 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
     """Add --max-speed, --rate and --all-samples; see `gate`."""
-    group = parser.add_argument_group('slow-motion gate (gravity shows only in slow motion)')
+    group = parser.add_argument_group('slow-motion gate')
     group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
-                       help='fastest joint speed that a sample may have (default: 0.15)')
+                       help='maximum joint speed of a sample (default: 0.15)')
     group.add_argument('--rate', metavar='HZ', type=positive, default=None,
-                       help='samples kept per second of slow motion, at most (default: 5)')
+                       help='maximum number of samples per second of slow motion (default: 5)')
     group.add_argument('--all-samples', action='store_true',
                        help='use every sample, fast or slow')
 
 
 def gate_options(args: argparse.Namespace) -> GateOptions:
     """
-    Return the `GateOptions` that --max-speed and --rate ask for.
+    Return the `GateOptions` of --max-speed and --rate.
 
     :raises OptionError: if --all-samples is given as well.
     """
     from gravity_comp_ros.data.gate import GateOptions
     if args.all_samples and (args.max_speed, args.rate) != (None, None):
-        raise OptionError('--all-samples goes without the gate: leave --max-speed and --rate out')
+        raise OptionError('--all-samples disables the gate: omit --max-speed and --rate')
     given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
 
 def gate(args: argparse.Namespace) -> GateOptions | None:
     """
-    Return the gate that the arguments ask for, None with --all-samples.
+    Return the gate of the arguments, None with --all-samples.
 
     :raises OptionError: if they contradict each other.
     """
@@ -109,11 +109,11 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json [FILE]: `args.json` is None, '-' for standard output, or a path."""
     parser.add_argument(
         '--json', metavar='FILE.json', nargs='?', const='-', default=None, type=_json_target,
-        help='print the result as JSON and nothing else; with a name, write it there')
+        help='print only the result, as JSON; with a file name, write it there')
 
 
 def _json_target(text: str) -> str:
-    # `--json BAG` would take the bag for the output and overwrite it.
+    # `--json BAG` would overwrite the bag.
     if text != '-' and not text.endswith('.json'):
         raise argparse.ArgumentTypeError(
             f'{text} does not end in .json: name a .json file, or put --json after the bags')
@@ -124,51 +124,50 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
     """Add --urdf and --fixed, for `axes_options`."""
     group = parser.add_argument_group('robot description')
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
-                       help=f'{use}; masses in it are not used (default: /robot_description in '
-                       'the recording, if it holds one that fits; none for no description)')
+                       help=f'{use}; its masses are not used (default: /robot_description in '
+                       'the recording, if it matches; none: no description)')
     group.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
-                       default=[], help='a joint of the description that the recording lacks '
-                       'stands here, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
+                       default=[], help='position of a joint of the description that is not '
+                       'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
 
 def axes_options(args: argparse.Namespace) -> AxesOptions:
     """
-    Return which robot description a verb works with.
+    Return the robot description to use.
 
-    :raises OptionError: if --fixed has no use.
+    :raises OptionError: if --fixed is given without a description.
     """
     from gravity_comp_ros.api.axes import AxesOptions, NO_DESCRIPTION
     fixed: dict[str, float] = {}
     for part in args.fixed:
         fixed.update(part)
     if fixed and args.urdf == NO_DESCRIPTION:
-        raise OptionError('--fixed needs a robot description, and --urdf is none')
+        raise OptionError('--fixed requires a robot description, but --urdf is none')
     return AxesOptions(args.urdf, fixed)
 
 
 def add_html(parser: argparse.ArgumentParser, description: str = DRAWN) -> None:
-    """Add --html FILE, and --urdf, which is for what `description` says."""
+    """Add --html FILE and --urdf; `description` is the help text of --urdf."""
     parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
-                        help='write a report to look at, one file with everything in it')
+                        help='write a report with plots, one self-contained file')
     add_drawn_arm(parser, description)
 
 
 def add_drawn_arm(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf of verbs that draw the arm."""
+    """Add --urdf for verbs that draw the arm."""
     parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help=f'{use} (default: /robot_description in the recording, if it '
-                        'holds one)')
+                        help=f'{use} (default: /robot_description in the recording, if any)')
 
 
 def _html_file(text: str) -> Path:
-    # `--html BAG` would take the bag for the output and overwrite it.
+    # `--html BAG` would overwrite the bag.
     if not text.endswith(('.html', '.htm')):
         raise argparse.ArgumentTypeError(f'{text} does not end in .html')
     return Path(text)
 
 
 def recording(text: str) -> Path:
-    """Return the path of a recording; the name of an effect stands there by a slip."""
+    """Return the path of a recording; reject the name of an effect with a specific message."""
     path = Path(text)
     if not path.exists() and path.name == text and '.' not in text:
         from gravity_comp_ros.effects.registry import all_effects
@@ -179,9 +178,9 @@ def recording(text: str) -> Path:
 
 
 def count(text: str) -> int:
-    """Return a whole number above 0."""
+    """Return a positive integer."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number above 0')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a positive integer')
     return int(text)
 
 
@@ -197,23 +196,23 @@ def joint_list(text: str) -> tuple[str, ...]:
 
 def scales(text: str) -> dict[str, float]:
     """Return the numbers in `JOINT=VALUE,...`."""
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for part in text.split(','):
-        found |= _values(part)
-        if 0.0 in found.values():
-            raise argparse.ArgumentTypeError(f'{part!r}: a scale of 0 leaves no torque')
-    return found
+        numbers |= _values(part)
+        if 0.0 in numbers.values():
+            raise argparse.ArgumentTypeError(f'{part!r}: a scale must not be 0')
+    return numbers
 
 
 def renames(text: str) -> list[tuple[str, str]]:
     """Return the pairs in `OLD=NEW,...`."""
-    found = []
+    pairs = []
     for part in text.split(','):
         old, equals, new = (word.strip() for word in part.partition('='))
         if not (old and equals and new):
             raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
-        found.append((old, new))
-    return found
+        pairs.append((old, new))
+    return pairs
 
 
 def finite(text: str) -> float:
@@ -228,7 +227,7 @@ def finite(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """Return a finite number above 0."""
+    """Return a positive finite number."""
     value = finite(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f'{text!r} is not above 0')
@@ -236,7 +235,7 @@ def positive(text: str) -> float:
 
 
 def mcap_file(text: str) -> Path:
-    """Return the path of an MCAP file to write; another ending is surely a slip."""
+    """Return the path of an MCAP file to write; reject any other file name extension."""
     path = Path(text)
     if path.suffix != '.mcap':
         raise argparse.ArgumentTypeError(f'{text} does not end in .mcap')
@@ -244,11 +243,11 @@ def mcap_file(text: str) -> Path:
 
 
 def _values(text: str) -> dict[str, float]:
-    """Return the numbers in `JOINT=VALUE,...`; 0 is one of them."""
-    found = {}
+    """Return the numbers in `JOINT=VALUE,...`; 0 is allowed."""
+    numbers = {}
     for part in text.split(','):
         name, equals, value = part.rpartition('=')
         if not equals or not name.strip():
             raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
-        found[name.strip()] = finite(value)
-    return found
+        numbers[name.strip()] = finite(value)
+    return numbers

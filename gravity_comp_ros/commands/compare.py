@@ -1,4 +1,4 @@
-"""`gravity_comp compare`: how wrong a model is, joint by joint, and where."""
+"""`gravity_comp compare`: errors of a model for each joint, and the regions of large error."""
 
 from __future__ import annotations
 
@@ -21,78 +21,78 @@ from gravity_comp_ros.printable import counted, printable
 from gravity_comp_ros.recordings.topic_choice import named_joints
 from rich.text import Text
 
-_MOST_PLACES = 2
-# Fewer samples than this judge nothing.
-_FEW = 50
-# Shares of errors inside a 95 % band that are no reason for doubt.
+_MAX_REGIONS = 2
+# Minimum number of slow samples for a reliable error.
+_MIN_SAMPLES = 50
+# Acceptable shares of residuals inside the 95 % band.
 _FAIR = (0.85, 0.99)
 
 
-@html.told
+@html.with_error_page
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare and show."""
     if args.previous is not None and args.html is None:
-        args.parser.error('--previous is for the report: give --html as well')
+        args.parser.error('--previous requires --html')
     model = load_model(args.model)
-    chosen = named_joints('--joints: the model', model.joints, args.joints or model.joints,
-                          'shown')
-    # The model needs every one of its joints; --joints only says which of them to show.
+    shown = named_joints('--joints: the model', model.joints, args.joints or model.joints,
+                         'shown')
+    # The model requires all of its joints; --joints only selects those to show.
     args.joints = model.joints
     with terminal.progress() as report:
-        loaded = reading.load(args, report)
-    loaded = _gated_as_fitted(args, model, loaded)
-    part, fitted = _unseen(args, model, loaded)
-    samples = part.slow
+        recording = reading.load(args, report)
+    recording = _gated_as_fitted(args, model, recording)
+    compared, fitted = _unseen(args, model, recording)
+    samples = compared.slow
     few = _few(args, samples)
-    comparison = compare_model(model, part)
-    joints = {name: comparison.joints[name] for name in chosen}
+    comparison = compare_model(model, compared)
+    joints = {name: comparison.joints[name] for name in shown}
     if args.html:
         html.write(args, html.contents(
-            args, model, loaded.samples, comparison, _judged(samples, loaded), loaded.reports,
-            None, *_previous(args, model, part), shown=chosen,
-            next_command=_diagnosing(args)))
+            args, model, recording.samples, comparison, _samples_text(samples, recording),
+            recording.reports, None, *_previous(args, model, compared), shown=shown,
+            next_command=_diagnose_command(args)))
     if args.json != '-':
-        terminal.say(*reading.lines(loaded))
+        terminal.say(*reading.lines(recording))
         terminal.show('', _table(model, joints, samples))
         for line in _failures(joints, comparison.share_outside):
             terminal.show(line)
         terminal.say(*_band(comparison.band))
         if few:
-            next_step.show('judge it by fast samples as well', f'{args.command} --all-samples')
-        next_step.show('name what the model lacks', _diagnosing(args))
-    terminal.warn(*reading.scale_warnings(model, loaded.reports), *few)
+            next_step.show('evaluate fast samples as well', f'{args.command} --all-samples')
+        next_step.show('identify missing effects', _diagnose_command(args))
+    terminal.warn(*reading.scale_warnings(model, recording.reports), *few)
     for name in fitted:
-        terminal.warn(f'the model was fitted to {name}: its errors there are too small (fit and '
-                      'compare with --holdout, or compare with another run)')
+        terminal.warn(f'the model was fitted to {name}: its error there is too small (fit and '
+                      'compare with --holdout, or compare on another run)')
     if args.json:
         document = comparison.to_json()
         terminal.emit_json(
-            {**document, 'joints': {name: document['joints'][name] for name in chosen},
-             'model': args.model.name, 'fitted_to': fitted, **loaded.to_json()}, args.json)
+            {**document, 'joints': {name: document['joints'][name] for name in shown},
+             'model': args.model.name, 'fitted_to': fitted, **recording.to_json()}, args.json)
     return 0
 
 
 def _few(args: argparse.Namespace, samples: JointSamples) -> list[str]:
-    if args.all_samples or samples.n_samples >= _FEW:
+    if args.all_samples or samples.n_samples >= _MIN_SAMPLES:
         return []
-    return [f'{counted(samples.n_samples, "slow sample")} judge little; the torque of fast ones '
-            f'holds friction and inertia as well (--all-samples)']
+    return [f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
+            f'torque of fast samples includes friction and inertia (--all-samples)']
 
 
-def _judged(samples: JointSamples, loaded: Recording) -> str:
-    """Return in words which samples the errors are of."""
-    kept = loaded.gated.samples.n_samples
-    held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
-    return f'{counted(samples.n_samples, "sample")} ({loaded.gated.sentence()}{held})'
+def _samples_text(samples: JointSamples, recording: Recording) -> str:
+    """Return a description of the compared samples."""
+    selected = recording.gated.samples.n_samples
+    held = '' if samples.n_samples == selected else f'; {samples.n_samples} of them were held out'
+    return f'{counted(samples.n_samples, "sample")} ({recording.gated.sentence()}{held})'
 
 
-def _diagnosing(args: argparse.Namespace) -> str:
-    """Return the command line that names what the model lacks."""
+def _diagnose_command(args: argparse.Namespace) -> str:
+    """Return the command line that identifies missing effects."""
     return next_step.command('diagnose', args, model=args.model)
 
 
 def _previous(args: argparse.Namespace, model: GravityModel,
-              part: Recording) -> tuple[dict[str, float], str]:
+              compared: Recording) -> tuple[dict[str, float], str]:
     """Return RMSE by joint of an earlier model on the same samples, and its name."""
     if args.previous is not None:
         other, name = load_model(args.previous), args.previous.name
@@ -101,43 +101,44 @@ def _previous(args: argparse.Namespace, model: GravityModel,
         if not steps or steps[-1].previous is None:
             return {}, ''
         other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'
-    found = compare_model(other, part)
-    return {joint: x.rmse for joint, x in found.joints.items()}, name
+    errors = compare_model(other, compared)
+    return {joint: x.rmse for joint, x in errors.joints.items()}, name
 
 
 def _gated_as_fitted(args: argparse.Namespace, model: GravityModel,
-                     loaded: Recording) -> Recording:
-    """Return the recording ungated if all samples were fitted, as what was held out of them."""
+                     recording: Recording) -> Recording:
+    """Return the recording, with --holdout gated as in the fit."""
     if not args.holdout or args.max_speed is not None:
-        return loaded
-    return replace(loaded, gate=None) if held_out.of_all_samples(model) else loaded
+        return recording
+    return replace(recording, gate=None) if held_out.of_all_samples(model) else recording
 
 
 def _unseen(args: argparse.Namespace, model: GravityModel,
-            loaded: Recording) -> tuple[Recording, list[str]]:
-    """Return the part to judge on, and the bags in it that the model was fitted to."""
-    known = reading.fitted_names(model, loaded.reports)
-    seen = [run for run, report in enumerate(loaded.reports) if report.path.name in known]
+            recording: Recording) -> tuple[Recording, list[str]]:
+    """Return the samples to compare, and the names of fitted bags among them."""
+    fitted = reading.fitted_names(model, recording.reports)
+    fitted_runs = [run for run, report in enumerate(recording.reports)
+                   if report.path.name in fitted]
     if not args.holdout:
-        return loaded, [loaded.reports[run].path.name for run in seen]
+        return recording, [recording.reports[run].path.name for run in fitted_runs]
     held_out.required(args, model)
-    fresh = [Block(run, -float('inf'), float('inf')) for run in range(len(loaded.reports))
-             if run not in seen]
-    blocks = held_out_blocks(model, loaded.reports)
-    kept = replace(loaded, use=within(loaded.samples, [*fresh, *blocks]))
-    if not kept.slow.n_samples:
-        raise DataError('the model was fitted to all of these bags: nothing of them was held out')
-    return kept, []
+    unfitted = [Block(run, -float('inf'), float('inf')) for run in range(len(recording.reports))
+                if run not in fitted_runs]
+    blocks = held_out_blocks(model, recording.reports)
+    selected = replace(recording, use=within(recording.samples, [*unfitted, *blocks]))
+    if not selected.slow.n_samples:
+        raise DataError(held_out.NOTHING_HELD_OUT)
+    return selected, []
 
 
 def _table(model: GravityModel, joints: dict[str, JointComparison],
            samples: JointSamples) -> ScreenTable:
     worst = _worst(joints)
     rows = []
-    for name, found in joints.items():
-        cells = [printable(name), str(found.n), f'{found.rmse:.4f}', percent(found.nrmse),
-                 f'{found.std:.4f}', f'{found.max_abs:.3f}',
-                 f'{model.noise[model.joints.index(name)]:.4f}', *_shares(found.band)]
+    for name, errors in joints.items():
+        cells = [printable(name), str(errors.n), f'{errors.rmse:.4f}', percent(errors.nrmse),
+                 f'{errors.std:.4f}', f'{errors.max_abs:.3f}',
+                 f'{model.noise[model.joints.index(name)]:.4f}', *_shares(errors.band)]
         rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
     return terminal.table(
         f'error of the model in N·m, {counted(samples.n_samples, "sample")}',
@@ -146,14 +147,14 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
-    """Return lines of markup on the worst joint and on where each joint fails."""
+    """Return lines of markup on the worst joint and on each joint's regions of large error."""
     worst = _worst(joints)
     lines = [terminal.safe(f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m')]
     if outside > 0.0:
-        lines.append(f'{100 * outside:.1f} % of the samples lie outside the poses of the training')
-    for name, found in joints.items():
-        lines += [f'  {terminal.safe(f"{name} {place.words}")}'
-                  for place in found.where[:_MOST_PLACES]]
+        lines.append(f'{100 * outside:.1f} % of the samples are outside the trained poses')
+    for name, errors in joints.items():
+        lines += [f'  {terminal.safe(f"{name} {region.words}")}'
+                  for region in errors.where[:_MAX_REGIONS]]
     return lines
 
 
@@ -168,18 +169,19 @@ def _band(band: Calibration | None) -> list[str]:
     parts = [f'{100 * share.share:.1f} % {where}'
              for share, where in ((band.trained, 'in the trained range'),
                                   (band.outside, 'outside of it')) if share.share is not None]
-    return [f'"in band", "outside": of the errors, {" and ".join(parts)} lie in the 95 % band '
-            f'that the model gives; {_meaning([s.share for s in (band.trained, band.outside)])}']
+    return ['"in band", "outside": residuals inside the 95 % prediction band, '
+            f'{" and ".join(parts)}; '
+            f'{_interpretation([s.share for s in (band.trained, band.outside)])}']
 
 
-def _meaning(shares: list[float | None]) -> str:
-    """Return in words what shares of errors inside a 95 % band mean."""
-    least, most = (end((s for s in shares if s is not None), default=0.95) for end in (min, max))
-    if least < _FAIR[0]:
-        return ('far below 95 %: the model errs by more than it says, so an effect or a payload '
-                'is missing')
-    return 'near 95 %, as it should be' if most <= _FAIR[1] else \
-        'above 95 %: the model errs by less than it says'
+def _interpretation(shares: list[float | None]) -> str:
+    """Return the interpretation of shares of residuals inside the 95 % band."""
+    low, high = (end((s for s in shares if s is not None), default=0.95) for end in (min, max))
+    if low < _FAIR[0]:
+        return ('far below 95 %: the errors exceed the predicted uncertainty, so an effect or a '
+                'payload is missing')
+    return 'near 95 %, as expected' if high <= _FAIR[1] else \
+        'above 95 %: the errors are smaller than the predicted uncertainty'
 
 
 def _worst(joints: dict[str, JointComparison]) -> str:

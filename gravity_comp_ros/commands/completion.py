@@ -1,4 +1,4 @@
-"""`gravity_comp completion`: a script with which a shell completes verbs, options and files."""
+"""`gravity_comp completion`: print a shell completion script."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def everything() -> argparse.ArgumentParser:
-    """Return one parser with all verbs, as nothing but a shell needs it."""
+    """Return one parser with all verbs, for the completion script only."""
     import shtab
     root = argparse.ArgumentParser(prog='gravity_comp', description='learn gravity torques')
     verbs = root.add_subparsers(dest='verb')

@@ -1,4 +1,4 @@
-"""`convert`: bring measurements from a table into a bag."""
+"""`gravity_comp convert`: convert a table of measurements to a bag."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     show(f'wrote {safe(args.output)}: {counted(len(topic.t), "sample")} over '
          f'{topic.t[-1]:.4g} s, joints {safe(shown_names(topic.joints))}')
     if converted.dropped:
-        warn(f'{counted(converted.dropped, "bad row")} left out')
+        warn(f'{counted(converted.dropped, "bad row")} omitted')
     warn(*converted.notes)
-    next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
+    next_step.show('check the recording', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0

@@ -1,4 +1,4 @@
-"""`gravity_comp cut`: a part of a recording by time and joints, or several parts."""
+"""`gravity_comp cut`: extract parts of a recording by time and joints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, Write
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a recording: its file, and what is in it, from `begin` to `end` s."""
+    """A part of a recording: its file and samples, from `begin` to `end` s."""
 
     path: Path
     topic: JointTopic
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             terminal.say(
                 f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from '
                 f'{part.begin:.6g} to {part.end:.6g} s, joints {shown_names(part.topic.joints)}')
-        next_step.show('see what is in it' if len(parts) == 1 else 'see what is in them',
+        next_step.show(f'check the {"recording" if len(parts) == 1 else "recordings"}',
                        shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
     if args.json:
         terminal.emit_json({'input': str(args.bag), 'parts': [
@@ -52,37 +52,37 @@ def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | Non
     """
     Return the parts of a recording between times in s from its first sample.
 
-    A part holds the samples from its begin on, before its end; the last one its end as well.
+    A part includes its begin and excludes its end; the last part includes its end.
 
-    :raises OptionError: if times do not follow each other.
-    :raises DataError: if there is no sample in a part.
+    :raises OptionError: if the times do not increase.
+    :raises DataError: if a part has no sample.
     """
     samples, report = recording.samples, recording.report
     last = float(samples.t[-1])
     bounds = [begin, *split, last if end is None else end]
     if any(later <= earlier for earlier, later in zip(bounds, bounds[1:])):
-        raise OptionError('the times must rise, from --from over --split to --to or the end '
-                          f'of the recording at {last:.6g} s; they are '
+        raise OptionError('the times --from, --split and --to (or the end of the recording at '
+                          f'{last:.6g} s) must increase; they are '
                           f'{", ".join(f"{x:g}" for x in bounds)}')
     parts = []
     for number, (start, stop) in enumerate(zip(bounds, bounds[1:]), start=1):
         final = number == len(bounds) - 1
-        here = (samples.t >= start) & ((samples.t <= stop) if final else (samples.t < stop))
-        if not here.any():
-            raise DataError(f'there is no sample from {start:g} to {stop:g} s; the recording '
+        inside = (samples.t >= start) & ((samples.t <= stop) if final else (samples.t < stop))
+        if not inside.any():
+            raise DataError(f'no samples between {start:g} and {stop:g} s; the recording '
                             f'lasts {last:.6g} s')
-        t = samples.t[here]
+        t = samples.t[inside]
         path = output if len(bounds) == 2 else output.with_stem(f'{output.stem}-{number}')
-        velocity = samples.qd[here] if report.velocity == 'measured' else None
-        topic = JointTopic(report.topic, samples.names, t - t[0], samples.q[here], velocity,
-                           samples.tau[here])
+        velocity = samples.qd[inside] if report.velocity == 'measured' else None
+        topic = JointTopic(report.topic, samples.names, t - t[0], samples.q[inside], velocity,
+                           samples.tau[inside])
         parts.append(Part(path, topic, report.start_ns + round(float(t[0]) * 1e9), float(t[0]),
                           float(t[-1])))
     return parts
 
 
 def _check_files(bag: Path, parts: list[Part]) -> None:
-    """Refuse to write over the recording that is cut."""
+    """Refuse to overwrite the input recording."""
     for part in parts:
         if part.path.exists() and part.path.resolve() == bag.resolve():
-            raise OptionError(f'{part.path} is the recording that is cut; choose another name')
+            raise OptionError(f'{part.path} is the input recording; choose another name')

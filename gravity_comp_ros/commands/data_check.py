@@ -1,4 +1,4 @@
-"""What a recording can tell and what it cannot, before anything is concluded from it."""
+"""Excitation of a recording, and the effects that are not identifiable from it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _COLUMNS = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white no
 @dataclass(frozen=True)
 class DataCheck:
     """
-    Facts on the recording, joint by joint.
+    Excitation, noise and untestable effects of each joint of a recording.
 
-    `rest` is the share of time that a joint stands; the reports hold the noise floor, how many
-    samples are independent, and which effects this recording does not show; `arm_untestable`
-    the same of effects of the whole arm.
+    `rest` is the share of samples at rest. `reports` has the noise floor, the effective sample
+    size and the untestable effects of each joint, with the reason. `arm_untestable` has those of
+    the whole arm.
     """
 
     facts: RecordingFacts
@@ -34,7 +34,7 @@ class DataCheck:
     arm_untestable: Mapping[str, str]
 
     def table(self) -> ScreenTable:
-        """Return the facts as a table."""
+        """Return the table of joints."""
         rows = []
         for name, report in self.reports.items():
             joint = self.facts.joints[name]
@@ -43,11 +43,11 @@ class DataCheck:
                          f'{100 * self.rest[name]:.0f} %', f'{report.noise_floor:.3g}',
                          f'{report.n_effective:.0f}'))
         return terminal.table(
-            f'the recording: {self.facts.n_samples} samples; they are autocorrelated, so '
-            'the effective number is smaller', _COLUMNS, rows)
+            f'recording: {self.facts.n_samples} samples; they are autocorrelated, so the '
+            'effective sample size is smaller', _COLUMNS, rows)
 
-    def unseen(self) -> list[str]:
-        """Return a line for each effect that some joints do not show, with the reason."""
+    def untestable(self) -> list[str]:
+        """Return a line for each effect that is untestable on some joints, with the reason."""
         grouped: dict[str, list[tuple[str, str]]] = {}
         for name, report in self.reports.items():
             for effect, reason in report.untestable.items():
@@ -60,7 +60,7 @@ class DataCheck:
         return lines
 
     def to_json(self) -> dict[str, Any]:
-        """Return what is not in the diagnosis already."""
+        """Return the facts that are not part of the diagnosis."""
         return {
             'joints': {name: {'q_min': joint.q_min, 'q_max': joint.q_max,
                               'max_speed': joint.max_speed, 'rms_speed': joint.rms_speed,
@@ -70,7 +70,7 @@ class DataCheck:
 
 
 def check(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
-    """Return the facts on the samples that a diagnosis was made from."""
+    """Return the data check of diagnosed samples."""
     samples = samples.joints(tuple(diagnosis.joints))
     still = np.abs(samples.qd) < 0.5 * least_widths(samples)
     return DataCheck(describe(samples), dict(zip(samples.names, still.mean(axis=0).tolist())),

@@ -1,4 +1,4 @@
-"""`gravity_comp diagnose`: which physical effect a gravity model is missing."""
+"""`gravity_comp diagnose`: identify physical effects missing from a gravity model."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from gravity_comp_ros.planning.outcome import Outcome, outcomes, read_expected, 
 from gravity_comp_ros.recordings.bag import ReadReport
 
 
-_PLANNED = ('to settle', 'stated chance', 'verdict now', 'as expected', 'expected interval',
+_PLANNED = ('effect', 'stated probability', 'verdict now', 'as expected', 'expected interval',
             'interval now')
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 
 
-@html.told
+@html.with_error_page
 def run(args: argparse.Namespace) -> int:
     """Read, diagnose and show."""
     for name in args.effects or ():
@@ -47,35 +47,35 @@ def run(args: argparse.Namespace) -> int:
         recording = reading.load(args, report, is_gated=False)
         if model is not None:
             recording = held_out.without(model, recording)
-        beside, recording = (model, recording) if model else _fitted(args, recording, report)
+        base, recording = (model, recording) if model else _fitted(args, recording, report)
         reports, samples = recording.reports, recording.used
-        diagnosis = diagnose(samples, beside, DiagnosisOptions(effects=args.effects), report)
+        diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
     terminal.warn(*reading.scale_warnings(model, reports) if model else [])
-    findings = tuple(replace(f, next_step=f.next_step or _adding(f, args))
+    findings = tuple(replace(f, next_step=f.next_step or _add_command(f, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
     terminal.warn(*broken_plug_ins())
     check = data_check.check(samples, diagnosis)
-    came = None if expected is None else outcomes(expected, diagnosis)
+    planned = None if expected is None else outcomes(expected, diagnosis)
     if args.html:
-        _write_page(args, samples, beside, diagnosis, reports, fitted=model is None)
+        _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
     if args.json != '-':
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
         if recording.use is not None:
             terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
-                          'the fit are left out here, for `compare --holdout`')
+                          'the fit are excluded, for `compare --holdout`')
         _show(args, diagnosis, check, model)
-        if came is not None:
-            _show_outcomes(came)
+        if planned is not None:
+            _show_outcomes(planned)
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
         terminal.emit_json(
             {**results.Diagnosis(diagnosis).to_json(),
              'model': args.model.name if args.model else None,
              'data': check.to_json(), 'bags': [r.to_json() for r in reports],
-             'plan': None if came is None else [one.to_json() for one in came],
+             'plan': None if planned is None else [each.to_json() for each in planned],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
     return 0
 
@@ -83,10 +83,10 @@ def run(args: argparse.Namespace) -> int:
 def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.ProgressCallback
             ) -> tuple[GravityModel | None, Recording]:
     """
-    Return a model to judge beside, and the recording with its joints in their order.
+    Return a model of gravity and the recording with its joints in order.
 
-    There is none where the diagnosis needs none: its gravity is its own, and a model only says
-    where the axes are, in which order the joints come, and what a page shows.
+    The diagnosis fits its own gravity; a model only provides the joint axes, the joint order and
+    the predictions of a report. The model is None where none of them is required.
     """
     options = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
     arm = known_arm(recording, options)
@@ -98,31 +98,31 @@ def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.Pro
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
                 diagnosis: Diagnosis, reports: tuple[ReadReport, ...], fitted: bool) -> None:
     assert model is not None
-    notes = ('Predictions are of a model of gravity that was fitted for this report to '
+    notes = ('Predictions are of a gravity model fitted for this report to '
              f'{model.coverage.n_samples} samples.',) if fitted else ()
-    judged = f'all {samples.n_samples} samples, fast ones too'
-    adding = follow_up.adding(args, wording.targets(diagnosis.findings))
-    html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
+    compared = f'all {samples.n_samples} samples, including fast ones'
+    commands = follow_up.add_commands(args, wording.targets(diagnosis.findings))
+    html.write(args, html.contents(args, model, samples, compare(model, samples), compared,
                                    reports, diagnosis, notes=notes,
-                                   next_command='\n'.join(adding)))
+                                   next_command='\n'.join(commands)))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
     if args.model is None:
         if args.holdout:
-            args.parser.error('--holdout needs the --model of which something was held out')
+            args.parser.error('--holdout requires --model')
         return None
     model = load_model(args.model)
     held_out.required(args, model)
     if args.joints is not None and set(args.joints) != set(model.joints):
-        raise OptionError('--joints: the model says which joints there are '
-                          f'({", ".join(model.joints)}); leave it out')
-    # A gripper in the bag is no concern of a model of the arm.
+        raise OptionError('--joints: the joints are those of the model '
+                          f'({", ".join(model.joints)}); omit --joints')
+    # The bag may contain other joints, such as a gripper.
     args.joints = model.joints
     return model
 
 
-def _adding(finding: Finding, args: argparse.Namespace) -> str:
+def _add_command(finding: Finding, args: argparse.Namespace) -> str:
     """Return the command that adds a finding, with the file names of this call."""
     if finding.effect is None:
         return ''
@@ -134,33 +134,33 @@ def _adding(finding: Finding, args: argparse.Namespace) -> str:
 def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.DataCheck,
           model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
-        known = ', '.join(effect.target for effect in model.applied.effects)
-        terminal.say(f'the model has {known} already')
+        applied = ', '.join(effect.target for effect in model.applied.effects)
+        terminal.say(f'the model already includes {applied}')
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
     if diagnosis.laws:
-        terminal.show('[bold]what no gravity of a serial arm does[/bold]')
+        terminal.show('[bold]contradictions to the gravity torque of a serial arm[/bold]')
         terminal.show(*(f'  {terminal.safe(line)}' for line in
                         results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.facts.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
-    unseen = check.unseen()
-    if unseen:
-        terminal.show('', '[bold]cannot be judged from this recording[/bold]')
-        for line in unseen:
+    untestable = check.untestable()
+    if untestable:
+        terminal.show('', '[bold]not identifiable from this recording[/bold]')
+        for line in untestable:
             terminal.show(f'  {terminal.safe(line)}')
     terminal.show('')
 
 
-def _show_outcomes(came: list[Outcome]) -> None:
-    rows = [[one.target.name, f'{100 * one.chance:.0f} %', one.verdict,
-             'yes' if one.as_expected else 'no', _width(one.half_width, one.unit),
-             _width(one.found_half_width, one.unit)] for one in came]
-    terminal.show('', terminal.table('what the plan expected', _PLANNED, rows, keys=1,
+def _show_outcomes(planned: list[Outcome]) -> None:
+    rows = [[each.target.name, f'{100 * each.chance:.0f} %', each.verdict,
+             'yes' if each.as_expected else 'no', _width(each.half_width, each.unit),
+             _width(each.found_half_width, each.unit)] for each in planned]
+    terminal.show('', terminal.table('expectations of the plan', _PLANNED, rows, keys=1,
                                      left=('verdict now',)),
-                  terminal.safe(summary(came)), '')
+                  terminal.safe(summary(planned)), '')
 
 
 def _width(value: float | None, unit: str) -> str:
@@ -170,7 +170,7 @@ def _width(value: float | None, unit: str) -> str:
 def _table(diagnosis: Diagnosis) -> ScreenTable:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
              results.coefficients(f), wording.change(f)] for f in diagnosis.findings]
-    # Names are copied from here, so they stay whole; coefficients may be folded.
-    return terminal.table('what is missing', _FINDINGS, rows, keys=2,
+    # Names are copied from here, so they are never folded; coefficients may be.
+    return terminal.table('missing effects', _FINDINGS, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %'),
                           folds=('coefficient, 95 %',))

@@ -23,7 +23,7 @@ from gravity_comp_ros.printable import counted
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit, judge, save and show."""
+    """Fit, compare with held-out data, save and show."""
     options = LearnOptions(args.formulation, arguments.axes_options(args),
                            args.joints is not None)
     with terminal.progress() as report:
@@ -37,43 +37,44 @@ def run(args: argparse.Namespace) -> int:
         started = time.perf_counter()
         learned = learn(fitted, options, effects, speeds, report, arm)
         seconds = time.perf_counter() - started
-    result, model, joint, axes = learned.result, learned.model, learned.refit, learned.arm.axes
-    judged = compare_model(model, held) if held else None
+    result, model, refit, axes = learned.result, learned.model, learned.refit, learned.arm.axes
+    held_out = compare_model(model, held) if held else None
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, learned.recording, learned.arm, result, judged, seconds)
-        if joint:
-            terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
-                          *refitting.effect_lines(joint))
+        _show(args, learned.recording, learned.arm, result, held_out, seconds)
+        if refit:
+            terminal.show('', refitting.fitted_sentence(refit), refitting.error_table(refit),
+                          *refitting.effect_lines(refit))
     if axes.problem:
         terminal.warn(axes.problem)
-    terminal.warn(*refitting.warnings(joint) if joint else ())
+    terminal.warn(*refitting.warnings(refit) if refit else ())
     if args.json:
         document = {
             'model': str(args.output) if args.output else None, **result.to_json(),
             'seconds': seconds, 'holdout': model.provenance['holdout'],
             'description': axes.to_json(), 'joint_order': learned.arm.order.source,
             **whole.to_json()}
-        if joint:
-            document |= {**joint.to_json(), 'warnings': refitting.warnings(joint)}
-        for name, error in judged.joints.items() if judged else ():
+        if refit:
+            document |= {**refit.to_json(), 'warnings': refitting.warnings(refit)}
+        for name, error in held_out.joints.items() if held_out else ():
             document['joints'][name]['held_out'] = asdict(error)
         terminal.emit_json(document, args.json)
     return 0
 
 
 def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: FitResult,
-          judged: Comparison | None, seconds: float) -> None:
+          held_out: Comparison | None, seconds: float) -> None:
     terminal.say(*reading.lines(fitted), *arm.axes.notes,
-                 f'order of joints: {arm.order.source}')
+                 f'joint order: {arm.order.source}')
     if fitted.holdout:
         terminal.say(_holdout_sentence(fitted, fitted.holdout))
-    terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
-    beside = nuisance_sentence(result.model.nuisance)
-    if beside:
-        terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'),
-                      'RMSE is the error of gravity alone, the remaining error that beside these')
+    terminal.show('', _joint_table(result, held_out), terminal.safe(_solver_sentence(result)))
+    nuisance = nuisance_sentence(result.model.nuisance)
+    if nuisance:
+        terminal.show(terminal.safe(f'{nuisance} (`gravity_comp diagnose` identifies them)'),
+                      'RMSE is the error of gravity alone; the remaining error is with the '
+                      'nuisance terms')
     choice = result.report.choice
     terminal.say(f'{choice.formulation} was chosen: {choice.why}')
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
@@ -82,23 +83,22 @@ def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: Fi
         equation = shortened(result.model.equation(joint), args.terms)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
     terminal.warn(*result.report.warnings)
-    where = f'saved in {args.output}' if args.output else 'not saved (no -o)'
-    terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
+    saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
+    terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {saved}'))
     _show_next_step(args)
 
 
 def _show_next_step(args: argparse.Namespace) -> None:
     if args.output is None:
-        next_step.show('the same, and keep the model',
+        next_step.show('repeat the fit and save the model',
                        f'{args.command} -o {next_step.new_model()}')
     elif args.holdout:
-        next_step.show('errors on what was held out, then what the model lacks, by the '
-                       'recordings that it was fitted to',
+        next_step.show('compare with the held-out data, then identify missing effects',
                        next_step.command('compare', args, '--holdout', model=args.output),
                        next_step.command('diagnose', args, model=args.output))
     else:
-        next_step.show('what the model lacks, by the recordings that it was fitted to and any '
-                       'others of this arm (`compare` needs others: errors on these are small)',
+        next_step.show('identify missing effects, with the fitted recordings and any others of '
+                       'this arm (`compare` requires other recordings)',
                        next_step.command('diagnose', args, model=args.output))
 
 
@@ -111,19 +111,19 @@ def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
             f'{fitted.slow.n_samples} are fitted')
 
 
-def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
+def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
     columns = ['joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m']
-    if judged is not None:
+    if held_out is not None:
         columns += ['held-out RMSE', 'held-out nRMSE']
     rows = []
     for n, joint in enumerate(model.joints):
         low, high = model.coverage.q_min[n], model.coverage.q_max[n]
         row = [joint, str(model.n_features()[n]), f'{low:.2f} … {high:.2f}',
                f'{report.rmse[joint]:.4f}', _remaining(report, joint)]
-        if judged is not None:
-            held_out = judged.joints[joint]
-            row += [f'{held_out.rmse:.4f}', percent(held_out.nrmse)]
+        if held_out is not None:
+            error = held_out.joints[joint]
+            row += [f'{error.rmse:.4f}', percent(error.nrmse)]
         rows.append(row)
     return terminal.table(
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
@@ -131,7 +131,7 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
 
 
 def _remaining(report: FitDetails, joint: str) -> str:
-    """Return a joint's remaining error: a constant, and a part of the load if there is one."""
+    """Return a joint's remaining error: a constant, and a fraction of the load if any."""
     relative = report.relative_noise[joint]
     return f'{report.noise[joint]:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
 
@@ -139,14 +139,14 @@ def _remaining(report: FitDetails, joint: str) -> str:
 def _solver_sentence(result: FitResult) -> str:
     chain = result.report.chain
     if chain is not None:
-        left = f'the residual is {"" if chain.clean else "not "}white'
+        residual = f'the residual is {"" if chain.clean else "not "}white'
         if result.report.known_axes:
             tilt = degrees(result.report.base_tilt)
-            stands = f', base tilted by {tilt:.1f} degrees' if tilt else ''
-            return f'chain: axes as in the URDF{stands}; {left}'
+            base = f', base tilted by {tilt:.1f} degrees' if tilt else ''
+            return f'chain: axes from the URDF{base}; {residual}'
         return (f'chain: {counted(chain.starts, "start")}, '
-                f'{counted(sum(chain.square), "right angle")}; {left}')
-    problems = [found.lasso for found in result.report.solver]
+                f'{counted(sum(chain.square), "right angle")}; {residual}')
+    problems = [solution.lasso for solution in result.report.solver]
     ends = [problem.certificate for problem in problems]
     iterations = sum(problem.iterations for problem in problems)
     return (f'ADMM: {counted(len(problems), "L1 problem")}, {iterations} iterations, worst primal '

@@ -19,10 +19,10 @@ from gravity_comp_ros.printable import counted
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it, and tell what became of every robot; 1 if none has a result."""
+    """Fit or diagnose every robot and report the result of each."""
     if args.all_samples:
-        raise OptionError('fleet: --all-samples does not go with many bags; raise --max-speed '
-                          'and --rate instead')
+        raise OptionError('fleet: --all-samples is not supported; raise --max-speed and --rate '
+                          'instead')
     for name in args.effects or ():
         known_effect(name)
     robots = find_robots(args.folder)
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
         outcome = (fleet.fit(options) if args.what == 'fit' else
                    fleet.diagnose(args.models, args.effects))
     for name, reason in (*outcome.failed_bags.items(), *outcome.failed_robots.items()):
-        terminal.warn(f'left out: {name}: {reason}')
+        terminal.warn(f'omitted: {name}: {reason}')
     if args.json != '-':
         _show(args.what, outcome)
     if args.json:
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
     """
-    Refuse a summary that would replace a robot's model or findings.
+    Refuse a summary file that would replace a robot's model or findings.
 
     :raises OptionError: if --json names a file of a robot.
     """
@@ -56,7 +56,7 @@ def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
     folders = [folder.resolve() for folder in (args.output, args.models) if folder]
     names = {f'{robot}{end}' for robot in robots for end in ('.json', '.diagnosis.json')}
     if target.parent in folders and target.name in names:
-        raise OptionError(f'--json {args.json} is the file of a robot: it would be overwritten; '
+        raise OptionError(f'--json {args.json} is the result file of a robot; '
                           f'name another file')
 
 
@@ -64,18 +64,18 @@ def _show(what: str, outcome: Outcome) -> None:
     columns, rows = ['robot', 'findings', 'file'], []
     if what == 'fit':
         columns = ['robot', 'bags', 'samples', 'worst RMSE N·m', 'model']
-    for name, done in sorted(outcome.robots.items()):
-        rows.append([name, str(done.bags), str(done.samples), f'{max(done.rmse.values()):.4f}',
-                     done.model] if isinstance(done, FittedRobot)
-                    else [name, _findings(done.findings), done.diagnosis])
+    for name, robot in sorted(outcome.robots.items()):
+        rows.append([name, str(robot.bags), str(robot.samples), f'{max(robot.rmse.values()):.4f}',
+                     robot.model] if isinstance(robot, FittedRobot)
+                    else [name, _findings(robot.findings), robot.diagnosis])
     terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
                                  left=('findings', 'model', 'file')))
-    terminal.show(f'left out: {counted(len(outcome.failed_bags), "bag")} and '
+    terminal.show(f'omitted: {counted(len(outcome.failed_bags), "bag")} and '
                   f'{counted(len(outcome.failed_robots), "robot")}; '
-                  f'{counted(outcome.resumed, "result")} of an earlier run')
+                  f'{counted(outcome.resumed, "result")} from an earlier run')
 
 
 def _findings(findings: Sequence[Finding]) -> str:
-    told = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
-            if f.verdict in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
-    return ', '.join(told) or 'nothing missing'
+    shown = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
+             if f.verdict in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
+    return ', '.join(shown) or 'nothing missing'

@@ -1,4 +1,4 @@
-"""--holdout: what `fit --holdout` kept aside, for the verbs that come after it."""
+"""Data held out by `fit --holdout`, for --holdout of the other verbs."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 
 
+NOTHING_HELD_OUT = 'the model was fitted to all of these bags: none of their data was held out'
+
+
 def required(args: argparse.Namespace, model: GravityModel) -> None:
     """
-    Check that something was held out of the fit of a model, if --holdout is given.
+    Check that the fit of a model held out data, if --holdout is given.
 
-    :raises OptionError: if nothing was.
+    :raises OptionError: if it did not.
     """
     if args.holdout and not (model.provenance.get('holdout') or {}).get('blocks'):
-        raise OptionError(f'nothing was held out when {args.model} was fitted: fit it with '
-                          '--holdout')
+        raise OptionError(f'{args.model} was fitted without --holdout: fit it with --holdout')
 
 
 def of_all_samples(model: GravityModel) -> bool:
-    """Return whether a model was fitted to fast samples as well."""
+    """Return whether a model was fitted to slow and fast samples."""
     return bool((model.provenance.get('gate') or {}).get('all_samples'))
 
 
 def without(model: GravityModel, recording: Recording) -> Recording:
-    """Return a recording without what was held out of the fit of a model."""
+    """Return a recording without the data held out of the fit of a model."""
     if not held_out_blocks(model, recording.reports):
         return recording
     return replace(recording, use=not_held_out(model, recording))
@@ -41,7 +43,7 @@ def without(model: GravityModel, recording: Recording) -> Recording:
 
 @dataclass(frozen=True)
 class HeldOutError:
-    """A joint's RMSE in N·m of two models, and the standard deviation of its torque, N·m."""
+    """RMSE of two models and standard deviation of the torque of one joint, all in N·m."""
 
     rmse_before: float
     rmse_after: float
@@ -51,13 +53,13 @@ class HeldOutError:
 def errors(before: GravityModel, after: GravityModel,
            recording: Recording) -> dict[str, HeldOutError]:
     """
-    Return the errors of two models by joint, on what was held out of the fit of the first.
+    Return the errors of two models by joint, on the data held out of the fit of the first.
 
-    :raises DataError: if nothing of these recordings was held out.
+    :raises DataError: if no data of these recordings was held out.
     """
     use = within(recording.samples, held_out_blocks(before, recording.reports))
     if not use.any():
-        raise DataError('the model was fitted to all of these bags: nothing of them was held out')
+        raise DataError(NOTHING_HELD_OUT)
     gate = None if of_all_samples(before) else recording.gate
     part = replace(recording, use=use, gate=gate)
     old, new = (compare_model(model, part).joints for model in (before, after))
@@ -65,11 +67,11 @@ def errors(before: GravityModel, after: GravityModel,
             for name in old}
 
 
-def table(found: dict[str, HeldOutError]) -> ScreenTable:
-    """Return the errors on what was held out of the fit, before and after."""
+def table(errors: dict[str, HeldOutError]) -> ScreenTable:
+    """Return the table of errors on the held-out data, before and after."""
     rows = [(name, f'{e.rmse_before:.4f}', f'{e.rmse_after:.4f}',
              *(percent(rmse / e.torque_std if e.torque_std else None)
-               for rmse in (e.rmse_before, e.rmse_after))) for name, e in found.items()]
+               for rmse in (e.rmse_before, e.rmse_after))) for name, e in errors.items()]
     return terminal.table(
-        'error on what `fit --holdout` held out: N·m, and share of the standard deviation of the '
-        'torque', ['joint', 'before', 'after', 'before', 'after'], rows)
+        'error on the data held out by `fit --holdout`: N·m, and share of the standard deviation '
+        'of the torque', ['joint', 'before', 'after', 'before', 'after'], rows)

@@ -1,4 +1,4 @@
-"""`--html FILE`: what a verb found, as a page to keep."""
+"""`--html FILE`: report of a verb as one HTML file."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from gravity_comp_ros.report.contents import Contents
 
 
-def told(verb: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+def with_error_page(verb: Callable[[argparse.Namespace], int]
+                    ) -> Callable[[argparse.Namespace], int]:
     """
-    Return a verb that checks first that a page can be made; if it fails, the page says why too.
+    Wrap a verb: with --html, import Bokeh first, and write a page with the error if it fails.
 
-    It raises ImportError if Bokeh is not installed.
+    The wrapped verb raises ImportError if Bokeh is not installed.
     """
     @wraps(verb)
     def run(args: argparse.Namespace) -> int:
@@ -42,26 +43,26 @@ def told(verb: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namesp
 
 
 def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
-             comparison: Comparison, judged: str, reports: tuple[ReadReport, ...],
+             comparison: Comparison, compared: str, reports: tuple[ReadReport, ...],
              diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
              previous_name: str = '', shown: tuple[str, ...] = (),
              notes: tuple[str, ...] = (), next_command: str = '') -> Contents:
-    """Return what a report tells; `samples` are all that was read."""
+    """Return the contents of a report; `samples` are all samples of the recordings."""
     from gravity_comp_ros.report.arm import find_arm
     from gravity_comp_ros.report.contents import Contents, Origin
     samples = samples.joints(model.joints)
     origin = Origin(args.command, now(),
                     args.model.name if args.model else None, notes)
-    return Contents(samples, predict_torque(model, samples), model, comparison, judged, reports,
+    return Contents(samples, predict_torque(model, samples), model, comparison, compared, reports,
                     origin, diagnosis, previous or {}, previous_name, shown, next_command,
                     find_arm(args.bags, model.joints, args.urdf))
 
 
-def write(args: argparse.Namespace, found: Contents) -> None:
+def write(args: argparse.Namespace, contents: Contents) -> None:
     """
-    Write the report, the whole file or nothing.
+    Write the report, atomically.
 
     :raises GravityCompError: if it cannot be written.
     """
     from gravity_comp_ros.report.page import report_html
-    write_atomically(args.html, report_html(found).encode(), error=GravityCompError)
+    write_atomically(args.html, report_html(contents).encode(), error=GravityCompError)

@@ -1,4 +1,4 @@
-"""`info`: what is in a recording, and what cannot be judged from it."""
+"""`gravity_comp info`: joints, speeds and coverage of recordings, and their limitations."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ def run(args: argparse.Namespace) -> int:
     gate = gate_options(args)
     with progress() as report:
         recordings = read_each(args.bags, options, report)
-        found = [(each.report, describe(each.samples, gate)) for each in recordings]
-    # Bags of different robots in one call are a slip that a fit would stumble over.
+        facts = [(each.report, describe(each.samples, gate)) for each in recordings]
+    # Reports bags of different robots, which a fit would reject.
     concatenate(recording.samples for recording in recordings)
     if args.json:
         emit_json({'recordings': [{'path': str(recording.path), **recording.to_json(),
-                                   **fact.to_json()} for recording, fact in found]}, args.json)
+                                   **fact.to_json()} for recording, fact in facts]}, args.json)
         return 0
-    for recording_report, fact in found:
+    for recording_report, fact in facts:
         _show(recording_report, fact)
-    _show_next_step(args, found)
+    _show_next_step(args, facts)
     return 0
 
 
 def _show_next_step(args: argparse.Namespace,
-                    found: list[tuple[ReadReport, RecordingFacts]]) -> None:
-    """Show the fit that follows, with efforts turned round where friction says so."""
-    turned = {name for _, facts in found for name in facts.reversed_joints}
-    why = 'learn gravity from it' + ', with the sign of the effort turned' * bool(turned)
-    if sum(facts.kept for _, facts in found) < MIN_SLOW_SAMPLES:
-        why += '; little of it is slow, so `fit` takes fast samples as well'
-    if turned:
+                    recordings: list[tuple[ReadReport, RecordingFacts]]) -> None:
+    """Show the command of the fit, with inverted effort where friction has the wrong sign."""
+    inverted = {name for _, facts in recordings for name in facts.reversed_joints}
+    why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
+    if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
+        why += '; few samples are slow, so `fit` uses fast samples as well'
+    if inverted:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': [
-            _scales(found[0][0], TORQUE_UNITS[args.effort_unit], turned)]})
+            _scales(recordings[0][0], TORQUE_UNITS[args.effort_unit], inverted)]})
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_model()))
 
 
-def _scales(report: ReadReport, unit: float, turned: set[str]) -> dict[str, float]:
-    """Return --effort-scale by name as it was given, of the other sign for `turned` joints."""
-    names = list(dict.fromkeys([*report.effort_scale, *sorted(turned)]))
-    return {name: report.effort_scale.get(name, unit) / unit * (-1.0 if name in turned else 1.0)
+def _scales(report: ReadReport, unit: float, inverted: set[str]) -> dict[str, float]:
+    """Return --effort-scale by joint as given, with the opposite sign for `inverted` joints."""
+    names = list(dict.fromkeys([*report.effort_scale, *sorted(inverted)]))
+    return {name: report.effort_scale.get(name, unit) / unit * (-1.0 if name in inverted else 1.0)
             for name in names}
 
 

@@ -1,4 +1,4 @@
-"""The command that follows, whole: the user's own files, and what says how they are read."""
+"""Complete command lines of the next step, with the user's files and reading options."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from gravity_comp_ros.commands import terminal
 def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path] | None = None,
             model: Path | str | None = None) -> str:
     """
-    Return `gravity_comp VERB BAG... --model MODEL`, read as this call reads, ready to paste.
+    Return `gravity_comp VERB BAG... --model MODEL` with the reading options of this call.
 
-    :param more: further words, as they are.
-    :param bags: recordings; those of this call if not given.
-    :param model: the model, if the verb takes one; it says then which joints there are.
+    :param more: further arguments, unchanged.
+    :param bags: recordings; default: those of this call.
+    :param model: the model, if the verb takes one; it determines the joints, so --joints is
+        omitted.
     """
     words = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
     if model is not None:
@@ -26,18 +27,18 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
 
 
 def new_model() -> str:
-    """Return a name for a model that is no file yet."""
+    """Return an unused file name for a model."""
     return new_name('arm', 'json')
 
 
 def new_name(stem: str, ending: str) -> str:
-    """Return a name that is no file yet: `stem.ending`, or with a number from 2."""
+    """Return an unused file name: `stem.ending`, or with a number from 2."""
     names = [f'{stem}.{ending}', *(f'{stem}_{n}.{ending}' for n in range(2, 100))]
     return next((name for name in names if not Path(name).exists()), names[0])
 
 
 def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:
-    """Return the options of `arguments.add_reading` that were given; `joints` unless a model."""
+    """Return the given options of `arguments.add_reading`, --joints only if `joints` is set."""
     words = []
     if args.topic:
         words += ['--topic', args.topic]
@@ -55,7 +56,7 @@ def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:
 
 
 def show(text: str, *commands: str) -> None:
-    """Show what comes next: why, and the commands, each on a line of its own."""
+    """Show the next step: its purpose, and its commands, one per line."""
     terminal.show(f'[bold]next step[/bold]: {terminal.safe(text)}')
     for line in commands:
         terminal.show_command(line)

@@ -1,4 +1,4 @@
-"""Before any work: what a command writes is none of what it reads, and can be written."""
+"""Check of output files before any work: no output is an input, and all are writable."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gravity_comp_ros.errors import OptionError
 
-# Arguments by their name in the namespace, in every verb; a test finds those that are missing.
+# Arguments of all verbs by their name in the namespace; a test checks that none is missing.
 INPUTS = {'bags': 'a recording', 'bag': 'the recording', 'table': 'the table',
           'model': 'the model (--model)', 'previous': 'the earlier model (--previous)',
           'urdf': 'the robot description (--urdf)', 'arm': 'the robot description (--arm)',
@@ -21,7 +21,7 @@ OUTPUTS = {'output': '-o', 'json': '--json', 'html': '--html'}
 
 @dataclass(frozen=True)
 class _Named:
-    """A path, the argument that named it, and what that argument is for."""
+    """A path, its argument, and the meaning of the argument for messages."""
 
     argument: str
     meaning: str
@@ -30,10 +30,10 @@ class _Named:
 
 def check_outputs(args: argparse.Namespace) -> None:
     """
-    Refuse before a long run what could not be written after it, or would destroy an input.
+    Refuse outputs that are not writable or would overwrite an input.
 
-    Verbs that change a model in place set `rewrites_model`; those that make a folder for their
-    results set `output_is_folder`.
+    Verbs that change a model in place set `rewrites_model`; verbs that create an output folder
+    set `output_is_folder`.
 
     :raises OptionError: if an output is an input, or another output, or cannot be written.
     """
@@ -55,27 +55,27 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def _given(args: argparse.Namespace, meanings: dict[str, str]) -> list[_Named]:
-    found = []
+    named = []
     for argument, meaning in meanings.items():
         value = getattr(args, argument, None)
         for path in value if isinstance(value, list) else [value]:
             if path not in (None, '', '-'):
-                found.append(_Named(argument, meaning, Path(path)))
-    return found
+                named.append(_Named(argument, meaning, Path(path)))
+    return named
 
 
 def _check_pair(output: _Named, source: _Named) -> None:
     if _same(output.path, source.path):
-        raise OptionError(f'{output.meaning} {output.path} is also {source.meaning}: it would be '
+        raise OptionError(f'{output.meaning} {output.path} is also {source.meaning} and would be '
                           f'overwritten; name another file')
     inside = source.path.is_dir() and output.path.resolve().parent == source.path.resolve()
     if source.argument.startswith('bag') and inside:
-        raise OptionError(f'{output.meaning} {output.path} lies in the folder of the recording '
-                          f'itself; name a file elsewhere')
+        raise OptionError(f'{output.meaning} {output.path} is inside the folder of the '
+                          f'recording; name a file elsewhere')
 
 
 def _same(first: Path, second: Path) -> bool:
-    # Two names can be hard links to one file, or differ only in a letter's case.
+    # Two names can be hard links to one file, or differ only in case.
     if first.exists() and second.exists():
         return first.samefile(second)
     return first.resolve() == second.resolve()
@@ -89,6 +89,6 @@ def _check_writable(path: Path) -> None:
         raise OptionError(f'cannot write {path}: it is a folder')
     if not os.access(folder, os.W_OK):
         raise OptionError(f'cannot write {path}: permission denied in {folder}')
-    # Replacing a file needs no right to write it, so a read-only file must be asked for.
+    # Replacing a file requires no write permission on it, so check it explicitly.
     if path.exists() and not path.stat().st_mode & 0o222:
         raise OptionError(f'cannot write {path}: it is read-only')

@@ -1,4 +1,4 @@
-"""`gravity_comp plan`: the motion that settles what recordings leave open."""
+"""`gravity_comp plan`: plan a motion that resolves open findings."""
 
 from __future__ import annotations
 
@@ -21,28 +21,29 @@ import numpy as np
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan, write the motion, and show what to expect of it."""
+    """Plan, write the motion, and show its expected results."""
     model = load_model(args.model)
     args.joints = model.joints
     targets = _targets(args, model)
     if args.widen is not None and args.within == 'limits':
-        raise OptionError('--widen and --within limits exclude each other: give one of them')
+        raise OptionError('give --widen or --within limits, not both')
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         q = recording.samples.joints(model.joints).q
         options = _options(args, model, q)
         check, links = collision_check(args.urdf, model.joints, q)
-        found = plan(recording.samples, model, targets, options, progress=report, obstacles=check)
-    trajectory = found.trajectory
+        planned = plan(recording.samples, model, targets, options, progress=report,
+                       obstacles=check)
+    trajectory = planned.trajectory
     if args.effort:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
-    comments = [part.sentence for part in found.parts]
+    comments = [part.sentence for part in planned.parts]
     write_trajectory(args.output, trajectory, comments, args.goal)
     if args.json != '-':
-        _show(args, found, links)
-    terminal.warn(*found.notes, *_advice(found, options, model))
+        _show(args, planned, links)
+    terminal.warn(*planned.notes, *_advice(planned, options, model))
     if args.json:
-        terminal.emit_json({**found.to_json(), 'output': str(args.output), 'links': links,
+        terminal.emit_json({**planned.to_json(), 'output': str(args.output), 'links': links,
                             'links_checked': check is not None,
                             'bags': [r.to_json() for r in recording.reports]}, args.json)
     return 0
@@ -59,14 +60,14 @@ def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> Pl
     reach = args.reach
     if args.within == 'limits':
         if args.urdf is None:
-            raise OptionError('--within limits needs the limits: --urdf FILE')
+            raise OptionError('--within limits requires --urdf FILE')
         low, high = _described(args, model)
         reach = float('inf')
     elif args.widen is not None:
         low, high = q.min(axis=0) - args.widen, q.max(axis=0) + args.widen
         if args.urdf is not None:
             ends = _described(args, model)
-            # The arm was at its recorded poses, whatever the description says.
+            # Recorded poses are always allowed, also outside the limits of the description.
             low = np.minimum(np.maximum(low, ends[0]), q.min(axis=0))
             high = np.maximum(np.minimum(high, ends[1]), q.max(axis=0))
         reach = float('inf')
@@ -76,49 +77,49 @@ def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> Pl
 
 
 def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArray, FloatArray]:
-    """Return the position limits of the description, with a margin of 2 % at either end."""
+    """Return the position limits of the description, reduced by 2 % of the range at each end."""
     from gravity_comp_ros.description.robot_tree import position_limits
     from gravity_comp_ros.description.urdf import read_text
     low, high = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
-    # A planned motion should not end at a stop.
+    # Keep the planned motion away from end stops.
     return low + 0.02 * (high - low), high - 0.02 * (high - low)
 
 
-def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
-    length = f'{found.trajectory.duration:.1f} s'
-    terminal.show(f'[bold]{counted(len(found.parts), "part")}, {length}[/bold]')
-    for part in found.parts:
+def _show(args: argparse.Namespace, planned: Plan, links: str) -> None:
+    length = f'{planned.trajectory.duration:.1f} s'
+    terminal.show(f'[bold]{counted(len(planned.parts), "part")}, {length}[/bold]')
+    for part in planned.parts:
         terminal.show(f'  {terminal.safe(part.sentence)}')
-    rows = [list(results.expected_row(each)) for each in found.expectations]
-    terminal.show('', terminal.table('what to expect', results.EXPECTED, rows,
+    rows = [list(results.expected_row(each)) for each in planned.expectations]
+    terminal.show('', terminal.table('expected results', results.EXPECTED, rows,
                                      results.EXPECTED[3:]))
-    terminal.show(*(f'  {terminal.safe(each.sentence)}' for each in found.gravity))
-    start = ', '.join(f'{value:.3f}' for value in found.trajectory.q[0])
-    terminal.show('', terminal.safe(f'bring the arm to {start} rad first'),
+    terminal.show(*(f'  {terminal.safe(each.sentence)}' for each in planned.gravity))
+    start = ', '.join(f'{value:.3f}' for value in planned.trajectory.q[0])
+    terminal.show('', terminal.safe(f'move the arm to {start} rad first'),
                   terminal.safe(links),
-                  'obstacles are not known here: keep the space around the arm clear',
+                  'obstacles are not checked: keep the space around the arm clear',
                   terminal.safe(f'written to {args.output}'))
-    # The recording of the motion has no name yet.
+    # Suggest a name for the recording of the motion.
     bags = [*args.bags, Path(args.output).with_suffix('.mcap')]
     if bags[-1] == args.output:
         bags[-1] = bags[-1].with_stem(f'{bags[-1].stem}_played')
-    next_step.show(f'play it on the arm (`gravity_comp plan --help` shows how), record it as '
-                   f'{bags[-1]}, and diagnose all together',
+    next_step.show(f'play the motion on the arm (see `gravity_comp plan --help`), record it as '
+                   f'{bags[-1]}, and diagnose all recordings together',
                    next_step.command('diagnose', args, *_expected(args), bags=bags,
                                      model=args.model))
 
 
-def _advice(found: Plan, options: PlanOptions, model: GravityModel) -> list[str]:
-    """Return how to settle what the motion does not settle."""
-    names = ', '.join(each.target.name for each in found.expectations if not each.is_likely)
+def _advice(planned: Plan, options: PlanOptions, model: GravityModel) -> list[str]:
+    """Return options that may resolve effects the planned motion does not resolve."""
+    names = ', '.join(each.target.name for each in planned.expectations if not each.is_likely)
     lines = []
     if names and not options.goes_beyond:
-        lines.append(f'poses farther from the recorded ones may settle {names}: --widen 0.7 lets '
-                     f'every joint leave its recorded range by 0.7 rad, --within limits --urdf '
-                     f'FILE takes the limits of a description')
+        lines.append(f'poses farther from the recorded ones may resolve {names}: --widen 0.7 '
+                     f'extends the recorded range of every joint by 0.7 rad, --within limits '
+                     f'--urdf FILE uses the limits of a description')
     if names and model.geometry is None:
-        lines.append(f'gravity on known axes imitates less, which may settle {names} as well: '
-                     f'`gravity_comp fit --urdf FILE`, then plan with that model')
+        lines.append(f'a gravity model with known axes is collinear with fewer effects, which may '
+                     f'resolve {names}: `gravity_comp fit --urdf FILE`, then plan with that model')
     return lines
 
 

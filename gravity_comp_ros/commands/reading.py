@@ -1,4 +1,4 @@
-"""Recordings named on the command line, and lines that say what was read."""
+"""Reading of the recordings on the command line, and the lines shown about them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from gravity_comp_ros.recordings.bag import ReadReport
 def load(args: argparse.Namespace, report: ProgressCallback,
          is_gated: bool = True) -> Recording:
     """
-    Return what `args.bags` hold, gated as the arguments ask.
+    Return the recording of `args.bags`.
 
-    :param is_gated: False for verbs that choose among all samples themselves.
+    :param is_gated: whether to apply the gate of the arguments; False for verbs that select
+        samples themselves.
     :raises BagError: if a bag cannot be read.
     :raises ModelMismatchError: if two bags are of different robots.
     """
@@ -33,68 +34,68 @@ def load(args: argparse.Namespace, report: ProgressCallback,
 def load_enough(args: argparse.Namespace, report: ProgressCallback,
                 only_slow: bool) -> Recording:
     """
-    Return a recording to fit, ungated if too little of it is slow.
+    Return a recording to fit, ungated if it has too few slow samples.
 
-    :param only_slow: whether nothing but the slow samples is needed if they suffice.
+    :param only_slow: whether to return only the slow samples if they suffice.
     :raises BagError: if a bag cannot be read.
     :raises ModelMismatchError: if two bags are of different robots.
     """
     if only_slow:
         with suppress(DataError):
             slow = read_slow(args.bags, read_options(args), gate(args), report)
-            # Slow samples that start and stop quickly need what lies between them.
+            # Motion with quick starts and stops also requires the samples in between.
             if slow.samples.n_samples >= MIN_SLOW_SAMPLES and not excites_inertia(slow.samples):
                 return slow
     return with_enough_motion(load(args, report))
 
 
 def lines(recording: Recording) -> list[str]:
-    """Return plain lines on what was read and gated; they may hold text from the bags."""
+    """Return plain lines on the bags and the gate; they may contain text from the bags."""
     return [*bag_lines(recording.reports), recording.gated.sentence()]
 
 
 def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
-    """Return plain lines on what was read; they may hold text from the bags."""
-    found = []
+    """Return plain lines on the bags; they may contain text from the bags."""
+    result = []
     for report in reports:
-        found.append(
+        result.append(
             f'{report.path.name}: {report.topic}, {counted(report.n_samples, "sample")} at '
             f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
             f'velocity {report.velocity}')
-        found += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
-                  for reason, count in report.dropped.items() if count]
-        found += [f'  {note}' for note in report.notes]
-    return found
+        result += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
+                   for reason, count in report.dropped.items() if count]
+        result += [f'  {note}' for note in report.notes]
+    return result
 
 
 def fitted_names(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
-    """Return the names of the recordings here that the model was fitted to."""
+    """Return the names of those recordings that the model was fitted to."""
     known = {bag['sha256'] for bag in model.provenance.get('bags', ())} if model else set()
     return [report.path.name for report in reports if report.sha256 in known]
 
 
 def fitted_lines(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
-    """Return a plain line on which recordings the model was fitted to."""
+    """Return a plain line on fitted and new recordings."""
     if model is None:
-        return ['no --model: judged beside a gravity model that is fitted on the spot']
+        return ['no --model: gravity is fitted jointly with the effects']
     old = fitted_names(model, reports)
     new = [report.path.name for report in reports if report.path.name not in old]
-    parts = [f'was fitted to {", ".join(old)}'] if old else []
-    parts += [f'has not seen {", ".join(new)}'] if new else []
-    return [f'the model {" and ".join(parts)}; errors are of blocks left out in turn, so both '
-            'kinds of recording serve']
+    parts = [f'fitted to {", ".join(old)}'] if old else []
+    parts += [f'not fitted to {", ".join(new)}'] if new else []
+    return [f'the model was {" and ".join(parts)}; errors are cross-validated, so fitted '
+            'recordings are valid as well']
 
 
 def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[str]:
-    """Return a line if efforts are read with other scales than the model was fitted with."""
+    """Return a warning if the effort scales differ from those of the fit."""
     fitted: dict[str, float] = {}
     for bag in model.provenance.get('bags', ()):
-        if 'effort_scale' in bag:  # which files of earlier releases do not say
+        if 'effort_scale' in bag:  # not in files of earlier releases
             fitted.update({joint: bag['effort_scale'].get(joint, 1.0) for joint in model.joints})
     differ = sorted({joint for report in reports for joint, scale in fitted.items()
                      if report.effort_scale.get(joint, 1.0) != scale}, key=model.joints.index)
     if not differ:
         return []
-    wanted = ','.join(f'{joint}={fitted[joint]:g}' for joint in differ)
-    return [f'the model was fitted with another scale of the effort of {", ".join(differ)}: '
-            f'unless the driver has changed, read with --effort-scale {wanted}']
+    scales = ','.join(f'{joint}={fitted[joint]:g}' for joint in differ)
+    return [f'the model was fitted with another effort scale of {", ".join(differ)}: '
+            f'unless the driver has changed, use --effort-scale {scales}']

@@ -1,4 +1,4 @@
-"""What `add` and `fit --effects` say of a refit with effects."""
+"""Output of `add` and `fit --effects` for a joint refit of gravity and effects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gravity_comp_ros.printable import counted
 
 def speeds(args: argparse.Namespace) -> RefitOptions:
     """
-    Return which samples --all-samples and --max-speed let a refit use.
+    Return the refit options of --all-samples and --max-speed.
 
     :raises OptionError: if both are given.
     """
@@ -34,9 +34,9 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
 
 def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
     """
-    Return the model before its last change, and write it unless this is a dry run.
+    Return the model before its last change; write it unless this is a dry run.
 
-    :raises OptionError: if nothing has changed it.
+    :raises OptionError: if the model has no change to undo.
     """
     try:
         back = undone(model, now())
@@ -49,12 +49,13 @@ def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Gravity
 
 def fitted_sentence(result: Refit) -> str:
     """Return how many samples were fitted."""
-    speeds = '' if result.all_speeds else ', the slow ones; --all-samples takes fast ones too'
-    return f'gravity and effects are fitted to {counted(result.n_samples, "sample")}{speeds}'
+    kind = '' if result.all_speeds else 'slow '
+    hint = '' if result.all_speeds else ' (--all-samples includes fast samples)'
+    return f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}'
 
 
 def error_table(result: Refit) -> ScreenTable:
-    """Return the held-out errors by joint, before and after."""
+    """Return the table of held-out errors by joint, before and after."""
     rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
              percent(e.nrmse_after), change(e.before, e.after))
             for name, e in result.errors.items()]
@@ -63,24 +64,24 @@ def error_table(result: Refit) -> ScreenTable:
 
 
 def effect_lines(result: Refit) -> list[str]:
-    """Return lines of markup on what was added, left out, and left as it was."""
+    """Return lines of markup on added, omitted and unchanged effects."""
     lines = [f'added [bold]{terminal.safe(effect.target)}[/bold]: '
              f'{terminal.safe(numbers(effect))}'
              for effect in result.model.applied.effects if effect.target in result.added]
-    lines += [terminal.safe(f'left out {name}: {why}') for name, why in result.skipped.items()]
-    return lines + [terminal.safe(f'{name} stays as it was: this recording does not show it')
+    lines += [terminal.safe(f'omitted {name}: {why}') for name, why in result.skipped.items()]
+    return lines + [terminal.safe(f'{name} is unchanged: not identifiable from this recording')
                     for name in result.kept]
 
 
 def numbers(effect: AppliedEffect) -> str:
-    """Return an applied effect's coefficients and setting in one line."""
+    """Return an applied effect's coefficients and nonlinear parameters in one line."""
     return ', '.join([*effect_numbers(effect), *(
         f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
 
 
 def warnings(result: Refit) -> list[str]:
-    """Return what a user should think twice about, and the command that takes it back."""
+    """Return warnings on a refit, with the command that undoes it."""
     lines = result.warnings()
     if not result.helps:
-        lines[-1] += '; `gravity_comp add --undo` takes it back'
+        lines[-1] += '; `gravity_comp add --undo` removes the addition'
     return lines

@@ -1,4 +1,4 @@
-"""`replay`: measured, predicted and residual torque side by side, to plot."""
+"""`gravity_comp replay`: write measured, predicted and residual torque as topics."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RESIDUAL = '/gravity_comp/residual'
 def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     options = read_options(args)
-    # A gripper in the bag is no concern of a model of the arm.
+    # The bag may contain other joints, such as a gripper.
     recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
     samples = recording.samples.joints(model.joints)
     predicted = predict_torque(model, samples)
@@ -40,17 +40,16 @@ def run(args: argparse.Namespace) -> int:
               for joint, column in zip(samples.names, residual.T)]
     if args.json:
         emit_json({'output': str(args.output), 'n': len(samples),
-                   'joints': {joint: {'rms': rms, 'max_abs': most} for joint, rms, most in errors},
+                   'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
                    'outside_trained_range': outside, 'notes': recording.report.notes}, args.json)
         return 0
     for line in recording.report.notes:
         note(line)
     show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
-               [(joint, f'{rms:.3f}', f'{most:.3f}') for joint, rms, most in errors]))
+               [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]))
     show(f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
          f'{PREDICTION} and {RESIDUAL}')
-    show('open it in PlotJuggler or Foxglove; config/layouts has layouts for both')
+    show('open the file in PlotJuggler or Foxglove; config/layouts has layouts for both')
     if outside > 0:
-        warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
-             f'trained on')
+        warn(f'{100 * outside:.0f} % of the samples are outside the trained range of the model')
     return 0

@@ -1,4 +1,4 @@
-"""Tables that fit on the screen: no name is cut, no number loses a digit, at any width."""
+"""Tables for screens of any width, without truncated names or numbers."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-# Text that may be folded is given at least this much room, characters.
-_LEAST_TEXT = 16
-# With more parts than this, lines of `column: value` are easier to read.
-_MOST_PARTS = 3
+# Minimum width of a column of folded text, in characters.
+_MIN_TEXT_WIDTH = 16
+# Maximum number of side-by-side splits; beyond it, rows become lines of `column: value`.
+_MAX_PARTS = 3
 _GAP, _TIGHT_GAP = 3, 1
-# What a line is not broken within: a word, or a number with its unit.
+# Unbreakable parts of a line: a word, or a number with its unit.
 _WORD = re.compile(r'\S+(?: (?:N·m(?:/\S+)?|rad/s|rad|Hz|kg|mm|ms|s|%|°)(?![^\s,;:.)]))?')
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A heading and its cells; `text` is aligned left, `folds` if it may go on further lines."""
+    """A heading and its cells; `text` columns are aligned left, `folds` allows line breaks."""
 
     heading: str
     cells: tuple[Text, ...]
     text: bool
     folds: bool
 
-    def least(self, one_line: bool) -> int:
-        """Return the characters it needs, its heading on one line or a word to a line."""
+    def min_width(self, one_line: bool) -> int:
+        """Return the minimum width in characters, with the heading on one line or broken."""
         words = self.heading.splitlines() if one_line else self.heading.split()
         widest = max((cell_len(cell.plain) for cell in self.cells), default=0)
         if self.folds and not one_line:
-            widest = min(widest, _LEAST_TEXT)
+            widest = min(widest, _MIN_TEXT_WIDTH)
         return max(widest, *(cell_len(word) for word in words))
 
     def heading_lines(self, width: int) -> str:
@@ -48,14 +48,13 @@ class _Column:
 @dataclass(frozen=True)
 class ScreenTable:
     """
-    A table; the first `keys` columns say what a row is about.
+    A table; the first `keys` columns identify a row.
 
-    Where the screen is too narrow for it, headings go on two lines, then columns move closer,
-    then the table goes on in a second one with the same keys, then each row becomes lines of
-    its own.
+    On a narrow screen, headings are broken first, then columns move closer, then the table is
+    split into several with the same keys, then each cell becomes a line.
 
-    :param left: further columns that hold text; the others hold numbers.
-    :param folds: columns whose text may go on further lines.
+    :param left: text columns in addition to the first; the others are numbers.
+    :param folds: columns whose text may be broken into lines.
     """
 
     title: str
@@ -66,67 +65,66 @@ class ScreenTable:
     keys: int = 1
 
     def natural_width(self) -> int:
-        """Return the width at which nothing is folded."""
-        return _needed(self._columns(), one_line=True, gap=_GAP)
+        """Return the width without any line breaks."""
+        return _width(self._columns(), one_line=True, gap=_GAP)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         columns, width = self._columns(), options.max_width
         for one_line, gap in ((True, _GAP), (False, _GAP), (False, _TIGHT_GAP)):
-            if _needed(columns, one_line, gap) <= width:
-                yield self._made(columns, one_line, gap, self.title)
+            if _width(columns, one_line, gap) <= width:
+                yield self._table(columns, one_line, gap, self.title)
                 return
         parts = list(_parts(columns, self.keys, width))
-        if len(parts) > _MOST_PARTS or any(_needed(p, False, _GAP) > width for p in parts):
+        if len(parts) > _MAX_PARTS or any(_width(p, False, _GAP) > width for p in parts):
             yield from self._lines(columns, width)
             return
         for number, part in enumerate(parts):
-            yield self._made(part, False, _GAP, self.title if number == 0 else '')
+            yield self._table(part, False, _GAP, self.title if number == 0 else '')
 
     def _columns(self) -> list[_Column]:
         return [_Column(heading, tuple(row[k] for row in self.rows),
                         k == 0 or heading in self.left, heading in self.folds)
                 for k, heading in enumerate(self.headings)]
 
-    def _made(self, columns: Sequence[_Column], one_line: bool, gap: int, title: str
-              ) -> Table:
-        table = Table(title=Text(title), title_justify='left', box=box.SIMPLE_HEAD,
-                      title_style='bold', pad_edge=False, padding=(0, 1 if gap == _GAP else 0))
-        if not title:
-            table.title = None
+    def _table(self, columns: Sequence[_Column], one_line: bool, gap: int, title: str
+               ) -> Table:
+        table = Table(title=Text(title) if title else None, title_justify='left',
+                      box=box.SIMPLE_HEAD, title_style='bold', pad_edge=False,
+                      padding=(0, 1 if gap == _GAP else 0))
         for column in columns:
-            # Only columns that fold shrink; the room for it has been reckoned.
-            least = column.least(one_line=False)
-            heading = column.heading_lines(column.least(one_line))
+            # Only columns with line breaks shrink.
+            heading = column.heading_lines(column.min_width(one_line))
             table.add_column(Text(heading), justify='left' if column.text else 'right',
-                             no_wrap=not column.folds, overflow='fold', min_width=least)
+                             no_wrap=not column.folds, overflow='fold',
+                             min_width=column.min_width(one_line=False))
         for cells in zip(*(column.cells for column in columns)):
             table.add_row(*cells)
         return table
 
     def _lines(self, columns: Sequence[_Column], width: int) -> Iterator[Text]:
-        """Yield each row as lines of its own, keys first."""
+        """Yield each row as several lines, keys first."""
         if self.title:
             yield Text(self.title, style='bold')
-        room = max(cell_len(column.heading) for column in columns) + 3
+        name_width = max(cell_len(column.heading) for column in columns) + 3
         for row in self.rows:
             keys = Text('  ').join(row[:self.keys])
             keys.stylize('bold')
             yield _folding(keys)
             for column, cell in zip(columns[self.keys:], row[self.keys:]):
-                name = Text(f'  {column.heading}'.ljust(room))
-                short = room + cell_len(cell.plain) <= width
+                name = Text(f'  {column.heading}'.ljust(name_width))
+                short = name_width + cell_len(cell.plain) <= width
                 yield _folding(name + cell if short else Text(f'  {column.heading}  ') + cell)
 
 
-def _needed(columns: Sequence[_Column], one_line: bool, gap: int) -> int:
-    return sum(column.least(one_line) for column in columns) + gap * len(columns)
+def _width(columns: Sequence[_Column], one_line: bool, gap: int) -> int:
+    return sum(column.min_width(one_line) for column in columns) + gap * len(columns)
 
 
 def _parts(columns: list[_Column], keys: int, width: int) -> Iterator[list[_Column]]:
-    """Yield groups of columns that fit side by side, each after the keys."""
+    """Yield groups of columns that fit into the width, each with the keys."""
     head, part = columns[:keys], list[_Column]()
     for column in columns[keys:]:
-        if part and _needed([*head, *part, column], False, _GAP) > width:
+        if part and _width([*head, *part, column], False, _GAP) > width:
             yield [*head, *part]
             part = []
         part.append(column)
@@ -139,7 +137,7 @@ def _folding(text: Text) -> Text:
 
 
 def wrapped(line: Text, width: int, indent: int = 4) -> list[Text]:
-    """Return a line broken between words, what follows indented further; no word is cut."""
+    """Return a line broken between words, with continuation lines indented further."""
     lead = len(line.plain) - len(line.plain.lstrip())
     if cell_len(line.plain) <= width or width - lead < 4 * indent:
         return [line]

@@ -1,4 +1,4 @@
-"""`synth`: record a simulated arm."""
+"""`gravity_comp synth`: record a simulated arm."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ _FILE_RATE = 50.0
 # Length in s and rate in Hz.
 _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5),
              'multisine': (100.0, 50.0)}
-_MOST_SAMPLES = 1e6
+_MAX_SAMPLES = 1e6
 
 
 def run(args: argparse.Namespace) -> int:
     arm = _arm(args)
     motion = _motion(args, arm)
-    found = [hidden(text, arm) for text in args.hidden]
-    samples = synthesise(arm, motion, _synthesis(args, found))
+    hidden_effects = [hidden(text, arm) for text in args.hidden]
+    samples = synthesise(arm, motion, _synthesis(args, hidden_effects))
     origin = {'arm': arm.name, 'command': args.command,
-              'hidden': [effect.to_json() for effect in found]}
+              'hidden': [effect.to_json() for effect in hidden_effects]}
     write_bag(args.output, [joint_states(samples, args.topic)],
               WriteOptions(metadata={'gravity_comp_synth': origin}))
-    notes = _limits_passed(arm, samples)
+    notes = _limit_violations(arm, samples)
     if args.json:
         emit_json({'output': str(args.output), 'joints': samples.names,
                    'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
@@ -44,14 +44,14 @@ def run(args: argparse.Namespace) -> int:
                    'hidden': args.hidden, 'notes': notes, 'hidden_sizes': origin['hidden']},
                   args.json)
         return 0
-    length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
-    what = f' with {args.payload:g} kg' if args.payload else ''
-    show(f'wrote {safe(args.output)}: {safe(arm.name)}{what} on {motion.name}, {length}, '
+    size = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
+    payload = f' with {args.payload:g} kg' if args.payload else ''
+    show(f'wrote {safe(args.output)}: {safe(arm.name)}{payload}, motion {motion.name}, {size}, '
          f'{samples.t[-1] - samples.t[0]:.4g} s')
-    for effect in found:
+    for effect in hidden_effects:
         show(f'hidden: {safe(effect)}')
     warn(*notes)
-    next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
+    next_step.show('check the recording', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 
 
@@ -72,9 +72,9 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
     if Path(args.motion).suffix in FILES:
-        return _played(args, arm)
+        return _motion_from_file(args, arm)
     if args.max_speed is not None and args.motion != 'multisine':
-        raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
+        raise OptionError(f'--max-speed applies to multisine only, not to {args.motion}')
     default_duration, default_rate = _DEFAULTS[args.motion]
     rate = args.rate or default_rate
     duration = args.samples / rate if args.samples else args.duration or default_duration
@@ -91,53 +91,52 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
 
 
 def _check_size(duration: float, rate: float) -> None:
-    if duration * rate > _MOST_SAMPLES:
-        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
-                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
-                          f'--rate')
+    if duration * rate > _MAX_SAMPLES:
+        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; the '
+                          f'maximum is {_MAX_SAMPLES:.0e}: shorten --duration or lower --rate')
 
 
-def _played(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
-    """Return the motion in a file, from its beginning to its end."""
+def _motion_from_file(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
+    """Return the motion of a trajectory file."""
     from gravity_comp_ros.recordings.trajectory_files import read_trajectory
     if args.max_speed is not None or args.start:
-        raise OptionError('--max-speed and --start are not for a motion from a file')
-    found = read_trajectory(Path(args.motion))
-    if sorted(found.joints) != sorted(arm.joints):
-        raise OptionError(f'{args.motion} moves {", ".join(found.joints)}, but the joints of '
+        raise OptionError('--max-speed and --start do not apply to a motion from a file')
+    trajectory = read_trajectory(Path(args.motion))
+    if sorted(trajectory.joints) != sorted(arm.joints):
+        raise OptionError(f'{args.motion} moves {", ".join(trajectory.joints)}, but the joints of '
                           f'{arm.name} are {", ".join(arm.joints)}')
-    order = [found.joints.index(joint) for joint in arm.joints]
+    order = [trajectory.joints.index(joint) for joint in arm.joints]
 
     def path(t: motions.FloatArray
              ) -> tuple[motions.FloatArray, motions.FloatArray, motions.FloatArray]:
-        q, qd, qdd = found.at(t + found.t[0])
+        q, qd, qdd = trajectory.at(t + trajectory.t[0])
         return q[:, order], qd[:, order], qdd[:, order]
 
     rate = args.rate or _FILE_RATE
-    duration = args.samples / rate if args.samples else args.duration or found.duration
+    duration = args.samples / rate if args.samples else args.duration or trajectory.duration
     _check_size(duration, rate)
     return motions.sample(Path(args.motion).name, path, duration, rate)
 
 
-def _synthesis(args: argparse.Namespace, found: list[Hidden]) -> SynthesisOptions:
+def _synthesis(args: argparse.Namespace, hidden_effects: list[Hidden]) -> SynthesisOptions:
     if args.hidden and args.static:
-        raise OptionError('--hidden shows on a moving arm; leave --static away')
+        raise OptionError('--hidden requires a moving arm: omit --static')
     payload = None
     if args.payload is not None:
         com = tuple(args.payload_com or (0.0, 0.0, 0.1))
         payload = arms.Payload(args.payload, com)
     elif args.payload_com is not None:
-        raise OptionError('--payload-com needs --payload')
+        raise OptionError('--payload-com requires --payload')
     noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
     at = None if args.payload_at is None else args.start + args.payload_at
-    disturbances = tuple(effect.disturbance for effect in found)
+    disturbances = tuple(effect.disturbance for effect in hidden_effects)
     return SynthesisOptions(noise, args.seed, args.static, payload, at, disturbances)
 
 
-def _limits_passed(arm: arms.Arm, samples: JointSamples) -> list[str]:
+def _limit_violations(arm: arms.Arm, samples: JointSamples) -> list[str]:
     notes = []
     over = np.maximum(samples.q.max(axis=0) - arm.upper, arm.lower - samples.q.min(axis=0))
     for joint, excess in zip(arm.joints, over):
         if excess > 1e-9:
-            notes.append(f'joint {joint} passes its limit by {excess:.3f} rad')
+            notes.append(f'joint {joint} exceeds its limit by {excess:.3f} rad')
     return notes

@@ -1,8 +1,8 @@
 """
-What the commands show: tables and notes on standard output, progress on standard error.
+Terminal output of the commands: tables and notes on standard output, progress on standard error.
 
-Text that may come from a file goes through `safe`, so that neither rich's markup nor the
-terminal's own escapes in it are obeyed.
+Text that may come from a file is passed through `safe`, which escapes rich markup and terminal
+control sequences.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
 
-# Of the JSON that the verbs print (docs/json.md).
+# Version of the JSON documents of the verbs (docs/json.md).
 SCHEMA = 1
 _WIDTH_WITHOUT_SCREEN = 110
-# Work is long from here on, in seconds.
-_LONG = 2.0
+# Delay before progress lines are printed to a log, in s.
+_PROGRESS_DELAY = 2.0
 
 
 def safe(text: object) -> str:
@@ -43,16 +43,15 @@ def safe(text: object) -> str:
 
 
 def console(stderr: bool = False) -> Console:
-    """Return a console on today's standard output (or error), wide enough off-screen."""
-    made = Console(stderr=stderr, highlight=False, emoji=False)
-    if not _has_width(made):
-        made = Console(stderr=stderr, highlight=False, emoji=False,
-                       width=_WIDTH_WITHOUT_SCREEN)
-    return made
+    """Return a console on the current standard output (or error); 110 columns off-screen."""
+    out = Console(stderr=stderr, highlight=False, emoji=False)
+    if not _has_width(out):
+        out.width = _WIDTH_WITHOUT_SCREEN
+    return out
 
 
 def _has_width(out: Console) -> bool:
-    """Return whether there is a screen, or the user says how wide a line may be."""
+    """Return whether there is a screen, or COLUMNS sets the line width."""
     return out.is_terminal or 'COLUMNS' in os.environ
 
 
@@ -60,13 +59,13 @@ def show(*things: Any) -> None:
     """
     Print tables or lines of markup on standard output; escape file text with `safe`.
 
-    On a screen, long lines are broken between words. Elsewhere they stay lines.
+    On a screen, long lines are broken between words. Elsewhere they are not broken.
     """
     out = console()
     for thing in things:
         if not isinstance(thing, str):
             if isinstance(thing, ScreenTable) and not _has_width(out):
-                # A program that reads a table wants one row on one line.
+                # Programs that parse a table expect one row per line.
                 out.width = max(out.width, thing.natural_width())
             out.print(thing)
             continue
@@ -76,22 +75,22 @@ def show(*things: Any) -> None:
 
 
 def say(*lines: str) -> None:
-    """Print plain lines on standard output; nothing in them is markup."""
+    """Print plain lines without markup on standard output."""
     show(*map(safe, lines))
 
 
 def show_command(command: str) -> None:
-    """Print a command to be copied: unbroken, whatever the width; nothing in it is markup."""
+    """Print a command to copy, on one unbroken line without markup."""
     console().print(Text(f'  {printable(command)}'), soft_wrap=True)
 
 
 def note(text: str) -> None:
-    """Print one plain line on standard error; nothing in it is markup."""
+    """Print one plain line without markup on standard error."""
     print(printable(text), file=sys.stderr, flush=True)
 
 
 def warn(*lines: str) -> None:
-    """Print warnings on standard error; nothing in them is markup."""
+    """Print warnings without markup on standard error."""
     for line in lines:
         console(stderr=True).print(f'[yellow]warning:[/yellow] {safe(line)}', soft_wrap=True)
 
@@ -100,13 +99,11 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
           left: Sequence[str] = (), folds: Sequence[str] | None = None,
           keys: int = 1) -> ScreenTable:
     """
-    Return a table that fits on any screen; see `ScreenTable`.
+    Return a `ScreenTable`; cells other than `Text` are shown as plain printable text.
 
-    Every cell is shown as it is, in printable characters, unless it is a `Text`.
-
-    :param left: columns of text beside the first; the rest are numbers.
-    :param folds: columns whose text may go on further lines; those in `left` if not given.
-    :param keys: how many columns say what a row is about.
+    :param left: text columns in addition to the first; the others are numbers.
+    :param folds: columns whose text may be broken into lines; default: those in `left`.
+    :param keys: number of leading columns that identify a row.
     """
     shown = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
@@ -118,8 +115,8 @@ def progress() -> Iterator[ProgressCallback]:
     """
     Yield `report(stage, fraction)`, which shows progress on standard error.
 
-    On a screen it is a bar. Elsewhere (a log) it is a line for each stage, once the work has
-    taken `_LONG` seconds: what is done or fails at once needs no progress.
+    On a screen it is a bar. Elsewhere (a log) it is a line for each stage, after the first
+    `_PROGRESS_DELAY` seconds.
     """
     err = console(stderr=True)
     if err.is_terminal:
@@ -131,7 +128,7 @@ def progress() -> Iterator[ProgressCallback]:
                 bar.update(task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
             yield report
     else:
-        lines = _StageLines(_LONG)
+        lines = _StageLines(_PROGRESS_DELAY)
         try:
             yield lines
         finally:
@@ -139,15 +136,15 @@ def progress() -> Iterator[ProgressCallback]:
 
 
 class _StageLines:
-    """Progress for a log: after `patience` seconds the stage of now, then each new one."""
+    """Progress for a log: the current stage after `delay` seconds, then each new stage."""
 
-    def __init__(self, patience: float) -> None:
+    def __init__(self, delay: float) -> None:
         self._stage: str | None = None
         self._shown: str | None = None
-        self._patient = True
+        self._silent = True
         self._lock = threading.Lock()
-        # A stage may last long without a word, so waiting for its next report is not enough.
-        self._timer = threading.Timer(patience, self._lose_patience)
+        # A timer, because a long stage may not report again.
+        self._timer = threading.Timer(delay, self._end_silence)
         self._timer.daemon = True
         self._timer.start()
 
@@ -157,28 +154,28 @@ class _StageLines:
             self._show()
 
     def close(self) -> None:
-        """Show nothing more."""
+        """End the output."""
         self._timer.cancel()
         with self._lock:
             self._stage = None
 
-    def _lose_patience(self) -> None:
+    def _end_silence(self) -> None:
         with self._lock:
-            self._patient = False
+            self._silent = False
             self._show()
 
     def _show(self) -> None:
-        if not self._patient and self._stage != self._shown and self._stage is not None:
+        if not self._silent and self._stage != self._shown and self._stage is not None:
             self._shown = self._stage
             note(f'... {self._stage}')
 
 
 def emit_json(value: Mapping[str, Any], target: str) -> None:
     """
-    Write `value` as JSON to the file `target` (old or new, never half), or to standard output.
+    Write `value` as JSON to the file `target` (atomically), or to standard output.
 
-    Numbers that JSON cannot say (NaN, infinity) become null. `schema` comes first: docs/json.md
-    describes its keys, and it counts up whenever one is removed or changes its meaning.
+    NaN and infinity become null. The first key is `schema`, the version of the document
+    (docs/json.md); it increases when a key is removed or changes its meaning.
 
     :param target: a path, or '-' for standard output.
     """
@@ -192,7 +189,7 @@ def emit_json(value: Mapping[str, Any], target: str) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return `value` in JSON's own types; NumPy's scalars and arrays are unpacked."""
+    """Return `value` in JSON types, with NumPy scalars and arrays converted."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

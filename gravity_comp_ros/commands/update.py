@@ -1,4 +1,4 @@
-"""`gravity_comp update`: what a new payload changed, from seconds of motion."""
+"""`gravity_comp update`: update a model after a payload change, from seconds of motion."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def run(args: argparse.Namespace) -> int:
 def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     last = next((s for s in reversed(model.history) if s.previous is not None), None)
     if last is not None and last.action != UPDATED:
-        raise OptionError(f'the last change of {args.model} is no update: '
-                          f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
+        raise OptionError(f'the last change of {args.model} is not an update but the addition of '
+                          f'{", ".join(last.effects)} (`gravity_comp add --undo`)')
     refitting.undo(args, model, target)
     if args.json != '-':
-        done = 'would be as it was' if args.dry_run else 'is as it was'
-        terminal.say(f'{target} {done} before the last update')
+        undone = 'would be undone' if args.dry_run else 'undone'
+        terminal.say(f'last update of {target} {undone}')
     if args.json:
         terminal.emit_json({'model': str(target), 'undone': UPDATED,
                             'written': not args.dry_run}, args.json)
@@ -45,45 +45,47 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
 def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
-        loaded = reading.load(args, report)
+        recording = reading.load(args, report)
         report('update', 0.5)
-        axes = known_axes(loaded.reports, model.joints, arguments.axes_options(args), model=model)
-        result, axes = update_on_axes(model, loaded, axes)
+        axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
+                          model=model)
+        result, axes = update_on_axes(model, recording, axes)
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
     if args.json != '-':
-        _show(args, loaded, axes, result, target)
-    warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, loaded)]
+        _show(args, recording, axes, result, target)
+    warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, recording)]
     terminal.warn(*warnings)
     if args.json:
         terminal.emit_json(
             {'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
              'effects': [effect.target for effect in result.model.applied.effects],
-             'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
+             'description': axes.to_json(), 'warnings': warnings,
+             **recording.to_json()}, args.json)
     return 0
 
 
-def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:
-    return [*result.report.warnings, *reading.scale_warnings(model, loaded.reports),
-            *(f'the model was fitted to {name} already: is it of the new payload?'
-              for name in reading.fitted_names(model, loaded.reports))]
+def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -> list[str]:
+    return [*result.report.warnings, *reading.scale_warnings(model, recording.reports),
+            *(f'the model was already fitted to {name}: does it contain the new payload?'
+              for name in reading.fitted_names(model, recording.reports))]
 
 
-def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
+def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
           result: UpdateResult, target: Path) -> None:
-    terminal.say(*reading.lines(loaded), *axes.notes)
-    lines = map(terminal.safe, _tool_lines(result.report.payload))
+    terminal.say(*reading.lines(recording), *axes.notes)
+    lines = map(terminal.safe, _payload_lines(result.report.payload))
     terminal.show('', _joint_table(result), *lines)
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return
     terminal.show('', terminal.safe(f'written to {target}'))
     if target == args.model:
-        terminal.show('this takes it back:')
+        terminal.show('to undo:')
         terminal.show_command(shlex.join(
             ['gravity_comp', 'update', '--undo', '--model', str(target)]))
-    next_step.show('errors with the new payload, best by a further recording of it',
+    next_step.show('compare with the new payload, preferably on another recording of it',
                    next_step.command('compare', args, model=target))
 
 
@@ -93,19 +95,19 @@ def _joint_table(result: UpdateResult) -> ScreenTable:
              f'± {1.96 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
              f'{report.rmse[name]:.4f}') for name in result.model.joints]
     return terminal.table(
-        f'what the payload does, N·m ({report.formulation}, {report.n_samples} samples)',
-        ['joint', 'mean', 'largest', 'unsure by (95 %)', 'RMSE before', 'RMSE after'], rows)
+        f'torque of the payload, N·m ({report.formulation}, {report.n_samples} samples)',
+        ['joint', 'mean', 'largest', 'uncertainty (95 %)', 'RMSE before', 'RMSE after'], rows)
 
 
-def _tool_lines(payload: PayloadEstimate | None) -> list[str]:
+def _payload_lines(payload: PayloadEstimate | None) -> list[str]:
     if payload is None:
-        return ['(--urdf FILE tells the mass and its centre as well)']
+        return ['(with --urdf FILE, mass and centre of mass are estimated as well)']
     low, high = payload.mass.ci95
     lines = [f'mass {payload.mass.value:+.3f} kg (95 %: {low:.3f} to {high:.3f})',
-             'that interval does not cover an error of the torque scale: where effort reads 5 % '
-             'too high, so does the mass (a known mass on the arm shows it)']
+             'the interval excludes an error of the torque scale: effort 5 % too high gives a '
+             'mass 5 % too high (check with a known mass on the arm)']
     if payload.centre is None:
-        return [*lines, 'the mass is not told from 0, so it has no centre']
-    where = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
-                      f'{1e3 * x.ci95[1]:.1f})' for axis, x in payload.centre.items())
-    return [*lines, f'its centre in the frame of {payload.link}: {where}']
+        return [*lines, 'the mass is not significant, so no centre of mass is estimated']
+    centre = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
+                       f'{1e3 * x.ci95[1]:.1f})' for axis, x in payload.centre.items())
+    return [*lines, f'centre of mass in the frame of {payload.link}: {centre}']

@@ -1,19 +1,19 @@
-"""The verbs and what each does; light, so that an overview loads none of them."""
+"""Verbs of the command line with their descriptions; imports no verb."""
 
 VERBS = {
-    'synth': 'record a simulated arm: model, motion, payload, hidden effects and noise to a file',
-    'convert': 'bring a CSV or NPZ file with any columns, units and signs into an MCAP file',
-    'cut': 'write a part of a recording, by time and joints, or split it',
-    'info': 'say what is in a recording, and what cannot be judged from it',
+    'synth': 'record a simulated arm with motion, payload, hidden effects and noise',
+    'convert': 'convert a CSV or NPZ file with any columns, units and signs to an MCAP file',
+    'cut': 'extract a part of a recording by time and joints, or split it',
+    'info': 'list joints, speeds and coverage of a recording, and its limitations',
     'fit': 'learn the gravity model of an arm from slow motion',
-    'compare': 'compare a model with measured torques, joint by joint',
-    'diagnose': 'name the physical effect that a gravity model is missing, with its size',
-    'add': 'add effects to a model, refit it as a whole, and see the held-out error fall',
-    'update': 'relearn after a payload change, from ten seconds of slow motion',
+    'compare': 'compare the torque of a model with measured torque, for each joint',
+    'diagnose': 'identify physical effects missing from a gravity model, with their size',
+    'add': 'add effects to a model, refit it, and compare held-out errors',
+    'update': 'update a model after a payload change, from ten seconds of slow motion',
     'replay': 'write measured, predicted and residual torque to an MCAP file for PlotJuggler or '
               'Foxglove',
-    'plan': 'plan the motion that settles what recordings leave open',
-    'fleet': 'fit or diagnose every robot of a folder, here or on a Dask cluster',
-    'workbench': 'see where a model fails, add effects and watch the error fall, in a browser',
-    'completion': 'print what lets a shell complete verbs, options and files',
+    'plan': 'plan the motion that resolves open findings',
+    'fleet': 'fit or diagnose every robot of a folder, locally or on a Dask cluster',
+    'workbench': 'compare, diagnose, add effects and undo, in a browser',
+    'completion': 'print a shell completion script for verbs, options and files',
 }

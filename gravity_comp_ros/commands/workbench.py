@@ -1,4 +1,4 @@
-"""`gravity_comp workbench`: compare, diagnose, add and undo in a browser, on this machine."""
+"""`gravity_comp workbench`: compare, diagnose, add and undo in a browser."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def run(args: argparse.Namespace) -> int:
     if not args.bags and args.live is None:
         raise OptionError('name at least one recording, or follow a node with --live')
     for bag in args.bags:
-        # What cannot be opened is said here, not on a page that has to be looked at.
+        # Report an unreadable bag on the terminal, not on the page.
         with open_storage(bag):
             pass
-    # Bokeh is looked for here, and nowhere else is it needed.
+    # Imported here because other verbs do not require Bokeh.
     from gravity_comp_ros.workbench import store
     from gravity_comp_ros.workbench.serve import serve, ServeOptions
     serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),

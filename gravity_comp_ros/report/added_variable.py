@@ -1,10 +1,10 @@
 """
-Added-variable plots: what an effect explains that gravity and the other effects cannot.
+Added-variable plots: the part of the torque that an effect explains in addition to gravity.
 
-With the columns X of the effect and those Z of gravity and all other effects of the joint, both
-sides are freed of Z: x = (X c) without Z, y = tau without Z, c from least squares. Points along
-a straight line y = x are what an effect that is really there looks like; a bend, or a few points
-that carry the line, speak against it.
+X are the regressor columns of the effect, Z those of gravity and all other effects of the joint.
+Both axes are projected on the orthogonal complement of Z: x = X c and y = tau, with c from least
+squares. A present effect gives points along the line y = x. A curved pattern, or a line
+determined by a few points, is evidence against the effect.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
-# Gravity with more terms than this is not fitted again; its residual is taken as it is.
-_MOST_FEATURES = 500
+# Maximum number of gravity terms for a refit; beyond it the residual of the model is used.
+_MAX_FEATURES = 500
 
 
 @dataclass(frozen=True)
 class AddedVariable:
     """
-    One finding's plot, on some rows of the samples: `x` and `y` (R,) in N·m.
+    Added-variable plot of a finding, for R samples: `x` and `y` (R,) in N·m.
 
-    `joint` is the joint whose torque it is. For something unexplained x is its angle in rad,
+    `joint` is the joint of the torque. For an unexplained residual x is the joint angle in rad
     and `is_angle` is set.
     """
 
@@ -42,7 +42,7 @@ class AddedVariable:
 
     @property
     def share(self) -> float:
-        """Return how much of the variance of y the line explains, 0 to 1."""
+        """Return the share of the variance of y that the line explains, 0 to 1."""
         total = float((self.y ** 2).sum())
         return 1.0 - float(((self.y - self.x) ** 2).sum()) / total if total > 0.0 else 0.0
 
@@ -50,18 +50,18 @@ class AddedVariable:
 def added_variable(motion: Motion, model: GravityModel, finding: Finding,
                    others: list[Finding], rows: IntArray) -> AddedVariable | None:
     """
-    Return the added-variable plot of a finding; None where this motion cannot make one.
+    Return the added-variable plot of a finding; None if this motion gives no columns.
 
-    :param motion: of all samples, as recorded.
-    :param others: further findings, to be freed of.
-    :param rows: which samples are wanted.
+    :param motion: motion of all samples, as recorded.
+    :param others: other findings, whose columns are part of Z.
+    :param rows: indices of the samples to plot (R,).
     """
     if finding.joint is not None and finding.joint not in model.joints:
         return None
     if finding.effect is None:
         joint = model.joints.index(finding.joint) if finding.joint else 0
-        rest = _free(motion, model, joint, others, rows)[1]
-        return AddedVariable(finding, model.joints[joint], motion.samples.q[rows, joint], rest,
+        residual = _project(motion, model, joint, others, rows)[1]
+        return AddedVariable(finding, model.joints[joint], motion.samples.q[rows, joint], residual,
                              True)
     columns = _columns(motion, model, finding.effect, finding.joint, finding.setting)
     if columns is None:
@@ -69,38 +69,39 @@ def added_variable(motion: Motion, model: GravityModel, finding: Finding,
     joints = range(model.n_joints) if columns.ndim == 3 else [
         model.joints.index(finding.joint or model.joints[0])]
     best: AddedVariable | None = None
-    gained = -1.0
+    best_norm = -1.0
     for joint in joints:
-        own = (columns[:, joint] if columns.ndim == 3 else columns)[rows]
-        basis, rest = _free(motion, model, joint, others, rows)
-        own = own - basis @ (basis.T @ own)
-        x = own @ lstsq(own, rest, rcond=1e-8)
-        if float(x @ x) > gained:
-            best, gained = AddedVariable(finding, model.joints[joint], x, rest), float(x @ x)
+        effect_columns = (columns[:, joint] if columns.ndim == 3 else columns)[rows]
+        basis, residual = _project(motion, model, joint, others, rows)
+        effect_columns = effect_columns - basis @ (basis.T @ effect_columns)
+        x = effect_columns @ lstsq(effect_columns, residual, rcond=1e-8)
+        if float(x @ x) > best_norm:
+            best = AddedVariable(finding, model.joints[joint], x, residual)
+            best_norm = float(x @ x)
     return best
 
 
-def _free(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
-          rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis (R, K) of what is known, and the torque without it (R,)."""
+def _project(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
+             rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return an orthonormal basis (R, K) of Z, and the residual torque (R,) in N·m."""
     samples = motion.samples
     features = model.torques[joint].indices
     tau = samples.tau[rows, joint]
-    known = [np.zeros((len(rows), 0))]
-    if len(features) <= min(_MOST_FEATURES, len(rows) // 4):
-        known.append(dictionary.columns(samples.q[rows], features))
+    regressors = [np.zeros((len(rows), 0))]
+    if len(features) <= min(_MAX_FEATURES, len(rows) // 4):
+        regressors.append(dictionary.columns(samples.q[rows], features))
     else:
         tau = tau - motion.gravity[rows, joint]
-    wanted: list[tuple[str, str | None, Setting]] = [
+    effects: list[tuple[str, str | None, Setting]] = [
         (e.name, e.joint, e.setting) for e in model.applied.effects]
-    wanted += [(f.effect, f.joint, f.setting) for f in others if f.effect is not None]
-    for name, place, setting in wanted:
-        columns = _columns(motion, model, name, place, setting)
-        if columns is None or (columns.ndim == 2 and place != model.joints[joint]):
+    effects += [(f.effect, f.joint, f.setting) for f in others if f.effect is not None]
+    for name, joint_name, setting in effects:
+        columns = _columns(motion, model, name, joint_name, setting)
+        if columns is None or (columns.ndim == 2 and joint_name != model.joints[joint]):
             continue
-        known.append((columns[:, joint] if columns.ndim == 3 else columns)[rows])
-    basis, spread, _ = svd(np.hstack(known))
-    basis = basis[:, spread > 1e-9 * max(spread, default=0.0)]
+        regressors.append((columns[:, joint] if columns.ndim == 3 else columns)[rows])
+    basis, singular_values, _ = svd(np.hstack(regressors))
+    basis = basis[:, singular_values > 1e-9 * max(singular_values, default=0.0)]
     return basis, tau - basis @ (basis.T @ tau)
 
 
@@ -109,8 +110,8 @@ def _columns(motion: Motion, model: GravityModel, name: str, joint: str | None,
     effect = all_effects().get(name)
     if effect is None:
         return None
-    place = 0 if joint is None else model.joints.index(joint)
+    index = 0 if joint is None else model.joints.index(joint)
     try:
-        return effect.columns(motion, place, setting)
+        return effect.columns(motion, index, setting)
     except (KeyError, ValueError, IndexError):
         return None

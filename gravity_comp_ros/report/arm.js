@@ -1,4 +1,4 @@
-// Draws the arm as capsules, seen from where the sliders say; runs in a CustomJS of Bokeh.
+// Draws the arm as capsules, in the view set by the sliders; runs in a CustomJS of Bokeh.
 const value = (name, row) => samples.get_column(name + row.n)[row.k]
 const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -7,7 +7,7 @@ const product = (a, b) => a.map(line => [0, 1, 2].map(c => line[0] * b[0][c] + l
   + line[2] * b[2][c]))
 const about_z = (q) => [[Math.cos(q), -Math.sin(q), 0], [Math.sin(q), Math.cos(q), 0], [0, 0, 1]]
 
-// Where each axis is, and the frame that turns with it; the last point is the tool's.
+// Position and frame of each axis; the last point is the tool.
 const posed = (angles) => {
   let frame = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], place = [0, 0, 0]
   const joints = angles.map((q, i) => {
@@ -21,12 +21,12 @@ const posed = (angles) => {
 
 const t = samples.get_column('t'), chosen = samples.selected.indices
 if (cb_obj === samples.selected && chosen.length) {
-  // Of what is selected, the pose whose residual is largest against each joint's usual one.
-  let most = -1
+  // Show the selected sample with the largest residual relative to the RMSE of its joint.
+  let largest = -1
   for (const k of chosen) {
     const size = Math.max(...arm.numbers.map((n, i) =>
-      Math.abs(value('r', {n, k})) / arm.usual[i]))
-    if (size > most) { most = size; slider.value = t[k] }
+      Math.abs(value('r', {n, k})) / arm.rmse[i]))
+    if (size > largest) { largest = size; slider.value = t[k] }
   }
 }
 let now = 0
@@ -35,13 +35,12 @@ for (let k = 0; k < t.length; k++)
 cursor.location = t[now]
 cursor.visible = true
 
-// From the world to the plot, whose ranges are -1 to 1.
-const turn = azimuth.value, rise = elevation.value
-const right = [-Math.sin(turn), Math.cos(turn), 0]
-const up = [-Math.sin(rise) * Math.cos(turn), -Math.sin(rise) * Math.sin(turn), Math.cos(rise)]
-const towards = [Math.cos(rise) * Math.cos(turn), Math.cos(rise) * Math.sin(turn), Math.sin(rise)]
+// Perspective projection to the plot, whose ranges are -1 to 1.
+const [ca, sa] = [Math.cos(azimuth.value), Math.sin(azimuth.value)]
+const [ce, se] = [Math.cos(elevation.value), Math.sin(elevation.value)]
+const right = [-sa, ca, 0], up = [-se * ca, -se * sa, ce], towards = [ce * ca, ce * sa, se]
 const [wide, high] = [plot.inner_width || 600, plot.inner_height || 400]
-const seen = (point) => {
+const projected = (point) => {
   const p = add(point, arm.middle, -1), near = 1 / (1 - dot(p, towards) / (5 * arm.reach))
   const size = near / (0.8 * arm.reach)
   return {x: dot(p, right) * size * Math.min(high / wide, 1),
@@ -50,11 +49,11 @@ const seen = (point) => {
 }
 const items = []
 const rod = (from, to, radius, colour, alpha = 1, nearer = 0) => {
-  const a = seen(from), b = seen(to)
+  const a = projected(from), b = projected(to)
   items.push({a, b, colour, alpha, width: Math.max(radius * (a.pixels + b.pixels), 0.8),
               depth: 0.5 * (a.depth + b.depth) + nearer})
 }
-const [faint, outline, been, never, marked] = looks.palette
+const [faint, outline, visited, unvisited, marked] = line_colours.palette
 const capsule = (from, to, radius, colour, alpha = 1) => {
   rod(from, to, radius + 0.004 * arm.reach, outline, alpha)
   rod(from, to, radius, colour, alpha, 1e-6)
@@ -82,18 +81,18 @@ const shade = (error) => {
   return colours.palette[Math.round(share * (colours.palette.length - 1))]
 }
 body(pose, [faint, ...errors.map(shade)], radius, 1)
-// The range of each joint as an arc about its axis: what was visited, and what never was.
+// The range of each joint as an arc about its axis, visited and unvisited parts.
 pose.joints.forEach(({place, before}, i) => {
-  const [low, high, least, most] = arm.ranges[i], steps = 40
+  const [low, high, q_min, q_max] = arm.ranges[i], steps = 40
   const at = (q) => add(place, times(before, [Math.cos(q), Math.sin(q), 0]), 3 * radius)
   for (let k = 0; k < steps; k++) {
     const q = (s) => low + s * (high - low) / steps, middle = q(k + 0.5)
-    const visited = middle >= least && middle <= most
-    rod(at(q(k)), at(q(k + 1)), visited ? 0.006 * arm.reach : 0.003 * arm.reach,
-        visited ? been : never)
+    const inside = middle >= q_min && middle <= q_max
+    rod(at(q(k)), at(q(k + 1)), inside ? 0.006 * arm.reach : 0.003 * arm.reach,
+        inside ? visited : unvisited)
   }
 })
-// Where the tool has been; in the colour of a selection where samples are selected.
+// Tool positions of all samples, and of the selected samples in the colour of selections.
 const dots = (rows, colour, alpha) => {
   const step = Math.max(1, Math.floor(rows.length / 300))
   for (let j = 0; j < rows.length; j += step) {
@@ -103,21 +102,22 @@ const dots = (rows, colour, alpha) => {
     rod(tool, tool, 0.006 * arm.reach, colour, alpha)
   }
 }
-dots([...t.keys()], been, 0.5)
+dots([...t.keys()], visited, 0.5)
 dots(chosen, marked, 1)
-const unseen = arm.unvisited[Number(ghost.value)]
-if (unseen) body(posed(unseen), Array(unseen.length + 1).fill(never), 0.6 * radius, 0.55)
+const ghost_pose = arm.unvisited[Number(ghost.value)]
+if (ghost_pose)
+  body(posed(ghost_pose), Array(ghost_pose.length + 1).fill(unvisited), 0.6 * radius, 0.55)
 
 items.sort((a, b) => a.depth - b.depth)
 drawn.data = {
   x0: items.map(one => one.a.x), y0: items.map(one => one.a.y),
-  // A rod of no length is a dot, which needs some length to be drawn.
+  // A rod of length 0 is a dot, which requires a small length to be drawn.
   x1: items.map(one => one.b.x + 1e-4), y1: items.map(one => one.b.y),
   colour: items.map(one => one.colour), alpha: items.map(one => one.alpha),
   width: items.map(one => one.width)}
-const told_of = (i) => `${arm.names[i]} ${angles[i].toFixed(2)} rad, ` +
+const joint_text = (name, i) => `${name} ${angles[i].toFixed(2)} rad, ` +
   `residual ${errors[i].toFixed(3)} N·m`
-const extra = unseen ? `. Not yet visited: ${unseen.map((q, i) =>
+const ghost_text = ghost_pose ? `. Not yet visited: ${ghost_pose.map((q, i) =>
   `${arm.names[i]} ${q.toFixed(2)}`).join(', ')} rad` : ''
-told.text = `<p role="status">At ${t[now].toFixed(2)} s: ` +
-  `${arm.names.map((name, i) => told_of(i)).join('; ')}${extra}.</p>`
+pose_text.text = `<p role="status">At ${t[now].toFixed(2)} s: ` +
+  `${arm.names.map(joint_text).join('; ')}${ghost_text}.</p>`

@@ -1,4 +1,4 @@
-"""The arm that a recording is of, where a robot description says what it looks like."""
+"""Geometry of the arm for drawings, from a robot description."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.robot_description import first_description
 import numpy as np
 
-# A joint's range for a drawing ends after a turn either way.
-_WIDEST = math.pi
-_DRAWN_POSES, _MOST_VISITED = 2000, 500
+# Maximum joint range of a drawing, in rad from zero.
+_MAX_ANGLE = math.pi
+_RANDOM_POSES, _MAX_VISITED = 2000, 500
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """Where the axes are, and the limits of the joints (N,) in rad, in the order of the axes."""
+    """Joint axes and joint limits (N,) in rad, in the order of the axes."""
 
     geometry: Geometry
     low: FloatArray
@@ -30,23 +30,23 @@ class Arm:
 
     @property
     def reach(self) -> float:
-        """Return the length of the arm in m when it is stretched out."""
+        """Return the length of the stretched arm in m."""
         return max(float(np.linalg.norm(self.geometry.origins, axis=1).sum()), 1e-3)
 
 
 def find_arm(paths: Sequence[Path], joints: Sequence[str], urdf: Path | None = None) -> Arm | None:
     """
-    Return the arm of these joints, from a file or from what the recordings hold.
+    Return the arm of these joints, from a file or from the description in the recordings.
 
-    Without a description, or with one of another robot, there is none.
+    Return None without a description, or with one of another robot.
 
-    :param urdf: a robot description, instead of the recordings' own.
+    :param urdf: robot description to use instead of that of the recordings.
     """
     try:
         if urdf is not None:
             return described_arm(read_text(urdf), joints)
-        found = first_description(paths)
-        return None if found is None else described_arm(found.text, joints)
+        description = first_description(paths)
+        return None if description is None else described_arm(description.text, joints)
     except GravityCompError:
         return None
 
@@ -55,30 +55,30 @@ def described_arm(text: str | bytes, joints: Sequence[str]) -> Arm:
     """
     Return the arm of these joints.
 
-    :raises DataError: if the text is no URDF.
-    :raises ModelMismatchError: if it is of another arm.
+    :raises DataError: if the text is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
     """
     geometry = parse_urdf(text, joints)
     low, high = position_limits(text, geometry.joints)
-    return Arm(geometry, low.clip(-_WIDEST, _WIDEST), high.clip(-_WIDEST, _WIDEST))
+    return Arm(geometry, low.clip(-_MAX_ANGLE, _MAX_ANGLE), high.clip(-_MAX_ANGLE, _MAX_ANGLE))
 
 
 def unvisited_poses(q: FloatArray, low: FloatArray, high: FloatArray, count: int) -> FloatArray:
     """
-    Return poses (count, N) within the limits, each far from all poses q (M, N) and the others.
+    Return poses (count, N) within the limits, far from all poses q (M, N) and from each other.
 
-    Distances are in shares of each joint's range.
+    Distances are relative to the range of each joint.
     """
     rng = np.random.default_rng(0)
     width = np.maximum(high - low, 1e-3)
-    drawn = rng.uniform(0.0, 1.0, (_DRAWN_POSES, len(low)))
-    visited = (q[::max(1, len(q) // _MOST_VISITED)] - low) / width
-    nearest = np.full(len(drawn), np.inf)
+    candidates = rng.uniform(0.0, 1.0, (_RANDOM_POSES, len(low)))
+    visited = (q[::max(1, len(q) // _MAX_VISITED)] - low) / width
+    distance = np.full(len(candidates), np.inf)
     for pose in visited:
-        nearest = np.minimum(nearest, np.linalg.norm(drawn - pose, axis=1))
-    found = []
+        distance = np.minimum(distance, np.linalg.norm(candidates - pose, axis=1))
+    poses = []
     for _ in range(count):
-        place = int(nearest.argmax())
-        found.append(low + width * drawn[place])
-        nearest = np.minimum(nearest, np.linalg.norm(drawn - drawn[place], axis=1))
-    return np.array(found)
+        farthest = candidates[distance.argmax()]
+        poses.append(low + width * farthest)
+        distance = np.minimum(distance, np.linalg.norm(candidates - farthest, axis=1))
+    return np.array(poses)

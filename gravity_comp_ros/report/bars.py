@@ -1,4 +1,4 @@
-"""Several values of each of some things, as groups of bars."""
+"""Grouped bar plots."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import canvas_text, plot, short, Style
 
-# Of a group, which is 1 high.
-_FILLED, _THICKEST = 0.78, 0.3
+# Height of all bars of a group, and maximum height of a bar, relative to the group.
+_FILLED, _MAX_THICKNESS = 0.78, 0.3
 
 
 @dataclass(frozen=True)
 class Bars:
-    """What one bar of every group stands for, its value in each group, and its colour."""
+    """One series of bars: name, value in each group, and colour."""
 
     name: str
     values: Sequence[float]
@@ -25,35 +25,35 @@ class Bars:
 
 
 def bar_plot(style: Style, title: str, unit: str, height: int, groups: Sequence[str],
-             bars: Sequence[Bars], digits: str, longest: int = 18) -> figure:
+             bars: Sequence[Bars], digits: str, max_name: int = 18) -> figure:
     """
-    Return a plot with a group of bars for each name, the first one above; `bar_key` explains it.
+    Return a plot with a group of bars for each name, the first group on top; see `bar_key`.
 
-    :param unit: what the values are, and their unit.
-    :param digits: the format of a value.
-    :param longest: how many letters of a name have room.
+    :param unit: quantity and unit of the values, separated by a comma.
+    :param digits: number format of the values.
+    :param max_name: maximum length of a shown name.
     """
-    count, step = len(groups), min(_FILLED / len(bars), _THICKEST)
-    # Names may be alike once they are printable, so groups stand at numbers.
-    made = plot(style, title, unit, '', height, 'hover', y_range=(count - 0.45, -0.55))
+    count, step = len(groups), min(_FILLED / len(bars), _MAX_THICKNESS)
+    # Groups are placed by number, because printable names may be identical.
+    fig = plot(style, title, unit, '', height, 'hover', y_range=(count - 0.45, -0.55))
     names = [canvas_text(printable(name)) for name in groups]
-    for place, one in enumerate(bars):
+    for place, series in enumerate(bars):
         shift = (place - 0.5 * (len(bars) - 1)) * step
         source = ColumnDataSource({
-            'y': [k + shift for k in range(count)], 'right': list(one.values), 'name': names,
-            'what': [canvas_text(printable(one.name))] * count})
-        made.hbar('y', right='right', height=0.9 * step, source=source, color=one.colour)
-    made.yaxis.ticker = FixedTicker(ticks=list(range(count)))
-    made.yaxis.major_label_overrides = {
-        k: canvas_text(short(printable(name), longest)) for k, name in enumerate(groups)}
-    made.ygrid.visible = False
-    made.x_range.start = 0.0
-    made.hover.tooltips = [('', '@name'), ('', '@what'),
-                           (unit.split(',')[0], f'@right{{{digits}}}')]
-    made.toolbar_location = None
-    return made
+            'y': [k + shift for k in range(count)], 'right': list(series.values), 'name': names,
+            'what': [canvas_text(printable(series.name))] * count})
+        fig.hbar('y', right='right', height=0.9 * step, source=source, color=series.colour)
+    fig.yaxis.ticker = FixedTicker(ticks=list(range(count)))
+    fig.yaxis.major_label_overrides = {
+        k: canvas_text(short(printable(name), max_name)) for k, name in enumerate(groups)}
+    fig.ygrid.visible = False
+    fig.x_range.start = 0.0
+    fig.hover.tooltips = [('', '@name'), ('', '@what'),
+                          (unit.split(',')[0], f'@right{{{digits}}}')]
+    fig.toolbar_location = None
+    return fig
 
 
 def bar_key(bars: Sequence[Bars]) -> str:
-    """Return what the colours of bars stand for, as HTML."""
-    return markup.key([(one.colour, one.name) for one in bars])
+    """Return the legend of bars as HTML."""
+    return markup.key([(series.colour, series.name) for series in bars])

@@ -1,4 +1,4 @@
-"""What a report tells of, gathered before anything is drawn."""
+"""Contents of a report: samples, predictions, comparison and diagnosis."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.arm import Arm
 import numpy as np
 
-# Speeds below this are rest, for the colour of a point.
-STILL = 1e-3
+# Maximum speed at rest, in rad/s, for the colour of a point.
+REST_SPEED = 1e-3
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a report comes from: the command, when, and the model's file name if it has one."""
+    """Origin of a report: command, time, and file name of the model if any."""
 
     command: str
     when: str
@@ -32,21 +32,20 @@ class Origin:
 @dataclass(frozen=True)
 class Contents:
     """
-    Samples, the model's prediction of them, and what was found.
+    Samples, predictions of the model, comparison and diagnosis.
 
-    `samples` are all that was recorded, of the model's joints; `predicted` (M, N) in N·m
-    belongs to them. `comparison` may be of a part of them (slow motion), which `judged` (a
-    sentence) tells. `previous` holds the RMSE by joint in N·m of another model on the same
-    part, named `previous_name`. `diagnosis` is None where none was made.
-    `next_command` is the command line that goes on from here, if there is one; `arm` is there
-    where a robot description is.
+    `samples` are all recorded samples of the model's joints; `predicted` (M, N) is their torque
+    in N·m. `comparison` may use a part of them (slow motion), described by `compared`. `previous`
+    has the RMSE by joint in N·m of another model, `previous_name`, on the same part. `shown` are
+    the joints of the report, all if empty. `next_command` is the command line of the next step,
+    if any. `arm` requires a robot description.
     """
 
     samples: JointSamples
     predicted: FloatArray
     model: GravityModel
     comparison: Comparison
-    judged: str
+    compared: str
     reports: tuple[ReadReport, ...]
     origin: Origin
     diagnosis: Diagnosis | None = None
@@ -58,12 +57,12 @@ class Contents:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the joints to show, all of the model unless chosen otherwise."""
+        """Return the joints to show."""
         return self.shown or self.model.joints
 
     @property
     def numbers(self) -> list[int]:
-        """Return the places of the shown joints among the model's."""
+        """Return the indices of the shown joints among the model's."""
         return [self.model.joints.index(name) for name in self.joints]
 
     @cached_property
@@ -73,17 +72,17 @@ class Contents:
 
     @cached_property
     def extent(self) -> FloatArray:
-        """Return what is drawn over time (M, 2 N) in N·m, whose extremes are always kept."""
+        """Return the torques and residuals (M, 2 N) in N·m whose extremes are always drawn."""
         return np.hstack([self.samples.tau, self.residual])
 
     @cached_property
     def facts(self) -> RecordingFacts:
-        """Return what the recording holds."""
+        """Return the facts of the recording."""
         return describe(self.samples)
 
     @cached_property
     def outside(self) -> BoolArray:
-        """Return which poses (M,) lie outside the trained range."""
+        """Return which poses (M,) are outside the trained range."""
         return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
 
     @property
@@ -93,7 +92,7 @@ class Contents:
 
 
 def plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
-    """Return time for plots (M,), runs one after another, and where each run begins."""
+    """Return time for plots (M,) in s, runs one after another, and start and name of each run."""
     time = np.asarray(samples.t, dtype=np.float64).copy()
     starts: list[tuple[float, str]] = []
     offset, total = 0.0, 0.0

@@ -1,11 +1,11 @@
-"""The looks of the page around the plots."""
+"""Style sheets of the page."""
 
 _LIGHT = """{ --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
   --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --bad: #b00020;
   --ok: #0b6e4f; --paper: none; color-scheme: light }
 """
 
-# Paper is light. Plots that were drawn dark keep their hues when they are inverted.
+# Print is always light. Plots drawn dark are inverted with their hues preserved.
 TOKENS = """
 :root, :host """ + _LIGHT + """
 :root.dark, :host(.dark), .dark { --ground: #14181d; --text: #e8eaed; --faint: #a4abb5;
@@ -18,7 +18,7 @@ TOKENS = """
 }
 """
 
-# On paper a plot is whole and light; tools and controls are of no use there.
+# In print, plots are unbroken and light, and tools and controls are hidden.
 PLOT = ':host { filter: var(--paper); break-inside: avoid }'
 TOOLS = '@media print { :host { display: none } }'
 
@@ -65,14 +65,14 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
 """
 
-# The arrow of a list to choose from, seen on light and dark ground; Bokeh's own is black.
+# Arrow of drop-down lists, visible on light and dark background; Bokeh's own is black.
 ARROW = """
 select.bk-input:not([multiple]) { background-image: url('data:image/svg+xml;utf8,<svg \
 viewBox="0 0 25 20" xmlns="http://www.w3.org/2000/svg"><path d="M 0,0 25,0 12.5,20 Z" \
 fill="gray"/></svg>') }
 """
 
-# Of controls within plots.
+# Controls within plots.
 CONTROL = """
 :host { color: var(--text) }
 .bk-input { background-color: var(--ground); color: var(--text); border-color: var(--line) }

@@ -1,4 +1,4 @@
-"""The answer in one sentence."""
+"""Headline of a report: the main result in one sentence."""
 
 from __future__ import annotations
 
@@ -7,69 +7,69 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.report.contents import Contents
 import numpy as np
 
-# So many times the error of training is more than chance.
+# Ratio of an error to the training error beyond statistical uncertainty.
 _WORSE = 2.0
-# So many times the error of the other joints stands out.
-_STANDS_OUT = 3.0
+# Ratio of an error to the median error of the other joints that is reported.
+_REPORTED_RATIO = 3.0
 
 
 def headline(contents: Contents) -> str:
-    """Return the diagnosis in a sentence, or the accuracy of the model where there is none."""
+    """Return the diagnosis in a sentence, or the accuracy of the model without a diagnosis."""
     if contents.diagnosis is not None:
         return diagnosed(contents.diagnosis)
-    found = {name: contents.comparison.joints[name] for name in contents.joints}
-    useless = [name for name, joint in found.items()
+    errors = {name: contents.comparison.joints[name] for name in contents.joints}
+    useless = [name for name, joint in errors.items()
                if joint.rmse > joint.rmse_constant and joint.rmse > 3.0 * _noise(contents, name)]
-    if 2 * len(useless) > len(found):
-        return (f'The model is worse than a constant on {", ".join(useless)}: it is of another '
-                f'arm, the signs or units of the effort differ, or the payload does.')
-    told = largest(contents)
-    worse = [name for name, joint in found.items()
+    if 2 * len(useless) > len(errors):
+        return (f'The model is worse than a constant on {", ".join(useless)}: the arm, the signs '
+                f'or units of the effort, or the payload differ from those of the fit.')
+    sentence = largest(contents)
+    worse = [name for name, joint in errors.items()
              if joint.rmse > _WORSE * _noise(contents, name)]
     if worse:
-        return f'{told}; more than twice the error of training: {", ".join(worse)}.'
-    return f'{told}; no joint is much worse than in training.'
+        return f'{sentence}; more than twice the training error: {", ".join(worse)}.'
+    return f'{sentence}; no error exceeds twice the training error.'
 
 
 def diagnosed(diagnosis: Diagnosis) -> str:
-    """Return the diagnosis in a sentence; an effect that changes no error is not missing."""
-    found = [f for f in diagnosis.findings if f.verdict in wording.FOUND]
-    if found and not any(visible(f) for f in found):
-        names = ', '.join(dict.fromkeys(f.effect or 'something unknown' for f in found[:3]))
-        return (f'Nothing is missing that changes the error: {names} '
-                f'{"is" if len(found) == 1 else "are"} detected, and the held-out error stays at '
-                f'{wording.percent(found[0].nrmse_before)} of the range of the torque.')
+    """Return the diagnosis in a sentence; effects that do not reduce the error are not missing."""
+    accepted = [f for f in diagnosis.findings if f.verdict in wording.FOUND]
+    if accepted and not any(visible(f) for f in accepted):
+        names = ', '.join(dict.fromkeys(f.effect or 'an unknown effect' for f in accepted[:3]))
+        return (f'No missing effect changes the error: {names} '
+                f'{"is" if len(accepted) == 1 else "are"} detected, and the held-out error '
+                f'remains {wording.percent(accepted[0].nrmse_before)} of the range of the torque.')
     return wording.verdict(diagnosis)
 
 
 def visible(finding: Finding) -> bool:
-    """Return whether the error falls by more than the digits that are shown can hide."""
+    """Return whether the error decreases by at least one shown digit."""
     return wording.percent(finding.nrmse_before) != wording.percent(finding.nrmse_after) \
         and finding.nrmse_after < finding.nrmse_before
 
 
 def named_joint(contents: Contents) -> str:
-    """Return the joint that the headline is about; tables stress the same one."""
+    """Return the joint of the headline, which tables emphasise."""
     diagnosis = contents.diagnosis
     if diagnosis is not None and diagnosis.findings:
-        found = [f for f in diagnosis.findings if f.verdict in wording.FOUND]
-        joint = (found or list(diagnosis.findings))[0].joint
+        accepted = [f for f in diagnosis.findings if f.verdict in wording.FOUND]
+        joint = (accepted or list(diagnosis.findings))[0].joint
         if joint in contents.joints and joint is not None:
             return joint
     return contents.worst
 
 
 def largest(contents: Contents) -> str:
-    """Return where the error is largest, without a full stop."""
+    """Return a sentence on the joint with the largest error, without a full stop."""
     worst = contents.worst
-    found = contents.comparison.joints[worst]
-    told = (f'The error is largest on {worst}: {found.rmse:.3g} N·m RMSE, '
-            f'{wording.percent(found.nrmse)} of the range of its torque')
+    error = contents.comparison.joints[worst]
+    sentence = (f'The error is largest on {worst}: {error.rmse:.3g} N·m RMSE, '
+                f'{wording.percent(error.nrmse)} of the range of its torque')
     others = [contents.comparison.joints[name].rmse for name in contents.joints if name != worst]
-    usual = float(np.median(others)) if others else 0.0
-    if usual > 0.0 and found.rmse > _STANDS_OUT * usual:
-        told += f' and {found.rmse / usual:.2g} times that of the other joints'
-    return told
+    median = float(np.median(others)) if others else 0.0
+    if median > 0.0 and error.rmse > _REPORTED_RATIO * median:
+        sentence += f' and {error.rmse / median:.2g} times that of the other joints'
+    return sentence
 
 
 def _noise(contents: Contents, name: str) -> float:

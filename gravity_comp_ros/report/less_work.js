@@ -1,16 +1,15 @@
-// What Bokeh does without need for every line and element that it draws; a page works without this
-// as well, only slower. Runs before anything is drawn.
+// Removes unnecessary work of Bokeh for every drawn line and element. The page works without this
+// file, only slower. Runs before anything is drawn.
 
-// Every colour and width of a line is asked of the page's style, which has none of these.
+// Bokeh looks up every line colour and width in the page's style, which defines none.
 part('core/visuals/visual', 'VisualProperties')._get_css_value = () => ''
 
-// What is drawn on the canvas alone needs no element beside it.
+// Views drawn on the canvas require no DOM element.
 for (const view of [part('models/grids/grid', 'GridView'),
                     part('models/renderers/glyph_renderer', 'GlyphRendererView')])
   view.render_to = function () { this.el.hidden = true }
 
-// A search tree of all points is of use to who points at them, and not before; a search of all
-// that there is needs none.
+// The search tree of points is built at the first search; a search of the whole area needs none.
 const {Indices} = Bokeh.require('core/types')
 const spatial = part('core/util/spatial', 'SpatialIndex')
 if (spatial.add_empty && spatial.finish && spatial.indices && spatial.bounds) {
@@ -19,7 +18,7 @@ if (spatial.add_empty && spatial.finish && spatial.indices && spatial.bounds) {
     if (index.waits) finish.call(index)
     index.waits = false
   }
-  // A point without a place is in no search.
+  // Points without a position are never found, so a search of the whole area is not complete.
   spatial.add_empty = function () {
     this.gaps = true
     add_empty.call(this)
@@ -38,7 +37,7 @@ if (spatial.add_empty && spatial.finish && spatial.indices && spatial.bounds) {
   }
 }
 
-// Squares of one size are painted one by one, without a path and a place of their own.
+// Squares of one size are painted directly, without a path and a transform each.
 const scatter = part('models/glyphs/scatter', 'ScatterView')
 if (scatter._paint) {
   const {_paint} = scatter
@@ -63,7 +62,7 @@ if (scatter._paint) {
   }
 }
 
-// Of all rows, each is where it was.
+// A selection of all rows is the identity.
 const bits = part('core/util/bitset', 'BitSet')
 if (bits.select) {
   const {select} = bits
@@ -72,7 +71,7 @@ if (bits.select) {
   }
 }
 
-// A plot asks the page for the size of its letters at every axis that it measures.
+// The font size is read from the page once per plot, not once per measured axis.
 const plot = part('models/plots/plot_canvas', 'PlotView')
 const letters = Object.getOwnPropertyDescriptor(plot, 'base_font_size')
 if (letters) Object.defineProperty(plot, 'base_font_size', {

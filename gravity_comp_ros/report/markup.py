@@ -1,4 +1,4 @@
-"""HTML from text and numbers: whatever comes from a file is escaped here, once."""
+"""HTML from plain text and numbers; escapes all text from files."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from gravity_comp_ros.printable import printable
 
 
 def text(value: object) -> str:
-    """Return any text as HTML that shows it literally, on one line."""
+    """Return text as escaped HTML on one line."""
     return escape(printable(value), quote=True)
 
 
 def units(words: str) -> str:
-    """Return a line with its powers written as people write them: kg·m², not kg·m^2."""
+    """Return a line with superscript powers: kg·m², not kg·m^2."""
     for plain, raised in (('^2', '²'), ('^3', '³')):
         words = words.replace(plain, raised)
     return words
@@ -31,7 +31,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequen
     """
     Return a table of plain text; the first column and those in `left` are text, others numbers.
 
-    :param strong: the row to stress, if any.
+    :param strong: index of the emphasised row, if any.
     """
     is_text = [k == 0 or column in left for k, column in enumerate(columns)]
     head = ''.join(f'<th scope="col"{_class(t)}>{text(c)}</th>' for c, t in zip(columns, is_text))
@@ -44,25 +44,25 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequen
 
 
 def bullets(lines: Iterable[object]) -> str:
-    """Return a list of plain lines; nothing for none."""
+    """Return a list of plain lines; an empty string for no lines."""
     items = ''.join(f'<li>{text(line)}</li>' for line in lines)
     return f'<ul>{items}</ul>' if items else ''
 
 
 def folded(summary: str, html: str) -> str:
-    """Return HTML that is shown on request."""
+    """Return a collapsed section of HTML."""
     return f'<details><summary>{text(summary)}</summary>{html}</details>'
 
 
 def command(line: str) -> str:
-    """Return a command line with a button that copies it."""
+    """Return a command line with a copy button."""
     shown = '\n'.join(text(part) for part in line.splitlines())
     return (f'<div class="command"><pre tabindex="0">{shown}</pre>'
             f'<button type="button" class="copy" data-copy="{shown}">Copy</button></div>')
 
 
 def key(colours: Sequence[tuple[str, str]]) -> str:
-    """Return a legend for several plots: colours and what they stand for."""
+    """Return a legend of (colour, name) pairs for several plots."""
     entries = ''.join(f'<span><i style="background:{escape(colour, quote=True)}"></i>{text(name)}'
                       '</span>' for colour, name in colours)
     return f'<p class="key">{entries}</p>'
@@ -78,12 +78,12 @@ def _cell(place: int, value: object, is_text: bool) -> str:
     return f'<td{_class(is_text)}>{text(value)}</td>'
 
 
-# What Bokeh does without need, undone before anything is drawn.
+# Speed-ups of Bokeh; they run before anything is drawn.
 _PART, _STYLES, _LESS = (Path(__file__).with_name(name).read_text() for name in (
     'bokeh_part.js', 'shared_styles.js', 'less_work.js'))
 LESS_WORK = f'{{{_PART}{{{_STYLES}}}{{{_LESS}}}}}'
 
-# Buttons of `command` copy; a click inside a shadow root is seen here by its path.
+# Handler of the copy buttons of `command`; the path locates a click inside a shadow root.
 COPY = """
 document.addEventListener('click', (event) => {
   const button = event.composedPath()[0]

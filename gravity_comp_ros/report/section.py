@@ -1,4 +1,4 @@
-"""A part of the page."""
+"""A section of the report."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from bokeh.models import UIElement
 @dataclass(frozen=True)
 class Section:
     """
-    A titled part: `lead` and `after` are safe HTML around the plots, if there are any.
+    A titled section; `lead` and `after` are safe HTML before and after the plots.
 
-    `key` names it in links and file names.
+    `key` is its name in links and file names.
     """
 
     key: str

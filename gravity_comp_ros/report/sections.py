@@ -1,4 +1,4 @@
-"""All parts of a report, by their short names, in the order of a reader's questions."""
+"""All sections of a report by short name, in their order on the page."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
-    answer, arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
+    arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, summary,
+    time)
 
-# What makes a part; None where there is nothing to show of it.
+# Builds a section; None if it has no content.
 Maker = Callable[[Contents, Table, Style], Section | None]
 SECTIONS: dict[str, Maker] = {
-    'Answer': answer.section,
+    'Summary': summary.section,
     'Errors': lambda contents, table, style: joints.section(contents),
     'Over time': time.section,
     'Arm': arm.section,
@@ -24,4 +25,4 @@ SECTIONS: dict[str, Maker] = {
     'Effects': effects.section,
     'Model': lambda contents, table, style: equations.section(contents, style),
     'Data': lambda contents, table, style: quality.section(contents),
-    'Origin': lambda contents, table, style: provenance.section(contents)}
+    'Provenance': lambda contents, table, style: provenance.section(contents)}

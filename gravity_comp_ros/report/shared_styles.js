@@ -1,21 +1,21 @@
-// Every element of a plot has half a dozen style sheets of its own, and a report has thousands of
-// elements. Runs before anything is drawn; a page works without this as well, only slower.
+// Shares style sheets between elements: each element of a plot has about six, and a report has
+// thousands of elements. The page works without this file, only slower. Runs before anything is
+// drawn.
 const sheet = part('core/dom', 'InlineStyleSheet')
 const component = part('core/dom_view', 'DOMComponentView')
 const layout = part('models/layouts/layout_dom', 'LayoutDOMView')
 const toolbar = part('models/tools/toolbar', 'ToolbarView')
 const canvas = part('models/canvas/canvas', 'CanvasView')
-// Texts that change are many, so those of long ago are made again.
-const MOST = 1000
+// Maximum number of cached sheets; changing texts would otherwise accumulate.
+const MAX_SHEETS = 1000
 
 if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.prototype) {
-  // Most sheets are empty for ever, and most others say the same in every plot: so each text is one
-  // sheet, which all elements share.
+  // Most sheets are empty or identical in every plot: each text is one sheet for all elements.
   const {install, uninstall, _update} = sheet, {empty} = component, shared = new Map()
   const made = (text) => {
     let found = shared.get(text)
     if (!found) {
-      if (shared.size >= MOST) shared.clear()
+      if (shared.size >= MAX_SHEETS) shared.clear()
       shared.set(text, found = new CSSStyleSheet())
       found.replaceSync(text)
     }
@@ -25,8 +25,8 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
     root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [made(each.text)] : [])
   }
 
-  // While a layout is made, styles reach the page only where its sizes are asked for: else the
-  // browser computes them anew for every plot, several times.
+  // During a layout, styles are applied only before sizes are read: otherwise the browser
+  // recomputes them several times for every plot.
   const late = new Set()
   let laying = false
   const dress = (root) => laying ? late.add(root) : put(root)
@@ -53,7 +53,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
         settle()
       }
     }
-    // A canvas gets its size when its plot is laid out, and needs none before.
+    // A canvas gets its size in the layout of its plot and requires none before.
     if (canvas._after_render) canvas._after_render = function () { this.update_style() }
   }
 

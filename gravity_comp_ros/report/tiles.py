@@ -1,4 +1,4 @@
-"""Plots side by side where there is room, below each other on a narrow page or on paper."""
+"""Rows of plots that wrap on a narrow page or in print."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from bokeh.models.tools import SaveTool
 from bokeh.plotting import figure
 from gravity_comp_ros.report import css
 
-# The tools stay in sight however far down its plots one scrolls.
-_AT_HAND = {'position': 'sticky', 'top': '0', 'z-index': '5', 'background': 'var(--ground)',
-            'border-bottom': '1px solid var(--line)'}
+# The tools stay visible while the page scrolls.
+_STICKY = {'position': 'sticky', 'top': '0', 'z-index': '5', 'background': 'var(--ground)',
+           'border-bottom': '1px solid var(--line)'}
 
 _NARROW = ':host { width: 100%; max-width: 100%; overflow-x: auto }' + css.TOOLS
 
 
-def tiles(rows: Sequence[Sequence[figure]], least: int = 240) -> UIElement:
+def tiles(rows: Sequence[Sequence[figure]], min_width: int = 240) -> UIElement:
     """
     Return rows of plots with common tools above them.
 
-    :param least: width in pixels below which a plot goes below its neighbour.
+    :param min_width: width in pixels below which a plot wraps to the next line.
     """
     plots = [plot for each in rows for plot in each]
     lines = []
     for each in rows:
         for plot in each:
             plot.toolbar_location = None
-            plot.min_width = min(least, 240)
-            plot.styles = {'flex': f'1 1 {least}px', 'width': 'auto', 'contain': 'layout style'}
+            plot.min_width = min(min_width, 240)
+            plot.styles = {'flex': f'1 1 {min_width}px', 'width': 'auto',
+                           'contain': 'layout style'}
         lines.append(row(*each, sizing_mode='stretch_width',
                          styles={'flex-wrap': 'wrap', 'break-inside': 'avoid'}))
     inside = column(*lines, sizing_mode='stretch_width')
@@ -37,8 +38,13 @@ def tiles(rows: Sequence[Sequence[figure]], least: int = 240) -> UIElement:
                     sizing_mode='stretch_width')
 
 
+def in_rows(plots: list[figure], columns: int) -> list[list[figure]]:
+    """Return plots in rows of at most `columns`."""
+    return [plots[k:k + columns] for k in range(0, len(plots), columns)]
+
+
 def _toolbar(plots: list[figure]) -> Toolbar:
-    """Return the tools of all plots, each kind once."""
+    """Return the common tools of all plots, each kind once."""
     active = next((plot.toolbar.active_drag for plot in plots
                    if plot.toolbar.active_drag not in ('auto', None)), None)
     tools = [tool for plot in plots for tool in plot.toolbar.tools]
@@ -47,8 +53,8 @@ def _toolbar(plots: list[figure]) -> Toolbar:
         return SaveTool() if issubclass(kind, SaveTool) else None
 
     grouped = group_tools(tools, merge=merged, ignore={'overlay', 'renderers', 'tooltips'})
-    made = Toolbar(tools=grouped, logo=None, styles=_AT_HAND, stylesheets=[_NARROW])
+    fig = Toolbar(tools=grouped, logo=None, styles=_STICKY, stylesheets=[_NARROW])
     for tool in grouped:
         if isinstance(tool, ToolProxy) and active in tool.tools:
-            made.active_drag = tool
-    return made
+            fig.active_drag = tool
+    return fig

@@ -1,4 +1,4 @@
-"""What a user works with: runs, joints, units, and which samples gravity shows in."""
+"""Settings of the workbench: runs, joints, units, formulation and samples."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 @dataclass(frozen=True)
 class Choice:
     """
-    Which runs (by number) and joints, how they are read, and which samples are used.
+    Chosen runs (by number) and joints, reading options, and samples.
 
-    `effort_scale` holds N·m per unit of effort, sign included, 1 where not given;
-    `differentiate` takes speeds from positions. `urdf` is a robot description whose axes are
-    used, `none` for none; None takes what the recordings hold. Gravity is learned from and
-    judged on samples slower than `max_speed` in rad/s (None: the usual limit), or all of them.
+    `effort_scale` is N·m per unit of effort by joint, sign included (default 1); `differentiate`
+    computes velocities from positions. `urdf` is the robot description for the joint axes,
+    `none` for no description, None for that of the recordings. Gravity is fitted to and compared
+    on samples slower than `max_speed` in rad/s (None: the default limit), or all samples.
 
-    :raises OptionError: if a number makes no sense.
+    :raises OptionError: if a value is invalid.
     """
 
     runs: tuple[int, ...] = ()
@@ -49,46 +49,46 @@ class Choice:
                                   f'finite and not 0')
 
     def reading(self, topic: str | None) -> ReadOptions:
-        """Return how recordings are read."""
+        """Return the options to read the recordings."""
         scale = {joint: x for joint, x in self.effort_scale.items()
                  if x != 1.0 and (not self.joints or joint in self.joints)}
         return ReadOptions(topic, self.joints or None, scale, self.differentiate)
 
     def learning(self, ordered: bool) -> LearnOptions:
         """
-        Return how gravity is learned.
+        Return the options of the fit.
 
-        :param ordered: whether the user gave the joints in the order of the arm.
+        :param ordered: whether the joints are given in the order of the arm.
         """
         axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
         return LearnOptions(self.formulation, axes, ordered)
 
     def learning_words(self) -> list[str]:
-        """Return the arguments of a command that learns the same."""
+        """Return the arguments of a command with the same fit."""
         axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
             '--urdf', self.urdf]
         return ['--formulation', self.formulation, *axes]
 
     def gate(self) -> GateOptions | None:
-        """Return which samples gravity is learned from and judged on; None: all."""
+        """Return the gate for the fit and the comparison; None for all samples."""
         if self.all_samples:
             return None
         return GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
 
     def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
         """
-        Return the chosen runs and joints of all that was read.
+        Return the chosen runs and joints of all recordings.
 
         :raises DataError: if no run is chosen.
         """
         runs = [samples.run(number) for number in self.runs]
         if not runs:
-            raise DataError('no run is chosen')
+            raise DataError('no run is selected')
         return Recording(concatenate(runs).joints(self.joints), self.gate(),
                          tuple(reports[number] for number in self.runs))
 
     def reading_words(self, topic: str | None, joints: bool = True) -> list[str]:
-        """Return the arguments of a command that reads the same."""
+        """Return the arguments of a command with the same reading options."""
         words = [] if topic is None else ['--topic', topic]
         if joints:
             words += ['--joints', ','.join(self.joints)]
@@ -98,12 +98,12 @@ class Choice:
         return words + (['--differentiate'] if self.differentiate else [])
 
     def gate_words(self) -> list[str]:
-        """Return the arguments of a command that uses the same samples."""
+        """Return the arguments of a command with the same gate."""
         if self.all_samples:
             return ['--all-samples']
         return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
 
 
 def line(*words: str) -> str:
-    """Return a command line of these words, quoted where a shell would take them apart."""
+    """Return a command line of these words, quoted for the shell."""
     return shlex.join(words)

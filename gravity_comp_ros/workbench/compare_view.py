@@ -1,4 +1,4 @@
-"""Two models side by side, on the same samples: what they hold, their errors, their residuals."""
+"""Comparison of two models on the same samples: provenance, effects, errors and residuals."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _TOOLS = 'pan,box_zoom,wheel_zoom,reset,save'
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ComparedModel:
     """
-    A model as the view sees it.
+    A model in the comparison.
 
-    `facts` are lines of what it was made from, `comparison` its errors on the chosen samples,
-    `residual` (M, N) in N·m what it leaves of all of them.
+    `facts` are rows on its provenance, `comparison` its errors on the selected samples,
+    `residual` (M, N) in N·m its residual on all chosen samples.
     """
 
     name: str
@@ -44,17 +44,17 @@ class Seen:
     residual: FloatArray
 
 
-def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
-    """Return what differs between two models; `plots` are their residuals."""
+def section(a: ComparedModel, b: ComparedModel, plots: UIElement | None, style: Style) -> Section:
+    """Return the comparison of two models; `plots` are their residuals."""
     joints = [joint for joint in b.comparison.joints if joint in a.comparison.joints]
-    lead = markup.paragraph(f'A is {a.name}, B is {b.name}; errors are of the samples that are '
-                            f'chosen now.', 'quiet')
-    lead += _made_of(a, b) + _errors(joints, a.comparison, b.comparison)
-    # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
+    lead = markup.paragraph(f'A is {a.name}, B is {b.name}. Errors are on the selected samples.',
+                            'quiet')
+    lead += _contents_table(a, b) + _error_table(joints, a.comparison, b.comparison)
+    # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
     bars = _bars(joints, a, b, style)
-    made = bar_plot(style, 'RMSE of both models', 'RMSE, N·m', 90 + 34 * len(joints), joints, bars,
-                    '0.0000')
-    parts: list[UIElement] = [gridplot([[made]], sizing_mode='stretch_width',
+    fig = bar_plot(style, 'RMSE of both models', 'RMSE, N·m', 90 + 34 * len(joints), joints, bars,
+                   '0.0000')
+    parts: list[UIElement] = [gridplot([[fig]], sizing_mode='stretch_width',
                                        toolbar_location=None)]
     if plots is not None:
         parts.append(plots)
@@ -62,18 +62,18 @@ def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
                    column(*parts, sizing_mode='stretch_width'))
 
 
-def _made_of(a: Seen, b: Seen) -> str:
-    """Return a table of what either model is made of; what differs is stressed by words."""
+def _contents_table(a: ComparedModel, b: ComparedModel) -> str:
+    """Return a table of the provenance and the effects of both models."""
     rows = [[what, a.facts[what], b.facts[what]] for what in a.facts
             if a.facts[what] or b.facts[what]]
-    mine, other = ({effect.target: numbers(effect) for effect in seen.model.applied.effects}
-                   for seen in (b, a))
-    rows += [[target, other.get(target, 'not in it'), mine.get(target, 'not in it')]
-             for target in dict.fromkeys([*other, *mine])]
+    of_b, of_a = ({effect.target: numbers(effect) for effect in seen.model.applied.effects}
+                  for seen in (b, a))
+    rows += [[target, of_a.get(target, 'not included'), of_b.get(target, 'not included')]
+             for target in dict.fromkeys([*of_a, *of_b])]
     return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))
 
 
-def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
+def _error_table(joints: list[str], a: Comparison, b: Comparison) -> str:
     rows = []
     for joint in joints:
         x, y = a.joints[joint], b.joints[joint]
@@ -84,17 +84,18 @@ def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
          'largest N·m, A', 'largest N·m, B'], rows)
 
 
-def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> list[Bars]:
+def _bars(joints: list[str], a: ComparedModel, b: ComparedModel, style: Style) -> list[Bars]:
     return [Bars(f'{letter}: {short(seen.name, 44)}',
                  [seen.comparison.joints[joint].rmse for joint in joints], colour)
             for letter, seen, colour in (('A', a, style.before), ('B', b, style.after))]
 
 
-def residuals(a: Seen, b: Seen, samples: JointSamples, style: Style) -> UIElement | None:
+def residuals(a: ComparedModel, b: ComparedModel, samples: JointSamples, style: Style
+              ) -> UIElement | None:
     """
-    Return the residual of each joint, A on the left and B on the right; None for no joint.
+    Return plots of the residual of each joint, A left and B right; None without joints.
 
-    :param samples: what both residuals are of, with the joints that both models have.
+    :param samples: samples of both residuals, with the joints that both models have.
     """
     joints = samples.names
     if not joints or not samples.n_samples:
@@ -112,8 +113,8 @@ def residuals(a: Seen, b: Seen, samples: JointSamples, style: Style) -> UIElemen
     span = padded(0.0, float(time.max()), 0.01)
     grid = []
     for n, joint in enumerate(joints):
-        most = float(max(np.abs(left[:, n]).max(), np.abs(right[:, n]).max(), 1e-9))
-        scale = padded(-most, most)
+        limit = float(max(np.abs(left[:, n]).max(), np.abs(right[:, n]).max(), 1e-9))
+        scale = padded(-limit, limit)
         grid.append([_plot(source, style, f'{letter.upper()}  {short(printable(joint), 30)}',
                            f'{letter}{n}', span, scale, n == len(joints) - 1)
                      for letter in 'ab'])
@@ -122,13 +123,13 @@ def residuals(a: Seen, b: Seen, samples: JointSamples, style: Style) -> UIElemen
 
 def _plot(source: ColumnDataSource, style: Style, title: str, column: str, span: object,
           scale: object, last: bool) -> figure:
-    made = plot(style, title, 'time in s' if last else '', 'N·m', _HEIGHT + _AXIS * last, _TOOLS,
-                x_range=span, y_range=scale)
+    fig = plot(style, title, 'time in s' if last else '', 'N·m', _HEIGHT + _AXIS * last, _TOOLS,
+               x_range=span, y_range=scale)
     colour = style.before if column[0] == 'a' else style.after
-    line = made.line('t', column, source=source, color=colour, line_width=1.0)
-    made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
-    made.add_tools(HoverTool(renderers=[line], mode='vline', tooltips=[
+    line = fig.line('t', column, source=source, color=colour, line_width=1.0)
+    fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
+    fig.add_tools(HoverTool(renderers=[line], mode='vline', tooltips=[
         ('time', '@t{0.00} s'), ('residual', f'@{column}{{0.000}} N·m')]))
-    made.xaxis.visible = last
-    made.yaxis.ticker.desired_num_ticks = 4
-    return made
+    fig.xaxis.visible = last
+    fig.yaxis.ticker.desired_num_ticks = 4
+    return fig

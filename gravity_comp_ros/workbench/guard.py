@@ -1,9 +1,9 @@
 """
-Who may talk to the server of the page, and what a page may do.
+Access control of the server: allowed hosts, refused paths and response headers.
 
-A name that an attacker's DNS suddenly resolves to this machine (DNS rebinding) makes a browser
-send that name as the Host of its requests. So requests for any other host than this machine are
-refused, whatever they ask for: the page, the websocket, a script.
+After DNS rebinding, a browser sends an attacker's host name, which resolves to this machine, in
+the Host header. All requests whose Host is not this machine are refused: page, websocket and
+scripts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.web import ErrorHandler, OutputTransform
 
 LOCAL = ('localhost', '127.0.0.1', '[::1]')
-# What a page of another site could include, and what none of ours asks for.
+# Paths that the workbench does not use and that a page of another site could include.
 _REFUSED = ('/autoload.js', '/metadata', '/static/js/bokeh-mathjax')
 _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
             'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
@@ -26,7 +26,7 @@ _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
 
 
 def allowed_hosts(address: str, port: int) -> tuple[str, ...]:
-    """Return the hosts with port by which a server on this address may be reached."""
+    """Return the allowed hosts, with port, of a server on this address."""
     own = [socket.gethostname(), socket.getfqdn()] if _is_everywhere(address) else [
         f'[{address}]' if ':' in address else address]
     names = [*LOCAL, *own]
@@ -34,7 +34,7 @@ def allowed_hosts(address: str, port: int) -> tuple[str, ...]:
 
 
 def is_allowed(host: str, hosts: tuple[str, ...], address: str) -> bool:
-    """Return whether a Host header names this server; a bare address is never rebound."""
+    """Return whether a Host header names this server; an IP address cannot be rebound."""
     if host.lower() in hosts:
         return True
     if not hosts or not _is_everywhere(address):
@@ -55,7 +55,7 @@ def _is_everywhere(address: str) -> bool:
 
 
 class GuardedApplication(BokehTornado):
-    """Bokeh's server application, which answers requests for this machine alone."""
+    """Bokeh's server application, restricted to requests for this machine."""
 
     def __init__(self, applications: Any, hosts: tuple[str, ...], address: str,
                  **more: Any) -> None:
@@ -64,7 +64,7 @@ class GuardedApplication(BokehTornado):
         self.add_transform(_Headers)
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
-        """Return what answers a request: nothing but a refusal for other hosts."""
+        """Return the handler of a request; a refusal for other hosts."""
         hosts = request.headers.get_list('Host')
         if len(hosts) != 1 or not is_allowed(hosts[0], self._hosts, self._address):
             return self._refusal(request, 421)

@@ -1,4 +1,4 @@
-"""The long work of the workbench, done by a process of its own: what is asked, and answered."""
+"""Jobs of the workbench, run in a separate process, and their answers."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ import numpy as np
 @dataclass(frozen=True)
 class Read:
     """
-    Read recordings; the worker keeps them for the jobs that follow.
+    Read recordings; the worker keeps them for later jobs.
 
-    `model` names the model that says which joints there are, if one does. `urdf` is as in
-    `Choice`.
+    `model` is the name of the model that determines the joints, if any. `urdf` is as in `Choice`.
     """
 
     paths: tuple[Path, ...]
@@ -41,11 +40,11 @@ class Read:
 
 
 @dataclass(frozen=True)
-class WasRead:
+class ReadResult:
     """
     All samples, and a report on each recording.
 
-    Without a choice the joints are those of the arm, in its order; others are `left_out`.
+    Without selected joints they are those of the arm, in its order; others are `left_out`.
     """
 
     samples: JointSamples
@@ -58,7 +57,7 @@ class Learn:
     """
     Fit gravity to the chosen samples.
 
-    `ordered` says that the user gave the joints in the order of the arm.
+    `ordered` tells whether the joints are given in the order of the arm.
     """
 
     choice: Choice
@@ -66,8 +65,8 @@ class Learn:
 
 
 @dataclass(frozen=True)
-class Ask:
-    """Diagnose the chosen runs beside a model."""
+class Diagnose:
+    """Diagnose the chosen runs with a model."""
 
     choice: Choice
     model: GravityModel
@@ -75,7 +74,7 @@ class Ask:
 
 @dataclass(frozen=True)
 class Add:
-    """Add effects, as `add` takes them, and refit."""
+    """Add effects, in the notation of `gravity_comp add`, and refit."""
 
     choice: Choice
     model: GravityModel
@@ -84,7 +83,7 @@ class Add:
 
 @dataclass(frozen=True)
 class PlanMotion:
-    """Plan the motion that settles effects, or all that a diagnosis leaves open (None)."""
+    """Plan a motion that resolves effects, or all open findings of a diagnosis (None)."""
 
     choice: Choice
     model: GravityModel
@@ -92,21 +91,21 @@ class PlanMotion:
     effects: tuple[str, ...] | None = None
 
 
-Job = Read | Learn | Ask | Add | PlanMotion
-Answer = WasRead | Learned | Diagnosis | Refit | Plan
+Job = Read | Learn | Diagnose | Add | PlanMotion
+Answer = ReadResult | Learned | Diagnosis | Refit | Plan
 
 
-class Bench:
-    """Does the jobs; keeps what was read between them."""
+class JobRunner:
+    """Runs jobs; keeps the recordings between them."""
 
     def __init__(self) -> None:
-        self._read: WasRead | None = None
+        self._read: ReadResult | None = None
 
     def work(self, job: Job, progress: Progress) -> Answer:
         """
         Return the answer to a job.
 
-        :raises GravityCompError: if it cannot be done, with one line that says why.
+        :raises GravityCompError: if it fails, with the reason in one line.
         """
         if isinstance(job, Read):
             return self._reading(job, progress)
@@ -115,64 +114,65 @@ class Bench:
         recording = job.choice.recording(self._read.samples, self._read.reports)
         if isinstance(job, Learn):
             return learned(recording, job, progress)
-        if isinstance(job, Ask):
+        if isinstance(job, Diagnose):
             return diagnose(recording.samples, job.model, progress=progress)
         if isinstance(job, PlanMotion):
             return planned(recording, job, progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
-    def _reading(self, job: Read, progress: Progress) -> WasRead:
+    def _reading(self, job: Read, progress: Progress) -> ReadResult:
         try:
-            found = _read(job, progress)
+            result = _read(job, progress)
         except ModelMismatchError as problem:
             if not job.model:
                 raise
             raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
                                      ) from problem
-        self._read = found
-        return found
+        self._read = result
+        return result
 
 
-def _read(job: Read, progress: Progress) -> WasRead:
-    found = read_each(job.paths, job.options, progress)
-    samples, reports = concatenate(r.samples for r in found), tuple(r.report for r in found)
+def _read(job: Read, progress: Progress) -> ReadResult:
+    recordings = read_each(job.paths, job.options, progress)
+    samples = concatenate(recording.samples for recording in recordings)
+    reports = tuple(recording.report for recording in recordings)
     if job.options.joints is not None:
-        return WasRead(samples, reports)
+        return ReadResult(samples, reports)
     arm = known_arm(Recording(samples, None, reports), LearnOptions(axes=AxesOptions(job.urdf)))
     left_out = arm.axes.left_out
     if left_out:
-        # What a gripper lacks is no reason to drop a message.
+        # Read again without other joints, whose missing values would drop messages.
         return replace(_read(replace(job, options=replace(job.options, joints=arm.order.joints)),
                              progress), left_out=left_out)
-    return WasRead(samples.joints(arm.order.joints), reports)
+    return ReadResult(samples.joints(arm.order.joints), reports)
 
 
 def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
-    """Return the model that `gravity_comp fit --joints` gives, and what it is based on."""
+    """Return the result of `gravity_comp fit --joints`."""
     options = job.choice.learning(job.ordered)
-    found = learn(recording, options, progress=progress)
-    # The page has the samples already.
+    result = learn(recording, options, progress=progress)
+    # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
-    found = replace(found, recording=replace(recording, samples=none))
-    if found.arm.axes.geometry is not None:
-        return found
-    # The command lines name the joints, in this order.
-    told = {**found.model.provenance, 'joint_order': ASKED}
-    return replace(found, result=replace(found.result,
-                                         model=replace(found.model, provenance=told)))
+    result = replace(result, recording=replace(recording, samples=none))
+    if result.arm.axes.geometry is not None:
+        return result
+    # The exported command lines list the joints in this order.
+    provenance = {**result.model.provenance, 'joint_order': ASKED}
+    return replace(result, result=replace(
+        result.result, model=replace(result.model, provenance=provenance)))
 
 
 def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:
-    """Return the motion that `gravity_comp plan` writes."""
+    """Return the motion of `gravity_comp plan`."""
     targets = None if job.effects is None else named_targets(job.effects, job.model.joints)
     return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
                 progress=progress)
 
 
 def described(job: Job) -> str:
-    """Return what is being done, in words."""
-    words: dict[type[Any], str] = {Read: 'Reading', Learn: 'Learning gravity',
-                                   Ask: 'Looking for what is missing',
+    """Return a description of a running job."""
+    names: dict[type[Any], str] = {Read: 'Reading', Learn: 'Learning gravity',
+                                   Diagnose: 'Diagnosing',
                                    PlanMotion: 'Planning the next recording'}
-    return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else words[type(job)]
+    return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else names[type(job)]

@@ -1,4 +1,4 @@
-"""A running node as it works: measured, predicted, residual, coverage, state and events."""
+"""Live view of a running node: torques, residual, coverage, status and events."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from gravity_comp_ros.report.style import plot, Style
 from gravity_comp_ros.report.tiles import tiles
 from gravity_comp_ros.workbench import widgets
 if TYPE_CHECKING:
-    # Needs ROS, which a page of recordings does without.
+    # Requires ROS, which a page of recordings does not use.
     from gravity_comp_ros.node.diagnostics import Status
     from gravity_comp_ros.node.node_client import NodeClient
 
-_SHOWN = 3000
-_EVERY = 3
+_MAX_ROWS = 3000
+# Number of polls of the page per update.
+_UPDATE_INTERVAL = 3
 _LEVELS = ('ok', 'warning', 'error', 'stale')
-# What is older than this, in s, is not how the node is but how it was. Statuses come once a
-# second.
-_OLD_TORQUE, _OLD_STATUS = 2.0, 4.0
-_MOST_EVENTS = 30
+# Maximum age, in s, of current torques and statuses. Statuses are published once a second.
+_MAX_TORQUE_AGE, _MAX_STATUS_AGE = 2.0, 4.0
+_MAX_EVENTS = 30
 
 
 class LiveView:
@@ -39,29 +39,29 @@ class LiveView:
                                          sizing_mode='stretch_width')
         self._source: ColumnDataSource | None = None
         self._joints: tuple[str, ...] = ()
-        self._seen, self._turn = 0, 0
+        self._seen, self._polls = 0, 0
 
     def dress(self, style: Style) -> None:
-        """Draw in another style from now on."""
+        """Change the style of the plots."""
         self.style, self._joints, self._seen = style, (), 0
 
     def update(self, visible: bool) -> None:
-        """Show what has come since the last call."""
-        self._turn += 1
-        if not visible or self._turn % _EVERY:
+        """Show the data received since the last call."""
+        self._polls += 1
+        if not visible or self._polls % _UPDATE_INTERVAL:
             return
         joints = self.follower.joints()
         if joints != self._joints:
             self._draw(joints)
         elif self._source is not None:
             self._stream(self._source)
-        _put(self._state, self._told())
-        _put(self._events, _listed(self.follower.events()))
+        _set_text(self._state, self._state_html())
+        _set_text(self._events, _event_list(self.follower.events()))
 
     def _draw(self, joints: tuple[str, ...]) -> None:
         seen, t, measured, predicted = self.follower.rows(0)
         if not len(t) or measured.shape[1] != len(joints):
-            return  # plots of nothing have no axes
+            return  # plots without data have no axes
         self._joints, self._seen = joints, seen
         source = self._source = ColumnDataSource(_columns(t, measured, predicted))
         time = DataRange1d(follow='end', follow_interval=60.0, range_padding=0.0)
@@ -74,89 +74,90 @@ class LiveView:
         if not len(t):
             return
         if measured.shape[1] == len(self._joints):
-            source.stream(_columns(t, measured, predicted), rollover=_SHOWN)
+            source.stream(_columns(t, measured, predicted), rollover=_MAX_ROWS)
 
-    def _told(self) -> str:
+    def _state_html(self) -> str:
         node, statuses = self.follower.node, self.follower.statuses()
         head = f'<h2>Node {markup.text(node)}</h2>'
         if not statuses and not self._joints:
             return head + markup.paragraph(
-                'Nothing heard of it yet. Is it running, and in the same ROS_DOMAIN_ID?')
+                'No message received yet. Is the node running, in the same ROS_DOMAIN_ID?')
         torque, status = self.follower.ages()
         head += age_html(torque, status)
         table = status_html(statuses, status) if statuses else ''
         if not self._joints:
             return head + table + markup.paragraph('No torque is predicted yet.', 'quiet')
         low, high = self.follower.coverage()
-        seen = markup.table(['joint', 'angles seen, rad'],
-                            [[name, f'{a:.2f} … {b:.2f}']
-                             for name, a, b in zip(self._joints, low, high)])
+        ranges = markup.table(['joint', 'visited range, rad'],
+                              [[name, f'{a:.2f} … {b:.2f}']
+                               for name, a, b in zip(self._joints, low, high)])
         key = markup.key([(self.style.measured, 'measured'), (self.style.predicted, 'predicted'),
                           (self.style.residual, 'residual')])
-        return head + table + markup.folded('Coverage', seen) + key
+        return head + table + markup.folded('Coverage', ranges) + key
 
 
 def age_html(torque: float | None, status: float | None) -> str:
-    """Return how old what is shown is; loud where the node has gone silent."""
+    """Return the age of the shown data, as an error if the node is silent."""
     parts, silent = [], False
-    for name, age, old in (('torque', torque, _OLD_TORQUE), ('status', status, _OLD_STATUS)):
+    for name, age, limit in (('torque', torque, _MAX_TORQUE_AGE),
+                             ('status', status, _MAX_STATUS_AGE)):
         if age is None:
             parts.append(f'no {name} yet')
             continue
-        silent = silent or age > old
+        silent = silent or age > limit
         parts.append(f'last {name} {"less than 1" if age < 1.0 else f"{age:.0f}"} s ago')
-    words = ', '.join(parts)
+    text = ', '.join(parts)
     if silent:
-        return f'<p id="live-age" class="level error">SILENT: {words}. What is shown is how ' \
-               f'the node was then.</p>'
-    return f'<p id="live-age" class="level ok">{words}</p>'
+        return f'<p id="live-age" class="level error">SILENT: {text}. The data below is from ' \
+               f'that time.</p>'
+    return f'<p id="live-age" class="level ok">{text}</p>'
 
 
 def status_html(statuses: Sequence[Status], age: float | None) -> str:
-    """Return the statuses as a table; each level is a word in its colour."""
-    stale = age is None or age > _OLD_STATUS
+    """Return the statuses as a table, with coloured levels."""
+    stale = age is None or age > _MAX_STATUS_AGE
     rows = ''
-    for one in statuses:
-        was = _LEVELS[min(max(one.level, 0), 3)]
-        level = 'stale' if stale else was
-        word = f'stale, was {was}' if stale and was != 'stale' else level
-        rows += (f'<tr><th scope="row">{markup.text(one.name)}</th>'
-                 f'<td><span class="level {level}">{word}</span></td>'
-                 f'<td>{markup.text(one.message)}</td></tr>')
+    for status in statuses:
+        published = _LEVELS[min(max(status.level, 0), 3)]
+        level = 'stale' if stale else published
+        text = f'stale, was {published}' if stale and published != 'stale' else level
+        rows += (f'<tr><th scope="row">{markup.text(status.name)}</th>'
+                 f'<td><span class="level {level}">{text}</span></td>'
+                 f'<td>{markup.text(status.message)}</td></tr>')
     return (f'<div class="wide"><table><thead><tr><th scope="col">part</th><th scope="col">level'
             f'</th><th scope="col">message</th></tr></thead><tbody>{rows}</tbody></table></div>')
 
 
 def _columns(t: FloatArray, measured: FloatArray, predicted: FloatArray
              ) -> dict[str, FloatArray]:
-    columns = {'t': t[-_SHOWN:]}
+    columns = {'t': t[-_MAX_ROWS:]}
     for k in range(measured.shape[1]):
-        m, p = measured[-_SHOWN:, k], predicted[-_SHOWN:, k]
+        m, p = measured[-_MAX_ROWS:, k], predicted[-_MAX_ROWS:, k]
         columns |= {f'm{k}': m, f'p{k}': p, f'r{k}': m - p}
     return columns
 
 
 def _torque(name: str, k: int, source: ColumnDataSource, time: DataRange1d,
             style: Style) -> figure:
-    made = plot(style, name, 'time, s', 'N·m', 170, 'xpan,xwheel_zoom,reset,save', x_range=time)
-    made.line('t', f'm{k}', source=source, color=style.measured)
-    made.line('t', f'p{k}', source=source, color=style.predicted, line_dash=[6, 3], line_width=1.5)
-    return made
+    fig = plot(style, name, 'time, s', 'N·m', 170, 'xpan,xwheel_zoom,reset,save', x_range=time)
+    fig.line('t', f'm{k}', source=source, color=style.measured)
+    fig.line('t', f'p{k}', source=source, color=style.predicted, line_dash=[6, 3], line_width=1.5)
+    return fig
 
 
 def _residual(k: int, source: ColumnDataSource, time: DataRange1d, style: Style) -> figure:
-    made = plot(style, '', 'time, s', 'residual, N·m', 170, 'xpan,xwheel_zoom,reset,save',
-                x_range=time)
-    made.line('t', f'r{k}', source=source, color=style.residual)
-    made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint))
-    return made
+    fig = plot(style, '', 'time, s', 'residual, N·m', 170, 'xpan,xwheel_zoom,reset,save',
+               x_range=time)
+    fig.line('t', f'r{k}', source=source, color=style.residual)
+    fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint))
+    return fig
 
 
-def _listed(events: Sequence[tuple[str, str]]) -> str:
-    shown = [f'{when}  {what}' for when, what in list(events)[-_MOST_EVENTS:][::-1]]
+def _event_list(events: Sequence[tuple[str, str]]) -> str:
+    shown = [f'{time}  {text}' for time, text in list(events)[-_MAX_EVENTS:][::-1]]
     return '<h3>Events</h3>' + (markup.bullets(shown) or markup.paragraph('None yet.', 'quiet'))
 
 
-def _put(place: Div, text: str) -> None:
-    if place.text != text:
-        place.text = text
+def _set_text(element: Div, text: str) -> None:
+    if element.text != text:
+        element.text = text

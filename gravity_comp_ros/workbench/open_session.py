@@ -1,4 +1,4 @@
-"""One session with the process that works for it; pages come and go, it stays."""
+"""One session with its worker process; it persists when its page is closed."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Event, Failed, Finished
 from gravity_comp_ros.workbench.jobs import (
-    Add, Ask, described, Job, Learn, PlanMotion, Read, WasRead)
+    Add, described, Diagnose, Job, Learn, PlanMotion, Read, ReadResult)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
 
-BUSY = 'every process that may work at a time is busy with another session: wait, or cancel there'
+BUSY = 'all worker processes are busy with another session: wait, or cancel there'
 
 
 class OpenSession:
     """
-    A session at work. `version` rises whenever there is something new to show.
+    A session with its worker. `version` increases with every change to show.
 
-    `trouble` says why the work stopped; it goes on when the user says so (`try_again`).
-    `warning` is about what was read or asked for, `unsaved` why the session cannot be kept on
-    disk; what is doubtful of a model stands with its stage.
+    `error` is the reason why the work stopped; `try_again` continues it. `warning` is about the
+    recordings or the last request, `save_error` is the reason why the session is not saved.
+    Warnings about a model belong to its stage.
     """
 
     def __init__(self, identity: str, session: Session, place: Path | None,
                  may_start: Callable[[OpenSession], bool], worker: Worker | None = None) -> None:
         self.id, self.session, self.place = identity, session, place
         self.worker = worker or Worker()
-        self.trouble, self.done, self.warning = '', '', ''
-        self._refused = self.unsaved = ''
+        self.error, self.done, self.warning = '', '', ''
+        self._upload_error = self.save_error = ''
         self.progress: Progress | None = None
         self.version = 0
         self.page: object | None = None
-        self.left = time.monotonic()
+        self.detached_at = time.monotonic()
         self.hashes: dict[str, str] = {}
         self._may_start = may_start
 
@@ -50,165 +50,165 @@ class OpenSession:
         """Return whether effects are being added."""
         return isinstance(self.worker.running, Add)
 
-    # What a page asks for.
+    # Requests of a page.
 
     def start(self) -> None:
-        """Do what is needed next, if nothing is being done."""
-        job = None if self.worker.busy or self.trouble else self.session.next_job()
+        """Start the next job if no job is running."""
+        job = None if self.worker.busy or self.error else self.session.next_job()
         if job is not None:
-            self._ask(job)
+            self._start_job(job)
 
     def try_again(self) -> None:
-        """Go on after trouble."""
-        self.trouble = ''
+        """Continue after an error."""
+        self.error = ''
         self.start()
-        self._news()
+        self._changed()
 
     def cancel(self) -> None:
-        """End what is being done."""
+        """Cancel the running job."""
         for event in self.worker.cancel():
-            self._heard(event)
-        self._news()
+            self._on_event(event)
+        self._changed()
 
     def learn(self, choice: Choice) -> None:
-        """Learn a model anew."""
+        """Fit a new model."""
         self._interrupt()
         self.session.learn(choice)
-        self._go_on()
+        self._continue()
 
-    def bring(self, path: Path) -> None:
-        """Put one more recording on the bench."""
+    def add_recording(self, path: Path) -> None:
+        """Add a recording to the session."""
         self._interrupt()
-        self.session.bring(path)
+        self.session.add_recording(path)
         self.start()
-        self._news()
+        self._changed()
 
-    def judge(self, choice: Choice) -> None:
-        """Judge the present model on something else."""
-        self._try(lambda: self.session.judge(choice))
+    def evaluate(self, choice: Choice) -> None:
+        """Evaluate the current model on other samples."""
+        self._try(lambda: self.session.evaluate(choice))
 
     def add(self, effects: tuple[str, ...]) -> None:
-        """Add effects to the present model."""
-        self._work(lambda: self.session.adding(effects))
+        """Add effects to the current model."""
+        self._submit(lambda: self.session.adding(effects))
 
     def plan(self, effects: tuple[str, ...] | None) -> None:
-        """Plan the recording that settles these effects, or all that is open."""
-        self._work(lambda: self.session.planning(effects))
+        """Plan a motion that resolves these effects, or all open findings."""
+        self._submit(lambda: self.session.planning(effects))
 
     def undo(self) -> None:
-        """Go back to before the last addition."""
+        """Undo the last addition."""
         self._try(self._undo)
 
-    def go_to(self, number: int) -> None:
-        """Go to a stage."""
+    def select_stage(self, number: int) -> None:
+        """Make a stage the current one."""
         if 0 <= number < len(self.session.stages) and number != self.session.at:
-            self._try(lambda: self.session.go_to(number))
+            self._try(lambda: self.session.select_stage(number))
 
     def describe(self, name: str, note: str) -> None:
-        """Name the present stage, and keep a note with it."""
+        """Set name and note of the current stage."""
         if self.session.at is not None:
             self.session.describe(self.session.at, name, note)
             self._save()
-            self._news()
+            self._changed()
 
-    # What comes back.
+    # Results of the worker.
 
     def poll(self) -> None:
-        """Take what the process has done since the last call."""
+        """Process the events of the worker since the last call."""
         events = self.worker.poll()
         for event in events:
-            self._heard(event)
+            self._on_event(event)
         if events:
             self.start()
 
     def close(self) -> None:
-        """End the work."""
+        """Close the worker."""
         self.worker.close()
 
     def _undo(self) -> None:
-        self.done = f'{self.session.undo()} taken back'
+        self.done = f'{self.session.undo()} removed'
 
     def _try(self, action: Callable[[], None]) -> None:
         self._interrupt()
         try:
             action()
         except GravityCompError as problem:
-            self.trouble = str(problem)
-            self._news()
+            self.error = str(problem)
+            self._changed()
             return
-        self._go_on()
+        self._continue()
 
-    def _work(self, job: Callable[[], Job]) -> None:
+    def _submit(self, job: Callable[[], Job]) -> None:
         self._interrupt()
         try:
-            self._ask(job())
+            self._start_job(job())
         except GravityCompError as problem:
-            self.trouble = str(problem)
-        self._news()
+            self.error = str(problem)
+        self._changed()
 
     def _interrupt(self) -> None:
-        # Whatever is being done is about what is going to change; nobody waits for it.
+        # The running job concerns the state before the change; its result is not required.
         if self.worker.busy:
             self.worker.cancel()
-        self.trouble = self.done = ''
+        self.error = self.done = ''
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         self._save()
         self.start()
-        self._news()
+        self._changed()
 
-    def _ask(self, job: Job) -> None:
+    def _start_job(self, job: Job) -> None:
         if not self.worker.alive and not self._may_start(self):
-            self.trouble = BUSY
+            self.error = BUSY
             return
         self.worker.ask(job)
         self.progress = None
 
-    def _heard(self, event: Event) -> None:
+    def _on_event(self, event: Event) -> None:
         if isinstance(event, Progress):
             self.progress = event
             return
         self.progress = None
         if isinstance(event, Failed):
-            self.trouble = f'{described(event.job)} was cancelled' if event.cancelled else \
+            self.error = f'{described(event.job)} was cancelled' if event.cancelled else \
                 event.reason
-            brought = self.session.give_back() if isinstance(event.job, Read) else ()
-            for path in brought:
-                # The work goes on without it. Its folder is ours, and says nothing to the user.
-                self.trouble = self.trouble.replace(f'{path.parent}/', '')
+            unread = self.session.remove_unread() if isinstance(event.job, Read) else ()
+            for path in unread:
+                # Continue without it. The message omits the internal folder.
+                self.error = self.error.replace(f'{path.parent}/', '')
                 path.unlink(missing_ok=True)
-            if brought:
-                self._refused, self.trouble = f'not taken: {self.trouble}', ''
+            if unread:
+                self._upload_error, self.error = f'not added: {self.error}', ''
         elif isinstance(event, Finished):
             self._finished(event)
-        self._news()
+        self._changed()
 
     def _finished(self, event: Finished) -> None:
         job, answer, session = event.job, event.answer, self.session
-        self.trouble = ''
+        self.error = ''
         if isinstance(job, (Read, Learn)):
             self.warning = ''
         try:
-            if isinstance(job, Read) and isinstance(answer, WasRead):
-                session.take(answer, job.options)
-                self.warning, self._refused = self._refused, ''
+            if isinstance(job, Read) and isinstance(answer, ReadResult):
+                session.accept_recordings(answer, job.options)
+                self.warning, self._upload_error = self._upload_error, ''
                 self._save()
                 changed = store.changed_recordings(session, self.hashes)
                 if changed:
-                    self.warning = (f'{", ".join(changed)} changed since this session was kept: '
-                                    f'its models were learned from what was there before')
+                    self.warning = (f'{", ".join(changed)} changed since this session was saved: '
+                                    f'its models were fitted to the previous content')
             elif isinstance(job, Learn) and isinstance(answer, Learned):
                 session.learned(answer, job.choice)
             elif isinstance(job, Add) and isinstance(answer, Refit):
                 session.added(answer, job)
-            elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
+            elif isinstance(job, Diagnose) and isinstance(answer, Diagnosis):
                 session.diagnosed(answer, job)
             elif isinstance(job, PlanMotion) and isinstance(answer, Plan):
                 session.planned(answer, job)
         except GravityCompError as problem:
-            self.trouble = str(problem)
+            self.error = str(problem)
             return
-        if not isinstance(job, (Read, Ask, PlanMotion)):
+        if not isinstance(job, (Read, Diagnose, PlanMotion)):
             self._save()
 
     def _save(self) -> None:
@@ -216,9 +216,9 @@ class OpenSession:
             return
         try:
             store.save(self.place, self.id, self.session)
-            self.unsaved = ''
+            self.save_error = ''
         except GravityCompError as problem:
-            self.unsaved = str(problem)
+            self.save_error = str(problem)
 
-    def _news(self) -> None:
+    def _changed(self) -> None:
         self.version += 1

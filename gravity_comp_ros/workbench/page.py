@@ -1,8 +1,9 @@
-"""The page: choices at the side, what is missing and the error so far above, views below."""
+"""The workbench page: settings in the side bar, findings and error history above the views."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import logging
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,8 @@ from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.workbench import (
-    found_panel, page_parts, page_style, plan_panel, store, widgets)
+    findings_panel, page_parts, page_style, plan_panel, store, widgets)
+from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
@@ -26,7 +28,7 @@ from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.side import Actions, Side
+from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
 from gravity_comp_ros.workbench.views import Views
 
 if TYPE_CHECKING:
@@ -39,40 +41,40 @@ COMPARE, LIVE = 'Two models', 'Live'
 
 class Page:
     """
-    One browser window's page. It gets a session when a browser is really there, not before.
+    The page of one browser window. It attaches a session after the browser has drawn the page.
 
-    :param identity: the session that the address asks for; a new one is made for others.
+    :param identity: session id in the URL; an unknown id gives a new session.
     """
 
     def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
                  follower: NodeClient | None, nonce: str) -> None:
         self.document, self.sessions, self._wanted = document, sessions, identity
-        self.one: OpenSession | None = None
+        self.opened: OpenSession | None = None
         self.style: Style = LIGHT
         self.views: Views | None = None
         self.pair = PairView()
-        self._side: Side | None = None
-        self._seen, self._sweeps, self._focus = -1, 0, ''
+        self._side: Sidebar | None = None
+        self._version, self._collections, self._focus = -1, 0, ''
         self._outdated = False
         self.live = LiveView(follower, self.style) if follower else None
         self.names = [*((*SECTIONS, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
         self.view = self.names[0]
         self._has_bags = has_bags
         self._build(nonce)
-        document.on_event(DocumentReady, lambda event: self._arrived())
+        document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
 
     def close(self) -> None:
-        """Leave the session; it stays for the page that comes next."""
+        """Detach the session; it remains for the next page."""
         self.sessions.detach(self)
 
-    # What the page is made of.
+    # Construction.
 
     def _build(self, nonce: str) -> None:
         self.verdict, self.status = widgets.html('', 'verdict'), widgets.html('', 'status')
         self.cancel = widgets.button('Cancel', self._cancel, name='cancel', visible=False,
                                      width=90)
-        self.again = widgets.button('Try again', self._try_again, 'primary', name='again',
+        self.retry = widgets.button('Try again', self._try_again, 'primary', name='again',
                                     visible=False, width=110)
         self.downloads = page_parts.Downloads()
         self.side = column(sizing_mode='stretch_width', name='side')
@@ -81,11 +83,11 @@ class Page:
             for name in ('missing', 'history', 'shown'))
         self._history = HistoryPanel()
         self.earlier = widgets.html('', 'earlier')
-        self.tabs = widgets.tabs(self.names, self._look)
-        self.dark = widgets.button('Dark', self._turn_style, name='style')
-        self.dark.js_on_event('button_click', CustomJS(code=page_parts.TURN_DARK))
-        self.link = page_parts.client_link(self._told_by_client)
-        head = column(self.verdict, row(self.status, self.cancel, self.again,
+        self.tabs = widgets.tabs(self.names, self._on_tab)
+        self.dark = widgets.button('Dark', self._toggle_style, name='style')
+        self.dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
+        self.link = page_parts.client_link(self._on_client_message)
+        head = column(self.verdict, row(self.status, self.cancel, self.retry,
                                         sizing_mode='stretch_width'),
                       self.downloads.element, self.link, name='head', sizing_mode='stretch_width')
         views = column(self.tabs, self.shown, name='views', sizing_mode='stretch_width')
@@ -98,132 +100,126 @@ class Page:
             args={'link': self.link}, code=page_parts.READY))
         self.verdict.text = '<h1>Opening …</h1>'
 
-    def _arrived(self) -> None:
-        """Take up a session: a browser is there and has drawn the page."""
-        if self.one is not None:
+    def _on_ready(self) -> None:
+        """Attach a session after the browser has drawn the page."""
+        if self.opened is not None:
             return
         if not self._has_bags:
             self.verdict.text = ''
             self._show_view()
             return
-        self.one = self.sessions.attach(self._wanted, self)
-        self.link.tags = ['session', self.one.id]
+        self.opened = self.sessions.attach(self._wanted, self)
+        self.link.tags = ['session', self.opened.id]
         self._list_earlier()
         self._refresh()
 
     def _list_earlier(self) -> None:
-        saved = self.sessions.earlier(self.one.id if self.one else '')
+        saved = self.sessions.earlier(self.opened.id if self.opened else '')
         self.earlier.text = page_parts.earlier_html(saved)
 
-    def _told_by_client(self, what: str) -> None:
+    def _on_client_message(self, what: str) -> None:
         if what == 'dark' and self.style is LIGHT:
-            self._turn_style()
+            self._toggle_style()
 
-    # What happens.
+    # Events.
 
     def _tick(self) -> None:
-        one = self.one
-        if one is not None and one.page is not self:
-            self._taken()
+        opened = self.opened
+        if opened is not None and opened.page is not self:
+            self._show_taken_over()
             return
-        if one is not None:
-            if one.version != self._seen:
+        if opened is not None:
+            if opened.version != self._version:
                 self._refresh()
             elif self._outdated:
-                self._show(one)
+                self._show(opened)
             else:
-                self._say(one)
+                self._update_status(opened)
             if self.views is not None:
                 self.views.table.follow_window()
         if self.live is not None:
             self.live.update(self.view == LIVE)
 
-    def _taken(self) -> None:
-        words = 'This session is open in another window.'
-        if words not in self.verdict.text:
-            self.verdict.text = f'<h1 id="taken">{words} Reload this page to go on here.</h1>'
-            self.cancel.visible = self.again.visible = False
+    def _show_taken_over(self) -> None:
+        text = 'This session is open in another window.'
+        if text not in self.verdict.text:
+            self.verdict.text = f'<h1 id="taken">{text} Reload this page to continue here.</h1>'
+            self.cancel.visible = self.retry.visible = False
             self.side.children = [self.dark]
             for place in (self.missing, self.history, self.shown):
                 place.children = [widgets.html('')]
 
     def _cancel(self) -> None:
-        if self.one is not None:
-            self.one.cancel()
+        if self.opened is not None:
+            self.opened.cancel()
 
     def _try_again(self) -> None:
-        if self.one is not None:
-            self.one.try_again()
+        if self.opened is not None:
+            self.opened.try_again()
 
-    def _learn(self) -> None:
-        self._with_choice(lambda one, side: one.learn(side.choice()))
-
-    def _judge(self) -> None:
-        self._with_choice(lambda one, side: one.judge(side.choice()))
-
-    def _with_choice(self, action: page_parts.WithChoice) -> None:
-        if self.one is None or self._side is None:
+    def _with_choice(self, action: Callable[[OpenSession, Choice], None]) -> None:
+        if self.opened is None or self._side is None:
             return
         try:
-            action(self.one, self._side)
+            action(self.opened, self._side.choice())
         except GravityCompError as problem:
-            self._complain(str(problem))
+            self._warn(str(problem))
 
-    def _complain(self, reason: str) -> None:
-        if self.one is not None:
-            self.one.warning = reason
-            self._say(self.one)
+    def _warn(self, reason: str) -> None:
+        if self.opened is not None:
+            self.opened.warning = reason
+            self._update_status(self.opened)
 
     def _add(self, targets: tuple[str, ...]) -> None:
-        if self.one is not None:
+        if self.opened is not None:
             self._focus = 'head'
-            self.one.add(targets)
+            self.opened.add(targets)
 
-    def _look(self, number: int) -> None:
+    def _on_tab(self, number: int) -> None:
         self.view = self.names[number]
         self._show_view()
 
-    def _turn_style(self) -> None:
+    def _toggle_style(self) -> None:
         self.style = DARK if self.style is LIGHT else LIGHT
         self.dark.label = 'Light' if self.style is DARK else 'Dark'
         if self.live is not None:
             self.live.dress(self.style)
-        if self.one is not None:
+        if self.opened is not None:
             self._refresh()
 
-    # What is shown.
+    # Display.
 
     def _refresh(self) -> None:
-        one = self.one
-        if one is None:
+        opened = self.opened
+        if opened is None:
             return
-        self._seen = one.version
-        self._fill_side(one)
-        plans = PlanActions(one.plan, self.downloads.give)
-        self.missing.children = found_panel.parts(one, self._add, plans)
-        self.history.children = [*self._history.parts(one, self.style),
-                                 *plan_panel.asking(one, plans)]
-        # The numbers of a new model go out first: its views take their time.
-        stage = one.session.stage
+        self._version = opened.version
+        self._fill_side(opened)
+        plans = PlanActions(opened.plan, self.downloads.give)
+        self.missing.children = findings_panel.parts(opened, self._add, plans)
+        self.history.children = [*self._history.parts(opened, self.style),
+                                 *plan_panel.request_controls(opened, plans)]
+        # Send the errors of a new model first, because its views take longer.
+        stage = opened.session.stage
         self._outdated = self.views is not None and stage is not None \
             and self.views.contents.model is not stage.model
         if not self._outdated:
-            self._show(one)
+            self._show(opened)
 
-    def _show(self, one: OpenSession) -> None:
-        """Show the verdict and the view of what is there now."""
+    def _show(self, opened: OpenSession) -> None:
+        """Show the verdict and the current view."""
         self._outdated = False
-        self._make_views(one)
-        self._say(one)
-        self._show_verdict(one)
+        self._make_views(opened)
+        self._update_status(opened)
+        self._show_verdict(opened)
         self._show_view()
-        if self._focus and not one.worker.busy:
-            # The button that was pressed is gone; a reader of the screen goes on from the answer.
-            self.link.tags = ['focus', self._focus, str(one.version)]
+        if self._focus and not opened.worker.busy:
+            # The pressed button has been removed; move the focus to the result for screen readers.
+            self.link.tags = ['focus', self._focus, str(opened.version)]
             self._focus = ''
 
-    def _make_views(self, one: OpenSession) -> None:
-        session = one.session
+    def _make_views(self, opened: OpenSession) -> None:
+        session = opened.session
         selected = self.views.table.selected if self.views else []
         if session.read is None:
             self.views = None
@@ -231,89 +227,90 @@ class Page:
         try:
             ready = session.stage is not None and session.read_with == \
                 session.choice.reading(session.topic)
-            found = session.contents() if ready else session.preview()
+            contents = session.contents() if ready else session.preview()
         except GravityCompError as problem:
             self.views = None
-            one.warning = str(problem)
+            opened.warning = str(problem)
             return
-        if self.views is None or self.views.contents is not found \
+        if self.views is None or self.views.contents is not contents \
                 or self.views.style is not self.style:
-            self.views = Views(found, self.style, selected)
+            self.views = Views(contents, self.style, selected)
 
-    def _fill_side(self, one: OpenSession) -> None:
-        if one.session.read is None:
+    def _fill_side(self, opened: OpenSession) -> None:
+        if opened.session.read is None:
             return
         actions = Actions(
-            self._learn, self._judge,
+            partial(self._with_choice, OpenSession.learn),
+            partial(self._with_choice, OpenSession.evaluate),
             lambda: self._export('arm.json', 'application/json',
                                  lambda session, model: store.model_text(model)),
             lambda: self._export('report.html', 'text/html', self._report),
             lambda: self._export('workbench.sh', 'text/x-shellscript', lambda session, model:
                                  '\n'.join(['#!/bin/sh', 'set -e', *session.commands(), ''])))
-        if self._side is None or self._side.shows is not one.session.choice:
-            self._side = Side(one.session, actions)
+        if self._side is None or self._side.shows is not opened.session.choice:
+            self._side = Sidebar(opened.session, actions)
             self.side.children = [self.dark, self._side.element, self.earlier]
 
-    def _say(self, one: OpenSession) -> None:
-        self.cancel.visible = one.worker.busy
-        self.again.visible = bool(one.trouble) and not one.worker.busy \
-            and one.session.next_job() is not None
-        text = page_parts.status_html(one)
+    def _update_status(self, opened: OpenSession) -> None:
+        self.cancel.visible = opened.worker.busy
+        self.retry.visible = bool(opened.error) and not opened.worker.busy \
+            and opened.session.next_job() is not None
+        text = page_parts.status_html(opened)
         if self.status.text != text:
             self.status.text = text
 
-    def _show_verdict(self, one: OpenSession) -> None:
-        stage = one.session.stage
+    def _show_verdict(self, opened: OpenSession) -> None:
+        stage = opened.session.stage
         if self.views is None:
             self.verdict.text = '<h1>gravity_comp workbench</h1>'
         elif stage is None:
-            self.verdict.text = '<h1>Gravity is being learned. So far the views compare with a ' \
-                'constant torque.</h1>' if not one.trouble else \
+            self.verdict.text = '<h1>Gravity is being fitted. The views compare with a ' \
+                'constant torque.</h1>' if not opened.error else \
                 '<h1>No model yet. The views compare with a constant torque.</h1>'
         else:
-            found = self.views.contents
-            told = headline(found) if found.diagnosis else f'{largest(found)}.'
-            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(told))}</h1>'
+            contents = self.views.contents
+            text = headline(contents) if contents.diagnosis else f'{largest(contents)}.'
+            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(text))}</h1>'
 
     def _show_view(self) -> None:
         self.shown.children = [self._element()]
-        self._sweeps += 1
-        self.link.tags = ['sweep', str(self._sweeps)]
+        self._collections += 1
+        self.link.tags = ['collect', str(self._collections)]
 
     def _element(self) -> UIElement:
         if self.view == LIVE and self.live is not None:
             return self.live.element
-        if self.one is None or self.views is None:
-            words = (self.one.trouble if self.one else '') or 'The views appear as soon as the ' \
-                'recordings are read.'
-            return widgets.html(f'<h2 id="words">{markup.text(words)}</h2>')
+        if self.opened is None or self.views is None:
+            text = (self.opened.error if self.opened else '') or \
+                'The views appear when the recordings have been read.'
+            return widgets.html(f'<h2 id="words">{markup.text(text)}</h2>')
         try:
             if self.view == COMPARE:
-                return self.pair.show(self.one, self.style)
+                return self.pair.show(self.opened, self.style)
             return self.views.show(self.view)
         except Exception as problem:
-            # A fault of one view must not leave the page as it was, without a word.
+            # A failure of one view must be reported on the page.
             _LOG.exception('the view %s failed', self.view)
             return widgets.html(markup.paragraph(
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
 
-    # What goes out.
+    # Downloads.
 
     def _export(self, name: str, kind: str, make: Callable[[Session, GravityModel], str]) -> None:
-        """Hand out a file of what there is of the present model."""
-        session = self.one.session if self.one else None
+        """Download a file made from the current model."""
+        session = self.opened.session if self.opened else None
         if session is None or session.stage is None:
-            self._complain('there is no model yet')
+            self._warn('there is no model yet')
             return
         try:
             self.downloads.give(name, kind, make(session, session.stage.model))
         except GravityCompError as problem:
-            self._complain(str(problem))
+            self._warn(str(problem))
 
     def _report(self, session: Session, model: GravityModel) -> str:
-        if self._outdated and self.one is not None:
-            self._show(self.one)
+        if self._outdated and self.opened is not None:
+            self._show(self.opened)
         if self.views is None:
             raise DataError('there is no model yet')
         return report_html(self.views.contents)

@@ -1,20 +1,20 @@
-"""The page around the views, and the looks of what stands on it."""
+"""HTML template and style sheets of the workbench page."""
 
 from __future__ import annotations
 
 from bokeh import __version__
 from gravity_comp_ros.report import css, markup
-from gravity_comp_ros.workbench import bring
+from gravity_comp_ros.workbench import upload
 from jinja2 import Template
 
-# In every widget and text: custom properties of the page reach into them.
+# Style of every widget and text; custom properties of the page apply inside them.
 INSIDE = """
 :host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
 /* Wide tables scroll within their text, which is no wider than the page. */
 .bk-clearfix { min-width: 0; max-width: 100% }
 .bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
   white-space: normal; overflow-wrap: anywhere }
-/* A long name goes on beside its box, not below it. */
+/* A long label wraps beside its box, not below it. */
 label:has(> input[type=checkbox]) { display: flex; align-items: baseline }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }
@@ -36,18 +36,18 @@ h1, h2, h3 { margin-top: .5rem }
 h1 { font-size: 1.2rem; margin: .2rem 0 0 }
 """
 
-# Every plot of Bokeh listens to the viewport for ever, and keeps itself and its data alive by that
-# when it is gone. A plot hears of a new size of its own place as well.
-_FORGET = 'if (window.visualViewport) visualViewport.addEventListener = () => {}'
+# Every plot of Bokeh adds a listener to the viewport, which keeps removed plots in memory. Plots
+# also observe the size of their own element, so the listener is not required.
+_NO_VIEWPORT_LISTENER = 'if (window.visualViewport) visualViewport.addEventListener = () => {}'
 
-# Only the page's own scripts run, and only this server is asked for anything. Bokeh makes
-# functions of its own callbacks, which needs 'unsafe-eval'.
+# Only scripts of the page run, and only this server is contacted. Bokeh compiles its callbacks,
+# which requires 'unsafe-eval'.
 _POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
  script-src 'self' 'nonce-NONCE' 'unsafe-eval'; style-src 'self' 'unsafe-inline';
  img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src blob:"""
 
-# Bokeh's own scripts are named here, because all of them would have MathJax among them, which
-# makes links of formulas in names.
+# The scripts of Bokeh are listed here, because its default list includes MathJax, which turns
+# formulas in names into links.
 _TEMPLATE = """
 {% from macros import embed %}
 <!DOCTYPE html>
@@ -74,34 +74,34 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
 .skip:focus { left: 1rem; top: .5rem; background: var(--ground); padding: .4rem; z-index: 9 }
-/* On a narrow page the answer comes first, the choices last. */
+/* On a narrow page the result comes first, the settings last. */
 @media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) }
   aside { order: 1 } }
 @media print { aside { display: none } }
 </style>
 </head>
 <body>
-<noscript><p>The workbench needs JavaScript, which this browser has switched off.
-<code>gravity_comp diagnose --html</code> writes its tables into a file.</p></noscript>
+<noscript><p>The workbench requires JavaScript, which is disabled in this browser.
+<code>gravity_comp diagnose --html</code> writes its tables to a file.</p></noscript>
 <a class="skip" href="#views">Skip to the views</a>
 <div class="page">
 <header aria-live="polite" id="head" tabindex="-1">{{ embed(roots.head) }}</header>
-<aside aria-label="Choices" id="side">{{ embed(roots.side) }}
-<p><label>Bring a recording (or drop it anywhere): one .mcap or .db3
-<input type="file" id="bring" accept=".mcap,.db3"></label></p>
-<p id="bring-words" role="status" class="quiet"></p></aside>
+<aside aria-label="Settings" id="side">{{ embed(roots.side) }}
+<p><label>Upload a recording (or drop it anywhere): one .mcap or .db3 file
+<input type="file" id="upload" accept=".mcap,.db3"></label></p>
+<p id="upload-status" role="status" class="quiet"></p></aside>
 <main>
 <div class="above">
-<section aria-label="What is missing" id="missing">{{ embed(roots.missing) }}</section>
-<section aria-label="Error so far" id="history">{{ embed(roots.history) }}</section>
+<section aria-label="Missing effects" id="missing">{{ embed(roots.missing) }}</section>
+<section aria-label="Error history" id="history">{{ embed(roots.history) }}</section>
 </div>
 <section aria-label="Views" id="views">{{ embed(roots.views) }}</section>
 </main>
 </div>
 <script nonce="NONCE">COPY</script>
-<script nonce="NONCE">{BRING}</script>
-<script nonce="NONCE">FORGET</script>
-<script nonce="NONCE">PLAIN</script>
+<script nonce="NONCE">{UPLOAD}</script>
+<script nonce="NONCE">NO_VIEWPORT_LISTENER</script>
+<script nonce="NONCE">LESS_WORK</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -109,9 +109,10 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 
 
 def template(nonce: str) -> Template:
-    """Return the page; only scripts with this nonce run in it."""
+    """Return the template of the page, which runs only scripts with this nonce."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
-    text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
-    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.LESS_WORK)
-    # A string would be taken for blocks of Bokeh's own page.
+    text = text.replace('COPY', markup.COPY).replace('UPLOAD', upload.SCRIPT)
+    text = text.replace('NO_VIEWPORT_LISTENER', _NO_VIEWPORT_LISTENER)
+    text = text.replace('LESS_WORK', markup.LESS_WORK)
+    # A string would be interpreted as blocks of Bokeh's own template.
     return Template(text.replace('NONCE', nonce))

@@ -1,4 +1,4 @@
-"""The motion that settles what the recordings leave open: asked for, told, and handed out."""
+"""Panel for a planned motion: request, description, and downloads."""
 
 from __future__ import annotations
 
@@ -21,58 +21,58 @@ _ALL = ''
 
 @dataclass(frozen=True)
 class PlanActions:
-    """What the buttons do: plan for these effects (None: all that is open), give a file."""
+    """Actions of the buttons: plan for these effects (None: all open ones), download a file."""
 
     plan: Callable[[tuple[str, ...] | None], None]
     give: Callable[[str, str, str], None]
 
 
-def asking(one: OpenSession, actions: PlanActions) -> list[UIElement]:
-    """Return what asks for a plan, where something was looked for."""
-    diagnosis = one.session.diagnosis
-    if diagnosis is None or one.session.stage is None or one.session.stage.model.energy is None:
+def request_controls(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
+    """Return the controls to request a plan; none without a diagnosis."""
+    diagnosis, stage = opened.session.diagnosis, opened.session.stage
+    if diagnosis is None or stage is None or stage.model.energy is None:
         return []
     chosen = widgets.select(
-        'Record next what settles', [(_ALL, 'all that is open'), *(
+        'Next recording resolves', [(_ALL, 'all open findings'), *(
             (name, name) for name in open_effects(diagnosis))], _ALL, name='to-settle')
     ask = widgets.button('Plan a motion', lambda: actions.plan(
-        (str(chosen.value),) if chosen.value else None), name='plan', disabled=one.worker.busy)
+        (str(chosen.value),) if chosen.value else None), name='plan', disabled=opened.worker.busy)
     chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
     return [row(chosen, ask, sizing_mode='stretch_width',
                 styles={'flex-wrap': 'wrap', 'align-items': 'end'})]
 
 
 def open_effects(diagnosis: Diagnosis) -> list[str]:
-    """Return the effects that the recordings cannot tell, findings first, as `NAME:JOINT`."""
-    found = [target(f.effect, f.joint) for f in diagnosis.findings
-             if f.effect is not None and f.verdict in OPEN]
-    found += [target(effect, joint) for joint, report in diagnosis.joints.items()
-              for effect in report.untestable]
-    return list(dict.fromkeys(found))
+    """Return the open and untestable effects, findings first, as `NAME:JOINT`."""
+    effects = [target(f.effect, f.joint) for f in diagnosis.findings
+               if f.effect is not None and f.verdict in OPEN]
+    effects += [target(effect, joint) for joint, report in diagnosis.joints.items()
+                for effect in report.untestable]
+    return list(dict.fromkeys(effects))
 
 
-def planned(one: OpenSession, actions: PlanActions) -> list[UIElement]:
-    """Return the planned motion in words, what to expect of it, and its files."""
-    if one.session.plan is None:
+def planned(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
+    """Return the description, the expected results, and the downloads of a planned motion."""
+    if opened.session.plan is None:
         return []
-    _, raw = one.session.plan
-    shown = MotionPlan(raw)
+    _, raw = opened.session.plan
+    plan = MotionPlan(raw)
     start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
         raw.trajectory.joints, raw.trajectory.q[0]))
     sentences = [part.sentence for part in raw.parts]
     text = (
-        f'<h3 id="planned">Planned: {markup.text(shown.summary())}</h3>{markup.bullets(sentences)}'
+        f'<h3 id="planned">Planned: {markup.text(plan.summary())}</h3>{markup.bullets(sentences)}'
         + markup.table(EXPECTED, map(expected_row, raw.expectations), EXPECTED[3:])
-        + markup.paragraph(f'Bring the arm to {start} rad first. Obstacles, people and the links '
-                           f'of the arm are not known here: keep the space around it clear.',
-                           'warning')
+        + markup.paragraph(f'Move the arm to {start} rad first. Obstacles, people and '
+                           f'self-collisions are not checked: keep the space around the arm '
+                           f'clear.', 'warning')
         + ''.join(markup.paragraph(note, 'quiet') for note in raw.notes)
         + markup.paragraph('Play it, record it, and drop the recording into this page.'))
     files = row(
         widgets.button('Save as trajectory (YAML)', lambda: actions.give(
             'motion.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences)),
             name='plan-yaml'),
-        widgets.button('Save as goal of an action', lambda: actions.give(
+        widgets.button('Save as action goal', lambda: actions.give(
             'goal.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences, True)),
             name='plan-goal'),
         widgets.button('Save as CSV', lambda: actions.give(

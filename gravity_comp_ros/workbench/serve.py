@@ -1,4 +1,4 @@
-"""Serve the page to this machine."""
+"""Server of the workbench page."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.bring import Bring
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.work import Given
+from gravity_comp_ros.workbench.upload import UploadHandler
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
 
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
-# A page that nobody looks at any more is forgotten after this time; its session stays.
+# Time, in ms, after which a closed page is discarded; its session remains.
 _UNUSED_MS = 15000
 
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """What to show and where; see `gravity_comp workbench --help`."""
+    """Options of `gravity_comp workbench`."""
 
     bags: tuple[Path, ...]
     models: tuple[Path, ...] = ()
@@ -65,10 +65,10 @@ class ServeOptions:
 
 def is_of_an_open_page(record: logging.LogRecord) -> bool:
     """
-    Return whether what Bokeh logs is worth showing.
+    Return whether to show a log record of Bokeh.
 
-    What a page sent before it was closed may be handled after that. Bokeh then misses the page's
-    session, and logs a traceback.
+    A message of a page may be handled after the page was closed. Bokeh then misses the session
+    of the page and logs a traceback, which is suppressed.
     """
     error = record.exc_info[1] if record.exc_info else None
     if not isinstance(error, AssertionError):
@@ -81,21 +81,21 @@ def serve(options: ServeOptions) -> None:
     """
     Serve until interrupted.
 
-    :raises OptionError: if the address cannot be served on.
+    :raises OptionError: if the address is not available.
     :raises ModelFileError: if a model cannot be read.
     """
-    # A browser sends a model that it has just got back as a whole, which is harmless.
+    # A browser returns a model that it has just received; this is harmless.
     warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
-    # A page may be closed while something is on its way to it.
+    # A page may be closed while a message is sent to it.
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
     logging.getLogger('bokeh.server.protocol_handler').addFilter(is_of_an_open_page)
-    given = tuple(Given(path, load_model(path)) for path in options.models)
+    given = tuple(GivenModel(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
     sessions = Sessions(lambda: _session(options, given), options.place,
                         warm=bool(options.bags))
 
     def start(document: Document) -> None:
-        identity = _asked_for(document)
+        identity = _requested_session(document)
         page = Page(document, sessions, identity, bool(options.bags), follower,
                     secrets.token_urlsafe(16))
 
@@ -107,13 +107,13 @@ def serve(options: ServeOptions) -> None:
     server = _server(options, Application(FunctionHandler(start)), sessions)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
-    # The loop takes the signal between two callbacks: no exception in the midst of one.
+    # The loop handles the signal between callbacks, so no callback is interrupted.
     server.io_loop.asyncio_loop.add_signal_handler(  # type: ignore[attr-defined]
         signal.SIGINT, server.io_loop.stop)
     address = f'http://{options.host if options.host in _LOCAL else "127.0.0.1"}:{server.port}/'
-    print(f'workbench at {address} (Ctrl-C ends it)', flush=True)
+    print(f'workbench at {address} (Ctrl-C to stop)', flush=True)
     if options.host not in _LOCAL:
-        print(f'warning: served on {options.host}: whoever reaches this machine can use it',
+        print(f'warning: served on {options.host}: anyone who can reach this machine can use it',
               file=sys.stderr, flush=True)
     if options.browser:
         server.io_loop.add_callback(server.show, '/')
@@ -126,19 +126,19 @@ def serve(options: ServeOptions) -> None:
             follower.close()
 
 
-def _session(options: ServeOptions, given: tuple[Given, ...]) -> Session:
+def _session(options: ServeOptions, given: tuple[GivenModel, ...]) -> Session:
     reading = options.reading
     urdf = None if options.urdf is None else options.urdf.resolve()
-    # As `fit` has it: a description that the user names is right.
-    usual = FitOptions().formulation if urdf is None else 'chain'
-    choice = Choice((), reading.joints or (), options.formulation or usual,
+    # The same default as `fit`: a chain with --urdf.
+    default = FitOptions().formulation if urdf is None else 'chain'
+    choice = Choice((), reading.joints or (), options.formulation or default,
                     dict(reading.effort_scale), reading.differentiate, options.max_speed,
                     options.all_samples, None if urdf is None else str(urdf))
     return Session(options.bags, choice, given, reading.topic, urdf)
 
 
-def _asked_for(document: Document) -> str:
-    """Return the name of the session in the address of the page."""
+def _requested_session(document: Document) -> str:
+    """Return the session id in the URL of the page."""
     context = document.session_context
     arguments = context.request.arguments if context is not None and context.request else {}
     return b''.join(arguments.get('session', [b''])).decode('ascii', 'replace')
@@ -150,16 +150,16 @@ def _server(options: ServeOptions, application: Application,
         port = options.port or _free_port(options.host)
         sockets, port = bind_sockets(options.host, port)
     except OSError as problem:
-        taken = problem.errno in (errno.EADDRINUSE, errno.EACCES)
-        what = f'port {options.port} is taken' if taken else \
+        in_use = problem.errno in (errno.EADDRINUSE, errno.EACCES)
+        reason = f'port {options.port} is in use' if in_use else \
             f'cannot serve on {options.host}: {(problem.strerror or "unknown").lower()}'
-        raise OptionError(f'{what}: choose another with --port, or 0 for any that is free'
+        raise OptionError(f'{reason}: choose another with --port, or 0 for any free port'
                           ) from problem
     hosts = allowed_hosts(options.host, port)
-    # Pages of other sites may not talk to this one, and other hosts' names do not reach it.
+    # Refuses websockets from pages of other sites and requests with other host names.
     guarded = GuardedApplication(
         {'/': application}, hosts, options.host, extra_websocket_origins=list(hosts),
-        extra_patterns=[('/bring', Bring, {'sessions': sessions})],
+        extra_patterns=[('/upload', UploadHandler, {'sessions': sessions})],
         unused_session_lifetime_milliseconds=_UNUSED_MS,
         check_unused_sessions_milliseconds=5000)
     http = HTTPServer(guarded)
@@ -177,6 +177,6 @@ def _free_port(host: str) -> int:
 def _follower(node: str | None) -> NodeClient | None:
     if node is None:
         return None
-    # The only way from here to ROS; whoever has no --live needs none.
+    # Imported only with --live, because it requires ROS.
     from gravity_comp_ros.node.node_client import NodeClient
     return NodeClient(node)

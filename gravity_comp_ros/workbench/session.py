@@ -1,7 +1,7 @@
 """
-What the page shows of the work: errors, views, what was found, commands.
+Session of the workbench: errors, report contents, findings and command lines.
 
-Free of Bokeh and of processes.
+Does not depend on Bokeh or on processes.
 """
 
 from __future__ import annotations
@@ -23,92 +23,86 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
-from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.session_state import CacheKey, SessionState
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given, Key, Work
 import numpy as np
 
-# A finding with one of these is worth adding.
+# Verdicts with an Add button.
 ADDABLE = (*FOUND, 'ambiguous', 'weak')
-# Fewer slow samples than this say little.
-FEW = 50
-# Comparisons that are kept; each has a residual of all samples.
-_MOST_ERRORS = 4
+# Minimum number of slow samples for a reliable error.
+MIN_SLOW = 50
+# Maximum number of cached comparisons; each has the residuals of all samples.
+_MAX_CACHED = 4
 
 
-class Session(Work):
-    """One user's work, and what is shown of it."""
+class Session(SessionState):
+    """State of one user's work, with its derived results."""
 
-    def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
-                 given: tuple[Given, ...] = (), topic: str | None = None,
-                 urdf: Path | None = None) -> None:
-        super().__init__(paths, choice, given, topic, urdf)
-        self._errors: list[tuple[Key, Comparison]] = []
-
-    def compared(self, model: GravityModel) -> Comparison:
-        """
-        Return the errors of a model on the chosen samples, as `compare` gives them.
-
-        :raises ModelMismatchError: if they lack a joint of the model.
-        """
-        if self.read is None:
-            raise DataError('no recording has been read')
-        return self._compared(model)
+    _errors: tuple[tuple[CacheKey, Comparison], ...] = ()
 
     def contents(self) -> Contents:
         """
-        Return what the views show of the present model.
+        Return the contents of the views of the current model.
 
         :raises DataError: if there is no model yet, or no sample passes the gate.
         """
         stage = self.stage
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
-        key = Key(self.choice, stage.model, self.read)
-        made = self.kept('contents', key, lambda: self._make(stage))
-        # What was found changes no error.
-        return self.kept('diagnosed', Key(self.choice, made, self.diagnosis), lambda: made if
-                         made.diagnosis is self.diagnosis else replace(
-                             made, diagnosis=self.diagnosis, next_command=self._next_command()))
+        key = CacheKey(self.choice, stage.model, self.read)
+        contents = self.cached('contents', key, lambda: self._contents(stage))
+        # A new diagnosis does not change the errors.
+        key = CacheKey(self.choice, contents, self.diagnosis)
+        return self.cached('diagnosed', key, lambda: contents if
+                           contents.diagnosis is self.diagnosis else replace(
+                               contents, diagnosis=self.diagnosis,
+                               next_command=self._next_command()))
 
-    def _make(self, stage: Stage) -> Contents:
+    def _contents(self, stage: Stage) -> Contents:
         recording = self.recording.select_joints(stage.model.joints)
         previous = None if stage.parent is None else self.stages[stage.parent]
-        other = self._compared(previous.model) if previous else None
+        other = self.compared(previous.model) if previous else None
         predicted = predict_torque(stage.model, recording.samples)
         return Contents(
-            recording.samples, predicted, stage.model, self._compared(stage.model, predicted),
+            recording.samples, predicted, stage.model, self.compared(stage.model, predicted),
             recording.gated.sentence(), recording.reports,
             Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
             previous.name if previous else '', next_command=self._next_command(),
             arm=self.arm(stage.model.joints))
 
-    def _compared(self, model: GravityModel, predicted: FloatArray | None = None) -> Comparison:
-        """Return the errors of a model on what is chosen; those of the latest models are kept."""
+    def compared(self, model: GravityModel, predicted: FloatArray | None = None) -> Comparison:
+        """
+        Return the errors of a model on the chosen samples, equal to those of `compare`.
+
+        The latest are cached.
+
+        :raises DataError: if no recording was read.
+        :raises ModelMismatchError: if a joint of the model is missing.
+        """
         choice = replace(self.choice, joints=model.joints)
-        key = Key(choice, self.read, model)
-        found = next((errors for known, errors in self._errors if known == key), None)
-        if found is None:
+        key = CacheKey(choice, self.read, model)
+        errors = next((errors for known, errors in self._errors if known == key), None)
+        if errors is None:
             same = choice == self.choice
             recording = self.recording if same or self.read is None else choice.recording(
                 self.read.samples, self.read.reports)
-            found = compare_model(model, recording, predicted)
-            self._errors = [(key, found), *self._errors][:_MOST_ERRORS]
-        return found
+            errors = compare_model(model, recording, predicted)
+            self._errors = ((key, errors), *self._errors)[:_MAX_CACHED]
+        return errors
 
     def arm(self, joints: tuple[str, ...]) -> Arm | None:
-        """Return the arm of these joints, if a description says what it looks like."""
-        return self.kept('arm', (self.paths, joints),
-                         lambda: find_arm(self.paths, joints, self.urdf))
+        """Return the arm of these joints; None without a description."""
+        return self.cached('arm', (self.paths, joints),
+                           lambda: find_arm(self.paths, joints, self.urdf))
 
     def preview(self) -> Contents:
         """
-        Return what the views show before there is a model: a constant torque is the model.
+        Return the contents of the views before the first fit, with a constant torque as model.
 
-        :raises DataError: if nothing was read or chosen.
+        :raises DataError: if no recording was read or selected.
         """
-        return self.kept('preview', Key(self.choice, self.read), self._constant)
+        return self.cached('preview', CacheKey(self.choice, self.read), self._constant)
 
     def _constant(self) -> Contents:
         recording = self.recording
@@ -125,9 +119,9 @@ class Session(Work):
                         recording.reports, Origin('\n'.join(self.commands()), now()),
                         arm=self.arm(samples.names))
 
-    def few_slow(self) -> str:
-        """Return what follows where nearly no sample is slow, nothing otherwise."""
-        return self.kept('few', Key(self.choice, self.read), self._count_slow)
+    def slow_warning(self) -> str:
+        """Return a warning if almost no sample is slow, otherwise an empty string."""
+        return self.cached('few', CacheKey(self.choice, self.read), self._count_slow)
 
     def _count_slow(self) -> str:
         if self.read is None or not self.choice.runs:
@@ -136,16 +130,16 @@ class Session(Work):
             return self.ungated
         recording = self.recording
         try:
-            kept = len(recording.slow)
+            n_slow = len(recording.slow)
         except DataError:
-            kept = 0
-        if kept >= FEW:
+            n_slow = 0
+        if n_slow >= MIN_SLOW:
             return ''
-        return (f'Only {kept} of {len(recording)} samples are slow: these recordings are of '
-                f'fast motion. Use all samples, or raise the speed limit, under "Samples".')
+        return (f'Only {n_slow} of {len(recording)} samples are slow: the recordings contain fast '
+                f'motion. Use all samples, or raise the speed limit, under "Samples".')
 
     def findings(self) -> list[tuple[Finding, str]]:
-        """Return findings with what *Add* would add, or nothing where that makes no sense."""
+        """Return findings with the target of their Add button, '' for no button."""
         stage, diagnosis = self.stage, self.diagnosis
         if stage is None or diagnosis is None:
             return []
@@ -154,14 +148,14 @@ class Session(Work):
                 for f in diagnosis.findings]
 
     def commands(self) -> list[str]:
-        """Return command lines that do the same."""
+        """Return command lines that reproduce the model and its evaluation."""
         if self.at is None or not self.paths:
             return []
         return [*tree.command_lines(self.stages, self.at, self.paths, self.topic),
                 *tree.reports(self.choice, self.paths, self.topic)]
 
     def _next_command(self) -> str:
-        """Return the command line that adds what was found to the model when it is saved."""
+        """Return the command line that adds the established and likely effects."""
         targets = [t for f, t in self.findings() if t and f.verdict in FOUND]
         if not targets:
             return ''
@@ -169,37 +163,37 @@ class Session(Work):
 
     def residual(self, model: GravityModel) -> FloatArray:
         """
-        Return what a model leaves of all chosen samples, (M, N) in N·m of its own joints.
+        Return the residual of a model on all chosen samples, (M, N) in N·m, for its joints.
 
-        :raises ModelMismatchError: if they lack a joint of the model.
+        :raises ModelMismatchError: if a joint of the model is missing.
         """
         samples = self.recording.samples.joints(model.joints)
         return np.asarray(samples.tau - predict_torque(model, samples))
 
     def facts(self, key: str) -> dict[str, str]:
-        """Return what a model of `models` was made from and what was noted of it."""
+        """Return formulation, note, recordings and axes of a model of `models`."""
         model = next(model for name, _, model in self.models() if name == key)
         terms = sum(len(torque.weights) for torque in model.torques)
-        told = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
-                'learned from': '',
-                'axes': _short(model.geometry.source) if model.geometry else 'not known'}
+        facts = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
+                 'fitted to': '',
+                 'axes': _short(model.geometry.source) if model.geometry else 'not known'}
         if key.startswith('stage '):
             stage = self.stages[int(key.split()[1])]
-            told['note'] = stage.note
-            told['learned from'] = str(stage.given) if stage.given else self._learned_from(stage)
-        return told
+            facts['note'] = stage.note
+            facts['fitted to'] = str(stage.given) if stage.given else self._fitted_to(stage)
+        return facts
 
-    def _learned_from(self, stage: Stage) -> str:
+    def _fitted_to(self, stage: Stage) -> str:
         runs = ', '.join(self.paths[run].name for run in stage.choice.runs)
         gate = ' '.join(stage.choice.gate_words()).replace('--', '') or 'slow samples'
         return f'{runs}; {gate}'
 
     def models(self) -> list[tuple[str, str, GravityModel]]:
-        """Return key, name and model of all that can be compared."""
+        """Return key, name and model of all models that can be compared."""
         own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
         return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
 
 
 def _short(source: str) -> str:
-    """Return the name of a file without its folder; other sources as they are."""
+    """Return the name of a file without its folder; other sources unchanged."""
     return source if ' in ' in source else Path(source).name

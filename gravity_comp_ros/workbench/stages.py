@@ -1,4 +1,4 @@
-"""Every state that the model has been in: a tree, because one may go back and try otherwise."""
+"""Stages of the model: a tree of all its states, with the command lines that reproduce them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MODEL_FILE = 'arm.json'
 @dataclass(frozen=True)
 class Stage:
     """
-    One state of the model, with its held-out RMSE by joint in N·m, and how it came about.
+    One state of the model, with its held-out RMSE by joint in N·m and its origin.
 
-    It was fitted, or read from the file `given`, or made from the stage number `parent` by adding
-    `effects`, or by taking its last addition back (no effects). `choice` is what that was done
-    with. `warnings` are about the model. `name` and `note` are the user's; `diagnosis` belongs to
-    `judged_with`.
+    A stage is a fit, or a model read from the file `given`, or the stage number `parent` with
+    added `effects`, or with its last addition removed (no effects). `choice` has the settings of
+    that step. `warnings` are about the model. `name` and `note` are set by the user. `diagnosis`
+    was made with the settings `diagnosed_with`.
     """
 
     name: str
@@ -33,37 +33,37 @@ class Stage:
     given: Path | None = None
     held_out: Mapping[str, float] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
-    judged_with: Choice | None = None
+    diagnosed_with: Choice | None = None
     note: str = ''
     warnings: tuple[str, ...] = ()
 
 
 def path_to(stages: list[Stage], number: int) -> list[int]:
-    """Return the numbers of the stages from the first one to this."""
-    way, at = [number], stages[number].parent
-    while at is not None:
-        way.append(at)
-        at = stages[at].parent
-    return way[::-1]
+    """Return the numbers of the stages from the root to this one."""
+    path, parent = [number], stages[number].parent
+    while parent is not None:
+        path.append(parent)
+        parent = stages[parent].parent
+    return path[::-1]
 
 
 def depth(stages: list[Stage], number: int) -> int:
-    """Return how many stages lie before this one on its branch."""
+    """Return the number of stages before this one on its branch."""
     return len(path_to(stages, number)) - 1
 
 
 def command_lines(stages: list[Stage], number: int, bags: tuple[Path, ...],
                   topic: str | None) -> list[str]:
     """
-    Return command lines that make the same model, to the last digit.
+    Return command lines that reproduce the model exactly.
 
-    :param bags: all recordings; each stage's choice says which of them it used.
+    :param bags: all recordings; the choice of each stage selects among them.
     """
     return [_command(stages[k], bags, topic) for k in path_to(stages, number)]
 
 
 def reports(choice: Choice, bags: tuple[Path, ...], topic: str | None) -> list[str]:
-    """Return command lines that judge the model as the page does."""
+    """Return command lines for the comparison and the diagnosis of the page."""
     files = _files(choice, bags)
     reading = choice.reading_words(topic, joints=False)
     return [line('gravity_comp', 'compare', *files, '--model', MODEL_FILE, *reading,
@@ -93,16 +93,16 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
 
 
 def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
-    # The command lines are run from any folder.
+    # Absolute paths, so that the command lines run in any folder.
     return [str(bags[run].resolve()) for run in choice.runs]
 
 
 def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
-    """Return what is doubtful of a fitted model."""
+    """Return the warnings on a fitted model."""
     axes = answer.arm.axes
-    found = [*answer.result.report.warnings]
+    warnings = [*answer.result.report.warnings]
     if axes.problem:
-        found.append(f'{axes.problem}.')
+        warnings.append(f'{axes.problem}.')
     if axes.left_out:
-        found.append(f'Left out, because it is no part of the arm: {", ".join(axes.left_out)}.')
-    return tuple(found)
+        warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
+    return tuple(warnings)

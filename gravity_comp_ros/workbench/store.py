@@ -1,8 +1,8 @@
 """
-Sessions on disk: which recordings, by path and hash, which steps, which models.
+Saved sessions: recordings by path and hash, stages and models.
 
-One JSON file a session, written as the work goes on, in the user's state folder
-(`$XDG_STATE_HOME/gravity_comp/workbench`, usually under `~/.local/state`), for this user alone.
+Each session is one JSON file in the user's state folder (`$XDG_STATE_HOME/gravity_comp/workbench`,
+default `~/.local/state`), readable only by this user and updated after every change.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given
 
 _VERSION = 1
 _ID = re.compile(r'[0-9a-f]{16}')
-_MOST = 50
+_MAX_SESSIONS = 50
 _MAX_BYTES = 256 * 2 ** 20
 
 
 @dataclass(frozen=True)
-class Saved:
-    """One line of the list of earlier sessions."""
+class SavedSession:
+    """Entry of the list of earlier sessions."""
 
     id: str
     changed: str
@@ -45,19 +45,19 @@ class Saved:
 
 
 def folder() -> Path:
-    """Return where sessions are kept."""
+    """Return the folder of saved sessions."""
     base = os.environ.get('XDG_STATE_HOME') or str(Path.home() / '.local' / 'state')
     return Path(base) / 'gravity_comp' / 'workbench'
 
 
 def is_id(text: str) -> bool:
-    """Return whether a text can name a session; nothing else becomes a file name."""
+    """Return whether a text is a valid session id; only valid ids become file names."""
     return _ID.fullmatch(text) is not None
 
 
 def model_text(model: GravityModel) -> str:
     """
-    Return a model as its file would be.
+    Return the content of a model file.
 
     :raises ModelFileError: if it cannot be stored.
     """
@@ -69,14 +69,14 @@ def model_text(model: GravityModel) -> str:
 
 def save(place: Path, identity: str, session: Session) -> None:
     """
-    Write a session, the whole file or nothing.
+    Write a session, atomically.
 
     :raises GravityCompError: if it cannot be written.
     """
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as problem:
-        raise GravityCompError(f'cannot keep the session in {place}: {problem}') from problem
+        raise GravityCompError(f'cannot save the session in {place}: {problem}') from problem
     read = session.read
     document = {
         'version': _VERSION, 'changed': now(), 'topic': session.topic,
@@ -91,22 +91,22 @@ def save(place: Path, identity: str, session: Session) -> None:
     path = place / f'{identity}.json'
     write_atomically(path, json.dumps(document).encode(), GravityCompError)
     path.chmod(0o600)
-    for old in _newest_first(place)[_MOST:]:
+    for old in _newest_first(place)[_MAX_SESSIONS:]:
         old.unlink(missing_ok=True)
         shutil.rmtree(place / 'recordings' / old.stem, ignore_errors=True)
 
 
 def load(place: Path, identity: str) -> tuple[Session, dict[str, str]]:
     """
-    Return a session as it was left, and the hashes of its recordings by path.
+    Return a saved session, and the hashes of its recordings by path.
 
-    :raises GravityCompError: if there is none of that name, or its file is damaged.
+    :raises GravityCompError: if there is none with this id, or its file is damaged.
     """
     if not is_id(identity):
-        raise DataError('that is no session')
+        raise DataError('invalid session id')
     document = _read(place / f'{identity}.json')
     try:
-        given = tuple(Given(Path(path), load_model(path)) for path in document['given']
+        given = tuple(GivenModel(Path(path), load_model(path)) for path in document['given']
                       if Path(path).is_file())
         paths = tuple(Path(entry['path']) for entry in document['recordings'])
         urdf = document.get('urdf')
@@ -124,25 +124,25 @@ def load(place: Path, identity: str) -> tuple[Session, dict[str, str]]:
 
 
 def changed_recordings(session: Session, hashes: Mapping[str, str]) -> list[str]:
-    """Return the names of recordings that are not what they were when they were saved."""
+    """Return the names of recordings that changed since the session was saved."""
     if session.read is None:
         return []
     return [path.name for path, report in zip(session.paths, session.read.reports)
             if hashes.get(str(path.resolve()), report.sha256) != report.sha256]
 
 
-def listed(place: Path, most: int = 10) -> list[Saved]:
-    """Return the latest sessions, the newest first; files that cannot be read are left out."""
-    found = []
-    for path in _newest_first(place)[:most]:
+def listed(place: Path, max_count: int = 10) -> list[SavedSession]:
+    """Return the latest sessions, the newest first; unreadable files are omitted."""
+    sessions = []
+    for path in _newest_first(place)[:max_count]:
         try:
             document = _read(path)
-            found.append(Saved(path.stem, str(document['changed']), tuple(
+            sessions.append(SavedSession(path.stem, str(document['changed']), tuple(
                 Path(entry['path']).name for entry in document['recordings']),
                 tuple(str(stage['name']) for stage in document['stages'])))
         except (GravityCompError, KeyError, TypeError):
             continue
-    return found
+    return sessions
 
 
 def _newest_first(place: Path) -> list[Path]:
@@ -163,7 +163,7 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as problem:
         raise DataError(f'the file of session {path.stem} cannot be read: {problem}') from problem
     if not isinstance(document, dict) or document.get('version') != _VERSION:
-        raise DataError(f'session {path.stem} was kept by another version of this program')
+        raise DataError(f'session {path.stem} was saved by another version of this program')
     return document
 
 
@@ -189,7 +189,7 @@ def _unstage(entry: dict[str, Any]) -> Stage:
 
 
 def _choice(entry: dict[str, Any]) -> Choice:
-    # Sessions of earlier releases used no description.
+    # Sessions of earlier releases have no `urdf` and used no description.
     return Choice(**{'urdf': NO_DESCRIPTION, **entry,
                      'runs': tuple(int(run) for run in entry['runs']),
                      'joints': tuple(str(joint) for joint in entry['joints'])})

@@ -1,4 +1,4 @@
-"""The views of the present model: made when they are looked at, and kept until it changes."""
+"""Views of the current model, built on demand and cached until the model changes."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.workbench import widgets
 
 _NO_ARM = Section('arm', 'The arm', markup.paragraph(
-    'No recording here holds a /robot_description of these joints. Name a URDF with --urdf when '
-    'the workbench is started.'))
+    'No recording contains a /robot_description of these joints. Start the workbench with --urdf '
+    'to show the arm.'))
 
 
 class Views:
-    """The views of one model on one set of samples, in one style."""
+    """Views of one model on one set of samples, in one style."""
 
     def __init__(self, contents: Contents, style: Style, selected: list[int]) -> None:
         self.contents, self.style = contents, style
         self.table = Table(contents)
         self.table.select(selected)
-        self._made: dict[str, UIElement] = {}
+        self._elements: dict[str, UIElement] = {}
 
     def show(self, name: str) -> UIElement:
         """Return a view by its name."""
-        if name not in self._made:
-            made = SECTIONS[name](self.contents, self.table, self.style)
-            self._made[name] = element(made or _NO_ARM)
-        return self._made[name]
+        if name not in self._elements:
+            section = SECTIONS[name](self.contents, self.table, self.style)
+            self._elements[name] = element(section or _NO_ARM)
+        return self._elements[name]
 
 
 def element(section: Section) -> UIElement:

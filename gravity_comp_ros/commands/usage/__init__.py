@@ -1,1 +1,1 @@
-"""What each verb takes: light modules, so that help and wrong usage load no science."""
+"""Arguments and help text of each verb; these modules import no numerical code."""

@@ -1,4 +1,4 @@
-"""What `gravity_comp compare` takes."""
+"""Arguments of `gravity_comp compare`."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from gravity_comp_ros.commands import arguments
 EPILOG = """\
 examples:
   gravity_comp compare run2.mcap --model arm.json
-  gravity_comp compare run1.mcap --model arm.json --holdout      only what `fit` held out of run1
+  gravity_comp compare run1.mcap --model arm.json --holdout      only the held-out part of run1
   gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
-  gravity_comp compare run2.mcap --model arm.json --html report.html      plots to look at
+  gravity_comp compare run2.mcap --model arm.json --html report.html      report with plots
 
-which recordings: others than those of the fit, with the payload of the model. Errors on recordings
-of the fit are too small; `fit --holdout` and then --holdout here judge on a part kept aside.
+which recordings: recordings that were not fitted, with the payload of the model. Errors on fitted
+recordings are too small. For a held-out error use `fit --holdout`, then --holdout here.
 
-RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
-the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
-"in band" is the share of errors inside the 95 % band that the model itself gives, in its trained
-range; "outside" is the same for poses outside of it. Near 95 % the band is right. Far below, the
-model errs by more than it says: a payload has changed, or an effect is missing. 100 % says that
-it errs by less than it says, as often where few samples lie.
+RMSE, std and max are of the residual, measured minus predicted torque. nRMSE is RMSE over the
+range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load.
+"in band" is the share of residuals inside the 95 % prediction band within the trained range;
+"outside" is the same share for poses outside the trained range. A share near 95 % confirms the
+band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
+means that the band is too wide, often where few samples were trained.
 """
 
 
@@ -30,14 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
     arguments.add_bags(parser)
     parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
-                        help='a model file, as `fit` writes it')
+                        help='model file, written by `fit`')
     parser.add_argument('--holdout', action='store_true',
-                        help='of the bags that the model was fitted to, use only what '
-                        '`fit --holdout` held out')
+                        help='of the fitted bags, use only the data that `fit --holdout` '
+                        'held out')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
     arguments.add_html(parser)
     parser.add_argument('--previous', metavar='MODEL.json', type=Path, default=None,
-                        help='another model, for its errors beside in the report of --html '
-                        '(default: what the model was before its last addition)')
+                        help='second model whose errors the --html report also lists '
+                        '(default: the model before its last addition)')

@@ -1,4 +1,4 @@
-"""What `gravity_comp convert` takes."""
+"""Arguments of `gravity_comp convert`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from gravity_comp_ros.recordings.units import (
 
 EPILOG = """\
 columns (--time, --position, --velocity, --effort):
-  q_{i}      every column with a number in that place, in order: q_0, q_1, ...
-  a,b,c      these, by name
-  2-8        the second to the eighth; numbers count from 1
-  none       no such column, for --time and --velocity
-  In an NPZ file an array q of M rows and N columns is called q.
-Left out, usual names are looked for: t or time, q_{i}, qd_{i}, tau_{i} and the like, or names with
-the joint in them, as PlotJuggler writes them (/joint_states/elbow/position) and position_elbow.
-Between semicolons or tabs, numbers may have a decimal comma. Times may be dates with a time.
+  q_{i}      all columns with a number in place of {i}, in order: q_0, q_1, ...
+  a,b,c      columns by name
+  2-8        columns by number, counted from 1
+  none       no such column (for --time and --velocity)
+  q          in an NPZ file, an array of M rows and N columns
+Without these options common names are searched: t or time, q_{i}, qd_{i}, tau_{i} and similar, and
+names that include the joint, such as /joint_states/elbow/position (PlotJuggler) or position_elbow.
+Decimal commas are accepted between semicolons or tabs. Times may be dates with a time of day.
 
 examples:
   gravity_comp convert log.csv -o log.mcap
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument('table', metavar='TABLE', type=Path, help='a .csv, .txt or .npz file')
     parser.add_argument('-o', '--output', metavar='OUT.mcap', type=arguments.mcap_file,
-                        required=True, help='file to write; an older one is replaced')
+                        required=True, help='file to write; an existing file is replaced')
     parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
     arguments.add_json(parser)
     _add_columns(parser.add_argument_group('columns'))
@@ -44,37 +44,38 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
     for what in ('time', 'position', 'velocity', 'effort'):
         group.add_argument(f'--{what}', metavar='COLUMNS', help=f'columns of {what}')
     group.add_argument('--rate', metavar='HZ', type=arguments.positive,
-                       help='fixed rate, for a table without time (--time none ignores one)')
+                       help='sampling rate of a table without a time column (--time none '
+                       'ignores the column)')
     group.add_argument('--joint-names', metavar='A,B,...', type=arguments.joint_list,
-                       help='names to record (default: joint_1, joint_2, ...)')
+                       help='joint names in the output (default: joint_1, joint_2, ...)')
 
 
 def _add_units(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default=None,
-                       help='(default: s, and a question where that cannot be)')
+                       help='(default: s; required if the values contradict it)')
     group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default=None,
-                       help='of positions and velocities (default: rad, and a question where '
-                       'that cannot be)')
+                       help='of positions and velocities (default: rad; required if the values '
+                       'contradict it)')
     group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *CURRENT_UNITS), default='Nm',
-                       help='A and mA need --torque-constant (default: %(default)s)')
+                       help='A and mA require --torque-constant (default: %(default)s)')
     group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
-                       help='-1 where the file has the torque on the drive, not by it '
-                       '(several: write --effort-sign=-1,1,...)')
+                       help='-1 if the file lists the load torque on the drive instead of the '
+                       'drive torque (for several: --effort-sign=-1,1,...)')
     group.add_argument('--torque-constant', metavar='NM/A,...', type=numbers,
-                       help='of the motor, for efforts in A or mA')
+                       help='motor torque constant, for efforts in A or mA')
     group.add_argument('--gear-ratio', metavar='N,...', type=numbers, default=(1.0,),
-                       help='turns of the motor per turn of the joint (default: 1)')
+                       help='motor revolutions per joint revolution (default: 1)')
 
 
 def _add_text(group: argparse._ArgumentGroup) -> None:
     header = group.add_mutually_exclusive_group()
     header.add_argument('--header', action='store_true', default=None,
-                        help='the first line has names (default: if it has no number)')
+                        help='the first line has names (default: if it contains no number)')
     header.add_argument('--no-header', dest='header', action='store_false',
                         help='the first line has numbers')
-    group.add_argument('--delimiter', metavar='CHAR', help='(default: found out)')
+    group.add_argument('--delimiter', metavar='CHAR', help='column separator (default: detected)')
     group.add_argument('--skip-bad-rows', action='store_true',
-                       help='leave out rows with empty or not finite cells, or time going back')
+                       help='omit rows with empty or non-finite cells or decreasing time')
 
 
 def numbers(text: str) -> tuple[float, ...]:

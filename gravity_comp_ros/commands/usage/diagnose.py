@@ -1,4 +1,4 @@
-"""What `gravity_comp diagnose` takes."""
+"""Arguments of `gravity_comp diagnose`."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from gravity_comp_ros.commands import arguments
 EPILOG = """\
 examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json
-  gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
+  gravity_comp diagnose run1.mcap                         without a model file
   gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
-  gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
-  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   was it settled
+  gravity_comp diagnose run1.mcap --model arm.json --html report.html    report with plots
+  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   check a plan
 
-which recordings: those of the fit and any others of the same arm with the same payload, fast ones
-too. More runs settle more; errors are always of blocks that were left out.
+which recordings: the fitted recordings and any others of the same arm with the same payload, slow
+or fast. More runs resolve more findings; errors are always held-out errors.
 
 verdicts:
-  established   it explains held-out data, in nearly every run, and nothing else does: add it
-  likely        the same, less surely: add it
-  ambiguous     another effect explains as much: both are named, and the motion that settles it.
-                One of them may be added today; never both
-  weak          perhaps there, too small to be sure: leave it out
-  untestable    this motion cannot distinguish it from another effect: leave it out
-  unexplained   something repeats there that no known effect describes
-What is established or likely was chosen together, so add it all at once, by the printed command.
+  established   explains held-out data in nearly every run, without an alternative: add it
+  likely        the same with less evidence: add it
+  ambiguous     another effect explains the data equally well; both are listed, with the motion
+                that distinguishes them. Add at most one of them
+  weak          below the significance threshold: do not add
+  untestable    not identifiable with this motion: do not add
+  unexplained   a repeating residual that no known effect describes
+Established and likely effects were selected jointly: add all of them with the printed command.
 
-All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
-was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).
+All samples are used, including fast ones, because inertia is one of the effects. Errors are
+held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
 """
 
 
@@ -37,16 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `diagnose`."""
     arguments.add_bags(parser)
     parser.add_argument('--model', metavar='MODEL.json', type=Path,
-                        help='the model to judge, as `fit` writes it (default: one is fitted)')
+                        help='model file, written by `fit` (default: a model is fitted)')
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list, default=None,
-                        help='look for these effects only (default: all that are known)')
+                        help='test these effects only (default: all known effects)')
     parser.add_argument('--holdout', action='store_true',
-                        help='leave out what `fit --holdout` held out, and check that there is '
-                        'some; with a model that part is left out anyway')
+                        help='require that `fit --holdout` held out data; with --model that '
+                        'data is always excluded')
     parser.add_argument('--plan', metavar='PLAN.json', type=Path, default=None,
-                        help='compare with what `plan --json PLAN.json` expected of the new '
-                        'recording')
+                        help='compare with the expectations of `plan --json PLAN.json`')
     arguments.add_reading(parser)
     arguments.add_json(parser)
-    arguments.add_html(parser, f'{arguments.DRAWN}; without --model its axes are those of the '
-                       'arm')
+    arguments.add_html(parser, f'{arguments.DRAWN}; without --model, also the joint axes')

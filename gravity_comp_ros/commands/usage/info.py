@@ -1,4 +1,4 @@
-"""What `gravity_comp info` takes."""
+"""Arguments of `gravity_comp info`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from gravity_comp_ros.commands import arguments
 
 EPILOG = """\
 columns of the table:
-  range      least and greatest angle, in degrees
-  speed      rms and greatest, in rad/s; the gate wants every joint slow at once
+  range      minimum and maximum angle, in rad
+  travel     distance from minimum to maximum angle, in rad
+  rms, max   speed in rad/s; the slow-motion gate requires all joints slow at the same time
   reversals  changes of direction; they excite friction
-  effort     least and greatest, in N·m (or in the unit of the driver)
+  effort     minimum and maximum, in N·m (or in the unit of the driver)
 
 examples:
   gravity_comp info run1.mcap

@@ -1,4 +1,4 @@
-"""What `gravity_comp workbench` takes."""
+"""Arguments of `gravity_comp workbench`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ examples:
   gravity_comp workbench --live                        follow the node /gravity_comp
   gravity_comp workbench run1.mcap --live arm/gravity_comp --no-browser --port 5010
 
-The page is served to this machine alone unless --host says otherwise. Sessions are kept as they
-go (~/.local/state/gravity_comp/workbench) and can be gone on with; --forget keeps none. Stop it
+The page is served to this machine only, unless --host is given. Sessions are saved continuously
+(~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
 with Ctrl-C.
 """
 
@@ -24,34 +24,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `workbench`."""
     arguments.add_bags(parser, nargs='*')
     parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
-                        help='a model to begin with, as `fit` writes it; further ones to '
-                        'compare it with (default: one is fitted)')
+                        help='initial model, written by `fit`; further models for comparison '
+                        '(default: a model is fitted)')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS,
                         default=None,
-                        help='of the model that is fitted first (default: auto, with --urdf '
-                        'chain)')
+                        help='formulation of the first fit (default: auto; chain with --urdf)')
     parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
                         help='follow the topics of a running node (default: gravity_comp)')
     parser.add_argument('--host', default='127.0.0.1',
-                        help='address to serve on; others can then reach it (default: '
+                        help='address to serve on; other machines can then reach it (default: '
                         '%(default)s)')
     parser.add_argument('--port', type=_port, default=5006,
-                        help='0 for any that is free (default: %(default)s)')
-    parser.add_argument('--no-browser', action='store_true', help='open no browser window')
+                        help='0 for any free port (default: %(default)s)')
+    parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
     parser.add_argument('--forget', action='store_true',
-                        help='keep no session on disk, and list none')
-    gate = parser.add_argument_group('samples that gravity is learned and judged on')
+                        help='save no session on disk, and list none')
+    gate = parser.add_argument_group('samples for the fit and the errors of gravity')
     gate.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive, default=None,
-                      help='fastest joint speed that a sample may have')
+                      help='maximum joint speed of a sample')
     gate.add_argument('--all-samples', action='store_true',
                       help='use every sample, fast or slow')
-    arguments.add_drawn_arm(parser, 'the arm is drawn by this description, and a model that is '
-                            'fitted has its axes')
+    arguments.add_drawn_arm(parser, 'robot description for the drawing of the arm and the '
+                            'joint axes of fitted models')
     arguments.add_reading(parser)
 
 
 def _port(text: str) -> int:
     port = int(text) if text.isdecimal() else -1
     if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f'{text!r} is no port (0 to 65535)')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a port (0 to 65535)')
     return port

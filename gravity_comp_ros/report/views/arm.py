@@ -1,4 +1,4 @@
-"""The arm in three dimensions: its pose over time, each joint in the colour of its residual."""
+"""Arm in three dimensions: pose over time, joints coloured by their residuals."""
 
 from __future__ import annotations
 
@@ -29,89 +29,90 @@ azimuth.value = Math.atan2(Math.sin(around), Math.cos(around))
 elevation.value = Math.max(-0.5, Math.min(1.57, rise + 0.006 * cb_obj.delta_y))
 """
 _POSES = 6
-# The middle of the picture lies at this share of the reach above the base.
+# Height of the centre of the view above the base, relative to the reach.
 _MIDDLE = 0.45
 
 
 def section(contents: Contents, table: Table, style: Style) -> Section | None:
-    """Return the view; None where nothing says what the arm looks like."""
+    """Return the section; None without a robot description."""
     arm = contents.arm
     if arm is None or not set(arm.geometry.joints) <= set(contents.joints):
         return None
     lead = markup.paragraph(
-        'Each joint has the colour of its residual at the time of the slider, which a line marks '
-        'in the plots over time. Drag to turn the view. Dots are where the tool was. An arc about '
-        'each axis is its range: the thick part was visited, the thin part never was. The thin '
-        'arm is a pose that is far from all that was visited: the model is a guess there.',
-        'quiet') + markup.key([(style.up, 'visited'), (style.before, 'never visited'),
+        'The colour of each joint shows its residual at the time of the slider; a line marks this '
+        'time in the plots over time. Drag to rotate the view. Dots are tool positions. The arc '
+        'about each axis is the joint range: the thick part was visited, the thin part was not. '
+        'The thin arm is a pose far from all visited poses, where the model extrapolates.',
+        'quiet') + markup.key([(style.up, 'visited'), (style.before, 'not visited'),
                                (style.marked, 'selected')])
     return Section('arm', 'The arm', lead, _view(contents, arm, table, style),
-                   markup.folded('Ranges that were never visited',
-                                 markup.bullets(_unvisited_words(contents, arm))))
+                   markup.folded('Joint ranges that were not visited',
+                                 markup.bullets(_unvisited_ranges(contents, arm))))
 
 
 def _view(contents: Contents, arm: Arm, table: Table, style: Style) -> UIElement:
     drawn = ColumnDataSource({name: [] for name in (
         'x0', 'y0', 'x1', 'y1', 'colour', 'alpha', 'width')})
-    made = plot(style, '', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
-    made.segment('x0', 'y0', 'x1', 'y1', source=drawn, line_color='colour', line_alpha='alpha',
-                 line_width='width', line_cap='round')
-    made.axis.visible = made.grid.visible = False
-    made.toolbar_location = None
+    fig = plot(style, '', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
+    fig.segment('x0', 'y0', 'x1', 'y1', source=drawn, line_color='colour', line_alpha='alpha',
+                line_width='width', line_cap='round')
+    fig.axis.visible = fig.grid.visible = False
+    fig.toolbar_location = None
     numbers = [contents.model.joints.index(name) for name in arm.geometry.joints]
     rmse = np.sqrt((contents.residual[:, numbers] ** 2).mean(axis=0))
     colours = LinearColorMapper(palette=style.heat, low=0.0, high=max(2.0 * rmse.max(), 1e-9))
-    made.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m',
-                             title_text_color=style.text, major_label_text_color=style.text,
-                             background_fill_color=style.background), 'right')
-    told = Div(disable_math=True, sizing_mode='stretch_width',
-               stylesheets=[css.CONTENT],
-               styles={'color': 'var(--text)'})
+    fig.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m',
+                            title_text_color=style.text, major_label_text_color=style.text,
+                            background_fill_color=style.background), 'right')
+    pose_text = Div(disable_math=True, sizing_mode='stretch_width', stylesheets=[css.CONTENT],
+                    styles={'color': 'var(--text)'})
     slider = _slider('time, s', 0.0, float(table.time.max()), 0.0, 0.01)
-    azimuth = _slider('view around, rad', -3.14, 3.14, 0.6, 0.02)
-    elevation = _slider('view from above, rad', -0.5, 1.57, 0.35, 0.02)
-    ghost = Select(title='pose not yet visited', value='0', stylesheets=[css.CONTROL],
+    azimuth = _slider('azimuth of the view, rad', -3.14, 3.14, 0.6, 0.02)
+    elevation = _slider('elevation of the view, rad', -0.5, 1.57, 0.35, 0.02)
+    ghost = Select(title='unvisited pose', value='0', stylesheets=[css.CONTROL],
                    sizing_mode='stretch_width',
                    options=[(str(k), f'{k + 1}') for k in range(_POSES)] + [('-1', 'none')])
-    looks = LinearColorMapper(palette=[style.faint, style.text, style.up, style.before,
-                                       style.marked])
+    # A mapper, because the page replaces palettes in its dark style.
+    line_colours = LinearColorMapper(palette=[style.faint, style.text, style.up, style.before,
+                                              style.marked])
     draw = CustomJS(code=_DRAW, args={
-        'samples': table.source, 'drawn': drawn, 'plot': made, 'slider': slider, 'told': told,
-        'azimuth': azimuth, 'elevation': elevation, 'ghost': ghost, 'colours': colours,
-        'looks': looks, 'cursor': table.cursor, 'arm': _numbers(contents, arm, numbers, rmse)})
+        'samples': table.source, 'drawn': drawn, 'plot': fig, 'slider': slider,
+        'pose_text': pose_text, 'azimuth': azimuth, 'elevation': elevation, 'ghost': ghost,
+        'colours': colours, 'line_colours': line_colours, 'cursor': table.cursor,
+        'arm': _arm_data(contents, arm, numbers, rmse)})
     for model in (slider, azimuth, elevation, ghost):
         model.js_on_change('value', draw)
-    # The first size is the first chance to draw.
+    # The plot is drawn first when it gets a size.
     for size in ('inner_width', 'inner_height'):
-        made.js_on_change(size, draw)
+        fig.js_on_change(size, draw)
     table.source.selected.js_on_change('indices', draw)
-    _orbit(made, azimuth, elevation)
-    for one in (azimuth, elevation, ghost):
-        one.styles = {'flex': '1 1 200px', 'width': 'auto'}
+    _orbit(fig, azimuth, elevation)
+    for control in (azimuth, elevation, ghost):
+        control.styles = {'flex': '1 1 200px', 'width': 'auto'}
     below = row(azimuth, elevation, ghost, sizing_mode='stretch_width',
                 styles={'flex-wrap': 'wrap'})
-    return column(slider, made, below, told, sizing_mode='stretch_width')
+    return column(slider, fig, below, pose_text, sizing_mode='stretch_width')
 
 
-def _numbers(contents: Contents, arm: Arm, numbers: list[int],
-             rmse: FloatArray) -> dict[str, Any]:
-    """Return what the drawing knows of the arm."""
+def _arm_data(contents: Contents, arm: Arm, numbers: list[int],
+              rmse: FloatArray) -> dict[str, Any]:
+    """Return the data of the arm for the drawing script."""
     q = contents.samples.q[:, numbers]
-    least, most = q.min(axis=0), q.max(axis=0)
-    low, high = np.minimum(arm.low, least), np.maximum(arm.high, most)
+    q_min, q_max = q.min(axis=0), q.max(axis=0)
+    low, high = np.minimum(arm.low, q_min), np.maximum(arm.high, q_max)
     geometry = arm.geometry
     return {'origins': geometry.origins.tolist(), 'rotations': geometry.rotations.tolist(),
             'numbers': numbers, 'names': [markup.text(name) for name in geometry.joints],
-            'usual': np.maximum(rmse, 1e-9).tolist(), 'reach': arm.reach,
+            'rmse': np.maximum(rmse, 1e-9).tolist(), 'reach': arm.reach,
             'middle': [0.0, 0.0, _MIDDLE * arm.reach],
-            'ranges': np.column_stack([low, high, least, most]).tolist(),
+            'ranges': np.column_stack([low, high, q_min, q_max]).tolist(),
             'unvisited': unvisited_poses(q, low, high, _POSES).tolist()}
 
 
-def _orbit(made: figure, azimuth: Slider, elevation: Slider) -> None:
-    args = {'plot': made, 'azimuth': azimuth, 'elevation': elevation}
-    made.js_on_event(PanStart, CustomJS(args=args, code=_ORBIT_BEGINS))
-    made.js_on_event(Pan, CustomJS(args=args, code=_ORBIT))
+def _orbit(fig: figure, azimuth: Slider, elevation: Slider) -> None:
+    args = {'plot': fig, 'azimuth': azimuth, 'elevation': elevation}
+    fig.js_on_event(PanStart, CustomJS(args=args, code=_ORBIT_BEGINS))
+    fig.js_on_event(Pan, CustomJS(args=args, code=_ORBIT))
 
 
 def _slider(title: str, start: float, end: float, value: float, step: float) -> Slider:
@@ -119,8 +120,8 @@ def _slider(title: str, start: float, end: float, value: float, step: float) -> 
                   sizing_mode='stretch_width', stylesheets=[css.CONTROL])
 
 
-def _unvisited_words(contents: Contents, arm: Arm) -> list[str]:
-    """Return in words which parts of the joints' ranges were never visited."""
+def _unvisited_ranges(contents: Contents, arm: Arm) -> list[str]:
+    """Return a line for each joint with the unvisited parts of its range."""
     lines = []
     for k, name in enumerate(arm.geometry.joints):
         q = contents.samples.q[:, contents.model.joints.index(name)]

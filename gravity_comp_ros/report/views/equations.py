@@ -1,4 +1,4 @@
-"""The model as equations, the largest term first, and how its weights are distributed."""
+"""Equations of the model, its applied effects, and the distribution of its weights."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import padded, plot, Style
-from gravity_comp_ros.report.tiles import tiles
+from gravity_comp_ros.report.tiles import in_rows, tiles
 import numpy as np
 
-_SHOWN, _MOST_TERMS = 8, 300
-_MOST_STEMS, _COLUMNS = 1000, 4
+_SHOWN, _MAX_TERMS = 8, 300
+_MAX_STEMS, _COLUMNS = 1000, 4
 
 
 def section(contents: Contents, style: Style) -> Section:
     """Return equations, effects and weights."""
     model = contents.model
     lead = markup.paragraph(
-        f'Formulation {model.formulation}. s2 and c2 are sine and cosine of the angle of the '
+        f'Formulation: {model.formulation}. s2 and c2 are sine and cosine of the angle of the '
         f'second joint; weights are in N·m, the largest first, as in Yu 2022, Table B.1.',
         'quiet')
     lead += ''.join(_equation(contents, n) for n in contents.numbers)
     applied = model.applied.effects
     if applied:
-        lead += '<h3>Effects besides gravity</h3>' + markup.table(
-            ['effect', 'on', 'coefficients, 95 %', 'setting'],
+        lead += '<h3>Effects in addition to gravity</h3>' + markup.table(
+            ['effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'],
             [[e.name, e.joint or 'the whole arm', numbers(e),
               ', '.join(f'{k} {x:.3g}' for k, x in e.setting.items()) or '–'] for e in applied],
-            left=('on', 'coefficients, 95 %', 'setting'))
+            left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
     plots = _weights(contents, style)
     after = markup.paragraph(
-        'Left to right are the numbers of the features among the 3^N products of the '
-        'dictionary; a sparse model has few weights, and its large ones stand clear of the '
-        'small ones (compare Yu 2022, Figs. 8 and 11).', 'quiet') if plots else ''
+        'The x axis is the index of the feature among the 3^N products of the dictionary. A '
+        'sparse model has few weights, with a clear gap between large and small ones (compare '
+        'Yu 2022, Figs. 8 and 11).', 'quiet') if plots else ''
     return Section('model', 'The model', lead, plots, after)
 
 
-def numbers(effect: AppliedEffect, most: int = 6) -> str:
+def numbers(effect: AppliedEffect, max_count: int = 6) -> str:
     """Return an effect's coefficients with units and intervals in one line."""
-    return markup.units(', '.join(effect_numbers(effect, most)))
+    return markup.units(', '.join(effect_numbers(effect, max_count)))
 
 
 def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
@@ -52,57 +52,53 @@ def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
     order = np.argsort(-np.abs(torque.weights), kind='stable')
     count = contents.model.n_joints
     return [(float(torque.weights[k]),
-             dictionary.feature_name(int(torque.indices[k]), count)) for k in order[:_MOST_TERMS]]
+             dictionary.feature_name(int(torque.indices[k]), count)) for k in order[:_MAX_TERMS]]
 
 
 def _equation(contents: Contents, n: int) -> str:
-    name, found = contents.model.joints[n], terms(contents, n)
-    many = len(contents.model.torques[n].weights)
-    first = _sum(found[:_SHOWN]) or '0'
-    rest = many - min(_SHOWN, len(found))
+    name, listed = contents.model.joints[n], terms(contents, n)
+    count = len(contents.model.torques[n].weights)
+    first = _sum(listed[:_SHOWN]) or '0'
+    rest = count - min(_SHOWN, len(listed))
     html = f'<p class="equation"><b>{markup.text(name)}</b> = {first}'
     html += f' <span class="quiet">… {rest} more</span></p>' if rest else '</p>'
     if rest:
-        cut = '' if many <= _MOST_TERMS else markup.paragraph(
-            f'The {_MOST_TERMS} largest of {many} terms; the model file has them all.', 'quiet')
-        rows = [[f'{weight:.4f}', feature] for weight, feature in found]
-        html += markup.folded(f'all terms of {name}', cut + markup.table(
+        note = '' if count <= _MAX_TERMS else markup.paragraph(
+            f'The {_MAX_TERMS} largest of {count} terms; the model file lists all.', 'quiet')
+        rows = [[f'{weight:.4f}', feature] for weight, feature in listed]
+        html += markup.folded(f'all terms of {name}', note + markup.table(
             ['weight N·m', 'feature'], rows, left=('feature',)))
     return html
 
 
-def _sum(found: list[tuple[float, str]]) -> str:
+def _sum(weighted: list[tuple[float, str]]) -> str:
     html = ''
-    for weight, feature in found:
+    for weight, feature in weighted:
         sign = ('−' if weight < 0 else '') if not html else (' − ' if weight < 0 else ' + ')
         html += f'{sign}<span>{abs(weight):.2f} {markup.text(feature)}</span>'
     return html
 
 
 def _weights(contents: Contents, style: Style) -> UIElement | None:
-    made = [_stems(contents, n, style) for n in contents.numbers
-            if len(contents.model.torques[n].weights)]
-    if not made:
-        return None
-    rows = [made[k:k + _COLUMNS] for k in range(0, len(made), _COLUMNS)]
-    return tiles(rows, 200)
+    plots = [_stems(contents, n, style) for n in contents.numbers
+             if len(contents.model.torques[n].weights)]
+    return tiles(in_rows(plots, _COLUMNS), 200) if plots else None
 
 
 def _stems(contents: Contents, n: int, style: Style) -> figure:
     torque, count = contents.model.torques[n], contents.model.n_joints
-    largest = np.sort(np.argsort(-np.abs(torque.weights))[:_MOST_STEMS])
+    largest = np.sort(np.argsort(-np.abs(torque.weights))[:_MAX_STEMS])
     indices, weights = torque.indices[largest], torque.weights[largest]
     source = ColumnDataSource({
         'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),
         'name': [dictionary.feature_name(int(k), count) for k in indices]})
-    kept = len(torque.weights)
-    made = plot(style, f'{contents.model.joints[n]}: {kept} of {3 ** count}',
-                'feature number', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
-                x_range=padded(0.0, 3.0 ** count, 0.03))
-    made.segment('x', 'zero', 'x', 'y', source=source, color=style.residual, line_width=1.5)
-    dots = made.scatter('x', 'y', source=source, size=5, color=style.residual)
-    made.hover.renderers = [dots]
-    made.hover.tooltips = [('feature', '@name'), ('weight', '@y{0.0000} N·m')]
-    made.xaxis.ticker.desired_num_ticks = 3
-    made.yaxis.formatter = BasicTickFormatter(use_scientific=False)
-    return made
+    fig = plot(style, f'{contents.model.joints[n]}: {len(torque.weights)} of {3 ** count}',
+               'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
+               x_range=padded(0.0, 3.0 ** count, 0.03))
+    fig.segment('x', 'zero', 'x', 'y', source=source, color=style.residual, line_width=1.5)
+    dots = fig.scatter('x', 'y', source=source, size=5, color=style.residual)
+    fig.hover.renderers = [dots]
+    fig.hover.tooltips = [('feature', '@name'), ('weight', '@y{0.0000} N·m')]
+    fig.xaxis.ticker.desired_num_ticks = 3
+    fig.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+    return fig

@@ -1,4 +1,4 @@
-"""The errors joint by joint, against the previous model and against a constant."""
+"""Errors of each joint, compared with the previous model and a constant torque."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import named_joint
 from gravity_comp_ros.report.section import Section
 
-_MOST_PLACES = 2
+_MAX_REGIONS = 2
 
 
 def section(contents: Contents) -> Section:
-    """Return the table of errors, and where each joint fails."""
-    found = contents.comparison.joints
+    """Return the table of errors and the regions of large error."""
+    errors = contents.comparison.joints
     columns = ['joint', 'n', 'RMSE N·m', 'nRMSE', 'std N·m', 'largest N·m', 'in training N·m']
     if contents.previous:
         columns.append(f'{contents.previous_name} N·m')
-    columns.append('a constant N·m')
+    columns.append('constant torque N·m')
     rows = []
     for name in contents.joints:
-        joint = found[name]
+        joint = errors[name]
         row = [name, joint.n, f'{joint.rmse:.4f}', percent(joint.nrmse), f'{joint.std:.4f}',
                f'{joint.max_abs:.3f}',
                f'{contents.model.noise[contents.model.joints.index(name)]:.4f}']
@@ -29,24 +29,23 @@ def section(contents: Contents) -> Section:
                        if name in contents.previous else '–')
         rows.append([*row, f'{joint.rmse_constant:.4f}'])
     lead = markup.paragraph(
-        'Error is measured minus predicted torque. nRMSE is RMSE over the range of the measured '
-        'torque (Yu 2022, Eq. 16); a joint that carries no gravity has a large one that means '
-        'little. The last columns are what else there is: the error in training'
-        + (f', of {contents.previous_name},' if contents.previous else '')
-        + ' and of predicting the mean torque.', 'quiet')
-    lead += markup.paragraph(f'The table is of {contents.judged}; plots show all samples.',
+        'The error is measured minus predicted torque. nRMSE is RMSE over the range of the '
+        'measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load. '
+        'The last columns are for comparison: the training error'
+        + (f', the error of {contents.previous_name},' if contents.previous else '')
+        + ' and the error of a constant torque.', 'quiet')
+    lead += markup.paragraph(f'Errors in the table: {contents.compared}. Plots show all samples.',
                              'quiet')
     table = markup.table(columns, rows, strong=contents.joints.index(named_joint(contents)))
-    return Section('joints', 'Error, joint by joint', lead + table, after=_where(contents))
+    return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
 
 
-def _where(contents: Contents) -> str:
-    lines = [f'{name} {place.words}' for name in contents.joints
-             for place in contents.comparison.joints[name].where[:_MOST_PLACES]]
+def _regions(contents: Contents) -> str:
+    lines = [f'{name} {region.words}' for name in contents.joints
+             for region in contents.comparison.joints[name].where[:_MAX_REGIONS]]
     outside = contents.comparison.share_outside
     if outside > 0.0:
-        lines.insert(0, f'{100 * outside:.1f} % of these samples lie outside the poses that the '
-                     f'model was trained on')
+        lines.insert(0, f'{100 * outside:.1f} % of these samples are outside the trained poses')
     if not lines:
-        return markup.paragraph('No joint is worse in one place than elsewhere.', 'quiet')
-    return '<h3>Where it is worse than elsewhere</h3>' + markup.bullets(lines)
+        return markup.paragraph('No joint has a region of larger error.', 'quiet')
+    return '<h3>Regions of large error</h3>' + markup.bullets(lines)

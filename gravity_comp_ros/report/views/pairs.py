@@ -1,4 +1,4 @@
-"""Heat maps over pairs of joints: the error, how many samples, and what was never visited."""
+"""Heat maps of the residual and the sample count over pairs of joints."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ import numpy as np
 _GAP = 0.06
 _TOOLS = 'tap,box_select,reset,save'
 
-# Cells that are chosen mark the samples in them, and samples the cells that they lie in.
-# Such code runs later than the change that it answers, so each side remembers what it was told.
+# Selected cells mark their samples, and selected samples their cells. Callbacks run
+# asynchronously, so each side stores the last selection it received and does not return it.
 _CELLS_TO_SAMPLES = """
 const chosen = cells.selected.indices, found = []
-if (String(chosen) == cells.told) return
+if (String(chosen) == cells.received) return
 if (chosen.length) {
   const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
   const place = (joint) => samples.get_column('c' + joint)
@@ -32,12 +32,12 @@ if (chosen.length) {
   for (let row = 0; row < samples.get_column('t').length; row++)
     if (wanted.some(([p, a, q, b]) => p[row] == a && q[row] == b)) found.push(row)
 }
-samples.told = String(found)
+samples.received = String(found)
 samples.selected.indices = found
 """
 _SAMPLES_TO_CELLS = """
 const chosen = samples.selected.indices, found = []
-if (String(chosen) == samples.told) return
+if (String(chosen) == samples.received) return
 if (chosen.length) {
   const seen = new Set(), place = []
   const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
@@ -49,7 +49,7 @@ if (chosen.length) {
   for (let k = 0; k < first.length; k++)
     if (seen.has(((first[k] * n + second[k]) * size + a[k]) * size + b[k])) found.push(k)
 }
-cells.told = String(found)
+cells.received = String(found)
 cells.selected.indices = found
 """
 _SHOW_JOINT = """
@@ -65,7 +65,7 @@ cells.change.emit()
 
 
 def section(contents: Contents, table: Table, style: Style) -> Section:
-    """Return the error of one joint, to be chosen, and the counts, over all pairs."""
+    """Return the residual of a selectable joint and the sample counts over all pairs."""
     numbers = contents.numbers
     grid = pair_grid(contents.samples.q[:, numbers], contents.residual[:, numbers])
     names = contents.joints
@@ -86,20 +86,20 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     _link(table, contents, grid, cells)
     both = tiles([[error, counts]], 300)
     lead = markup.paragraph(
-        'Each block is a pair of joints, each cell a part of their ranges; on the diagonal a '
-        'joint is by itself. Cells without colour were never visited: there the model is a '
-        'guess. A cell that is chosen marks its samples in the other plots.', 'quiet')
-    return Section('pairs', 'Over pairs of joints', lead,
+        'Each block is a pair of joints, each cell a part of their ranges; the diagonal shows '
+        'single joints. Cells without colour were not visited: the model extrapolates there. '
+        'Select a cell to mark its samples in the other plots.', 'quiet')
+    return Section('pairs', 'Pairs of joints', lead,
                    column(choice, both, sizing_mode='stretch_width'), _coverage(grid, names))
 
 
 def _cells(grid: PairGrid, contents: Contents) -> ColumnDataSource:
-    """Return every visited cell as a rectangle: first joint to the right, second upwards."""
+    """Return every visited cell as a rectangle, first joint to the right, second joint up."""
     n, size = len(contents.joints), grid.cells
     width = (1.0 - _GAP) / size
     own = grid.first == grid.second
     left = grid.first + _GAP / 2 + grid.column * width
-    # On the diagonal a joint is alone: a bar over the height of the block.
+    # Cells on the diagonal are bars over the height of the block.
     top_down = np.where(own, 0, grid.row) * width
     low = (n - 1 - grid.second) + _GAP / 2 + top_down
     high = np.where(own, n - grid.second - _GAP / 2, low + width)
@@ -119,33 +119,33 @@ def _matrix(style: Style, title: str, names: tuple[str, ...], cells: ColumnDataS
             field: str, colours: LinearColorMapper | LogColorMapper) -> figure:
     n = len(names)
     height = int(min(560, max(240, 150 + 62 * n)))
-    made = plot(style, title, '', '', height, _TOOLS, x_range=Range1d(0, n),
-                y_range=Range1d(0, n))
-    made.grid.visible = False
-    made.axis.major_tick_line_color = None
+    fig = plot(style, title, '', '', height, _TOOLS, x_range=Range1d(0, n),
+               y_range=Range1d(0, n))
+    fig.grid.visible = False
+    fig.axis.major_tick_line_color = None
     blocks = [(i, n - 1 - j) for i in range(n) for j in range(i, n)]
     half = _GAP / 2
-    made.quad(left=[x + half for x, _ in blocks], right=[x + 1 - half for x, _ in blocks],
-              bottom=[y + half for _, y in blocks], top=[y + 1 - half for _, y in blocks],
-              fill_color=style.never, line_color=style.grid, hatch_pattern='/',
-              hatch_color=style.grid, hatch_scale=7, level='underlay')
-    drawn = made.quad('left', 'right', 'top', 'bottom', source=cells, line_color=None,
-                      fill_color={'field': field, 'transform': colours},
-                      nonselection_fill_alpha=0.35, selection_line_color=style.marked)
-    made.add_tools(HoverTool(renderers=[drawn], tooltips=[
+    fig.quad(left=[x + half for x, _ in blocks], right=[x + 1 - half for x, _ in blocks],
+             bottom=[y + half for _, y in blocks], top=[y + 1 - half for _, y in blocks],
+             fill_color=style.never, line_color=style.grid, hatch_pattern='/',
+             hatch_color=style.grid, hatch_scale=7, level='underlay')
+    drawn = fig.quad('left', 'right', 'top', 'bottom', source=cells, line_color=None,
+                     fill_color={'field': field, 'transform': colours},
+                     nonselection_fill_alpha=0.35, selection_line_color=style.marked)
+    fig.add_tools(HoverTool(renderers=[drawn], tooltips=[
         ('joint at the bottom', '@x{0.00} rad'), ('joint at the left', '@y{0.00} rad'),
         ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]))
     ticks = [k + 0.5 for k in range(n)]
     labels = [canvas_text(short(printable(name))) for name in names]
-    made.xaxis.ticker = made.yaxis.ticker = FixedTicker(ticks=ticks)
-    made.xaxis.major_label_overrides = dict(zip(ticks, labels))
-    made.yaxis.major_label_overrides = dict(zip(ticks, labels[::-1]))
+    fig.xaxis.ticker = fig.yaxis.ticker = FixedTicker(ticks=ticks)
+    fig.xaxis.major_label_overrides = dict(zip(ticks, labels))
+    fig.yaxis.major_label_overrides = dict(zip(ticks, labels[::-1]))
     if max(len(name) for name in names) * n > 40:
-        made.xaxis.major_label_orientation = 0.8
+        fig.xaxis.major_label_orientation = 0.8
     bar = ColorBar(color_mapper=colours, width=12, padding=6,
                    major_label_text_color=style.text, background_fill_color=style.background)
-    made.add_layout(bar, 'right')
-    return made
+    fig.add_layout(bar, 'right')
+    return fig
 
 
 def _link(table: Table, contents: Contents, grid: PairGrid, cells: ColumnDataSource) -> None:
@@ -164,5 +164,5 @@ def _coverage(grid: PairGrid, names: tuple[str, ...]) -> str:
                    for j in range(i + 1, len(names)))
     share, i, j = pairs[0]
     return markup.paragraph(
-        f'Least is known of {names[i]} with {names[j]}: {100 * share:.0f} % of the cells within '
-        f'their ranges were visited.')
+        f'The pair with the lowest coverage is {names[i]} with {names[j]}: {100 * share:.0f} % '
+        f'of the cells within their ranges were visited.')

@@ -1,4 +1,4 @@
-"""What the recordings are worth."""
+"""Quality of the recordings: rates, dropped messages, ranges and speeds."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from gravity_comp_ros.report.section import Section
 
 
 def section(contents: Contents) -> Section:
-    """Return what was read, what was dropped, and what each joint did."""
+    """Return tables of the recordings and of the motion of each joint."""
     facts = contents.facts
-    bags = [[r.path.name, r.topic, r.n_messages, r.n_samples, f'{r.rate_hz:.4g}',
-             f'{r.duration_s:.1f}', r.velocity,
-             '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
-             or 'none'] for r in contents.reports]
+    recordings = [[r.path.name, r.topic, r.n_messages, r.n_samples, f'{r.rate_hz:.4g}',
+                   f'{r.duration_s:.1f}', r.velocity,
+                   '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
+                   or 'none'] for r in contents.reports]
     html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
-                         'velocity', 'dropped'], bags, left=('topic', 'velocity', 'dropped'))
+                         'velocity', 'dropped'], recordings, left=('topic', 'velocity', 'dropped'))
     html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)
     rows = []
     for name in contents.joints:
@@ -26,9 +26,8 @@ def section(contents: Contents) -> Section:
                      f'{joint.tau_min:.2f} … {joint.tau_max:.2f}',
                      '–' if joint.pose_share is None else f'{100 * joint.pose_share:.0f} %'])
     html += markup.table(['joint', 'range rad', 'fastest rad/s', 'RMS rad/s', 'reversals',
-                          'torque N·m', 'torque explained by pose'], rows)
+                          'torque N·m', 'torque variance explained by pose'], rows)
     html += markup.paragraph(
-        f'{100 * facts.slow_share:.0f} % of the samples are slow enough for gravity to show '
-        f'alone.')
+        f'{100 * facts.slow_share:.0f} % of the samples are slow motion.')
     html += markup.bullets(facts.remarks)
     return Section('quality', 'Quality of the data', html)

@@ -1,4 +1,4 @@
-"""The spectrum of the residual, over time and over the joint's angle."""
+"""Spectra of the residual over time and over the joint angle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TOOLS = 'xpan,xbox_zoom,hover,reset,save'
 
 
 def section(contents: Contents, style: Style) -> Section:
-    """Return two plots a joint."""
+    """Return two plots per joint."""
     rows = []
     for n in contents.numbers:
         name = contents.model.joints[n]
@@ -26,34 +26,34 @@ def section(contents: Contents, style: Style) -> Section:
         rows.append([
             _plot(style, name, 'frequency, Hz', 'N·m/√Hz', frequency, density, True,
                   'The recording is too short for a spectrum'),
-            _plot(style, '', 'cycles per turn of the joint', 'N·m', order, amplitude, False,
+            _plot(style, '', 'cycles per revolution', 'N·m', order, amplitude, False,
                   'The joint hardly moves')])
     grid = tiles(rows, 300)
     lead = markup.paragraph(
-        'Left over time: noise is flat, what is missing lies at the slow end, a motor or the '
-        'mains stands out as a line. Right over the angle: a line at a whole number of cycles '
-        'per turn comes from a gear or a bearing.', 'quiet')
-    return Section('spectrum', 'How the residual repeats', lead, grid)
+        'Left, over time: noise is flat, unmodelled effects appear at low frequencies, motor or '
+        'mains interference as a line. Right, over the angle: a line at an integer number of '
+        'cycles per revolution indicates a gear or a bearing.', 'quiet')
+    return Section('spectrum', 'Spectrum of the residual', lead, grid)
 
 
 def _plot(style: Style, title: str, x_label: str, y_label: str, x: FloatArray, y: FloatArray,
           logarithmic: bool, empty: str) -> figure:
     kind = 'log' if logarithmic and len(x) else 'linear'
-    made = plot(style, title, x_label, y_label, _HEIGHT, _TOOLS, x_axis_type=kind,
-                y_axis_type=kind)
+    fig = plot(style, title, x_label, y_label, _HEIGHT, _TOOLS, x_axis_type=kind,
+               y_axis_type=kind)
     if not len(x):
-        made.text([0.0], [0.0], [empty], text_color=style.faint, text_align='center',
-                  text_baseline='middle', text_font_size='13px')
-        made.axis.visible = False
-        made.grid.visible = False
-        return made
+        fig.text([0.0], [0.0], [empty], text_color=style.faint, text_align='center',
+                 text_baseline='middle', text_font_size='13px')
+        fig.axis.visible = False
+        fig.grid.visible = False
+        return fig
     floor = float(y[y > 0].min()) if (y > 0).any() else 1e-12
     y = y.clip(min=floor)
-    made.line(x, y, color=style.residual, line_width=1.2)
-    made.yaxis.ticker.desired_num_ticks = 3
+    fig.line(x, y, color=style.residual, line_width=1.2)
+    fig.yaxis.ticker.desired_num_ticks = 3
     if not logarithmic:
-        made.yaxis.formatter = BasicTickFormatter(use_scientific=False)
-        made.varea(x, [0.0] * len(x), y, fill_color=style.residual, fill_alpha=0.25)
-    made.hover.tooltips = [(x_label.split(',')[0], '@x{0.000}'), (y_label, '@y{0.0000}')]
-    made.add_tools(CrosshairTool(dimensions='height', line_color=style.faint))
-    return made
+        fig.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+        fig.varea(x, [0.0] * len(x), y, fill_color=style.residual, fill_alpha=0.25)
+    fig.hover.tooltips = [(x_label.split(',')[0], '@x{0.000}'), (y_label, '@y{0.0000}')]
+    fig.add_tools(CrosshairTool(dimensions='height', line_color=style.faint))
+    return fig

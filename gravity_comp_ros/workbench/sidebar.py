@@ -1,4 +1,4 @@
-"""The choices at the side: runs, joints, samples, units, formulation; and what goes out."""
+"""Side bar of the page: runs, joints, samples, units, formulation, and export buttons."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _KNOWN, _UNKNOWN = 'known', 'unknown'
 
 @dataclass(frozen=True)
 class Actions:
-    """What the buttons at the side do."""
+    """Actions of the buttons of the side bar."""
 
     learn: Callable[[], None]
-    judge: Callable[[], None]
+    evaluate: Callable[[], None]
     save_model: Callable[[], None]
     save_report: Callable[[], None]
     save_commands: Callable[[], None]
 
 
-class Side:
-    """The widgets, and the choice that they show."""
+class Sidebar:
+    """Widgets of the settings, and the `Choice` that they show."""
 
     def __init__(self, session: Session, actions: Actions) -> None:
         choice, read = session.choice, session.read
@@ -42,19 +42,20 @@ class Side:
         self.joints: CheckboxGroup = widgets.boxes(
             self._joints, [self._joints.index(name) for name in choice.joints], 'joints')
         self.samples: Select = widgets.select(
-            'Gravity is learned and judged on', [(_SLOW, 'slow samples'), (_ALL, 'all samples')],
+            'Samples for fit and errors', [(_SLOW, 'slow samples'), (_ALL, 'all samples')],
             _ALL if choice.all_samples else _SLOW, name='samples')
         limit = '' if choice.max_speed is None else f'{choice.max_speed:g}'
-        self.limit: TextInput = widgets.field('Slow is below, rad/s', limit, 'max-speed',
-                                              f'{GateOptions().max_speed:g}')
+        self.limit: TextInput = widgets.field(
+            'Speed limit of slow samples, rad/s', limit, 'max-speed',
+            f'{GateOptions().max_speed:g}')
         self.scales: dict[str, TextInput] = {
             name: widgets.field(name, f'{choice.effort_scale.get(name, 1.0):g}', f'scale-{k}')
             for k, name in enumerate(self._joints)}
-        self.speeds = widgets.boxes(['take speeds from the positions'],
+        self.speeds = widgets.boxes(['compute velocities from positions'],
                                     [0] if choice.differentiate else [], 'differentiate')
         self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
                                                   choice.formulation, name='formulation')
-        known = [(_KNOWN, 'of the description, if any'), (_UNKNOWN, 'not known')]
+        known = [(_KNOWN, 'from the description, if any'), (_UNKNOWN, 'unknown')]
         self._urdf = choice.urdf if choice.urdf != NO_DESCRIPTION else \
             None if session.urdf is None else str(session.urdf)
         self.axes: Select = widgets.select(
@@ -64,14 +65,14 @@ class Side:
 
     def choice(self) -> Choice:
         """
-        Return what is chosen.
+        Return the choice of the widgets.
 
-        :raises OptionError: if that makes no sense.
+        :raises OptionError: if a value is invalid.
         """
         runs = tuple(sorted(self.runs.active))
         joints = tuple(self._joints[k] for k in sorted(self.joints.active))
         if not runs or not joints:
-            raise OptionError('choose at least one run and one joint')
+            raise OptionError('select at least one run and one joint')
         scale = {name: _number(field.value, f'the scale of the effort of {name}')
                  for name, field in self.scales.items()}
         limit = self.limit.value.strip()
@@ -84,18 +85,19 @@ class Side:
 
     def _parts(self, actions: Actions) -> list[UIElement]:
         units = column(widgets.html('<p class="quiet">N·m per unit of effort, e.g. a torque '
-                                    'constant; −1 turns the sign</p>'),
+                                    'constant; −1 inverts the sign</p>'),
                        *self.scales.values(), self.speeds, sizing_mode='stretch_width',
                        name='units', visible=any(f.value != '1' for f in self.scales.values())
                        or bool(self.speeds.active))
-        shown = widgets.button('Units and speeds …', lambda: widgets.turn(units),
-                               name='show-units')
+        show_units = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
+                                    name='show-units')
         return [
             widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
-            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, shown, units,
-            self.formulation, self.axes,
-            widgets.button('Learn with these choices', actions.learn, 'primary', name='learn'),
-            widgets.button('Judge the present model on these', actions.judge, name='judge'),
+            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,
+            units, self.formulation, self.axes,
+            widgets.button('Fit with these settings', actions.learn, 'primary', name='learn'),
+            widgets.button('Evaluate the current model on these', actions.evaluate,
+                           name='evaluate'),
             widgets.html('<h3>Export</h3>'),
             widgets.button('Save the model', actions.save_model, name='export-model'),
             widgets.button('Save a report', actions.save_report, name='export-report'),
