@@ -355,8 +355,8 @@ def test_the_headline_and_the_emphasised_row_name_the_same_joint(folder, watched
     assert headline(same).startswith('No missing effect changes the error')
     assert '0.25 % of the range' in headline(same)
     # Contradictions to the structure of gravity are listed as in the terminal.
-    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow has a '
-                    'part that no gravity has', ('tool_force',))
+    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
+                             'has a part that no gravity has', ('tool_force',))
     broken = replace(found, diagnosis=replace(found.diagnosis, laws=(law,)))
     words = effects.structure(broken.diagnosis)
     assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words
