@@ -23,7 +23,7 @@ from rough_links import COULOMB, two_links
 
 pytestmark = pytest.mark.slow
 
-PATIENCE = 120.0
+PATIENCE = 240.0
 RMSE = 'td:nth-of-type(2)'  # in the table of errors
 # Heading of each view, and its minimum number of plots, including the error history.
 VIEWS = {'Over time': ('Over time', 4),

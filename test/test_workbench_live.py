@@ -13,7 +13,7 @@ from gravity_comp_ros.workbench.live_view import age_html, status_html
 import numpy as np
 from ros_harness import running
 
-PATIENCE = 60.0
+PATIENCE = 180.0
 STREAMED = """() => {
   let most = 0
   for (const document of Bokeh.documents)

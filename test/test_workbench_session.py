@@ -50,7 +50,7 @@ from rough_links import COULOMB, JOINTS, two_links
 from tornado.ioloop import IOLoop
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE = 120.0
+PATIENCE = 240.0
 BOTH = ('coulomb_friction:shoulder', 'viscous_friction:shoulder')
 
 
