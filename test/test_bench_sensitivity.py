@@ -26,7 +26,7 @@ def test_each_threshold_is_halved_and_doubled_alone():
 
 def test_a_threshold_can_make_a_finding_weak(monkeypatch):
     default = DiagnosisOptions()
-    strict = replace(default, verdict=replace(default.verdict, fewest_effective=1e9))
+    strict = replace(default, verdict=replace(default.verdict, min_effective=1e9))
     monkeypatch.setattr(sensitivity, 'variants',
                         lambda: [(UNCHANGED, default), ('strict', strict)])
     monkeypatch.setattr(sensitivity, 'SECONDS', 30.0)

@@ -109,7 +109,7 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     found = run_json(capsys, 'one_way.mcap')
     accepted = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
     assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
-    assert 'one way only' in found['joints']['shoulder']['untestable']['coulomb_friction']
+    assert 'in one direction only' in found['joints']['shoulder']['untestable']['coulomb_friction']
     assert any('one direction only: shoulder' in remark for remark in found['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
     reason = 'coulomb_friction on shoulder: the joint moves in one direction only'

@@ -287,8 +287,8 @@ def test_a_denoised_path_has_the_reversals_of_the_joint(seed, noise):
     path = denoised_path(truth + noise * rng.standard_normal(len(truth)))
     # The error of the path is that of the encoder, without lag.
     assert np.abs(path - truth).max() < 6.0 * noise
-    # At rest the path travels with the noise: 5.8 standard deviations in 99.9 % of draws, 6.2 in the
-    # worst of 1500.
+    # At rest the path travels with the noise: 5.8 standard deviations in 99.9 % of draws, 6.2 in
+    # the worst of 1500.
     assert np.abs(np.diff(path[:40])).sum() < 8.0 * noise
     way = np.abs(np.diff(turns)).sum()
     assert np.abs(np.diff(path)).sum() == pytest.approx(way, abs=12.0 * noise * len(turns))
