@@ -78,10 +78,10 @@ def _workbench(folder: Path) -> None:
                                env={**os.environ, 'XDG_STATE_HOME': str(folder)})
     assert process.stdout is not None
     try:
-        found = re.search(r'http://\S+/', process.stdout.readline())
-        assert found is not None
-        with watched(found[0], color_scheme='light') as tab:
-            address = _worked(tab, found[0])
+        match = re.search(r'http://\S+/', process.stdout.readline())
+        assert match is not None
+        with watched(match[0], color_scheme='light') as tab:
+            address = _worked(tab, match[0])
         # The same session, on another screen.
         for scheme in ('light', 'dark'):
             with watched(address, color_scheme=scheme) as tab:

@@ -27,10 +27,10 @@ def main() -> None:
     """Run the commands and write the picture."""
     console = Console(record=True, width=_WIDTH, file=io.StringIO(), force_terminal=True)
     with tempfile.TemporaryDirectory() as folder:
-        told = [(command, output(command, Path(folder))) for command in commands()]
+        outputs = [(command, output(command, Path(folder))) for command in commands()]
     last = ''
     for verb, which, first, count in SHOWN:
-        command, text = [pair for pair in told if pair[0].split()[1] == verb][which]
+        command, text = [pair for pair in outputs if pair[0].split()[1] == verb][which]
         if command != last:
             console.print(Text(f'$ {command}', style='bold green', overflow='fold'))
             last = command

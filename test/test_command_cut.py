@@ -44,9 +44,9 @@ def test_joints_are_written_in_the_requested_order(bag, tmp_path):
 def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), '--split', '2,4', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    files = [part['output'] for part in found['parts']]
-    assert [part['n_samples'] for part in found['parts']] == [100, 100, 100]
+    result = json.loads(capsys.readouterr().out)
+    files = [part['output'] for part in result['parts']]
+    assert [part['n_samples'] for part in result['parts']] == [100, 100, 100]
     assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
     parts, whole = gc.read(files), read_bag(bag)
     np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau)

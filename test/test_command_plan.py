@@ -30,10 +30,10 @@ def command(folder, output, *argv):
 def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.yaml'
     assert main(command(folder, motion)) == 0
-    shown = capsys.readouterr().out
+    output = capsys.readouterr().out
     for words in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
                   'obstacles are not checked', f'written to {motion}'):
-        assert words in ' '.join(shown.split())
+        assert words in ' '.join(output.split())
     again = tmp_path / 'again.csv'
     assert main(command(folder, again, '--effort', '--json')) == 0
     document = json.loads(capsys.readouterr().out)
@@ -77,10 +77,10 @@ def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys
     line = command(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
     line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
     assert main(line) == 0
-    shown = ' '.join(capsys.readouterr().err.split())
-    assert 'gravity may absorb all but' in shown
-    assert 'may resolve torque_offset:elbow: --widen 0.7' in shown
-    assert 'with known axes is collinear with fewer effects' in shown
+    output = ' '.join(capsys.readouterr().err.split())
+    assert 'gravity may absorb all but' in output
+    assert 'may resolve torque_offset:elbow: --widen 0.7' in output
+    assert 'with known axes is collinear with fewer effects' in output
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
 

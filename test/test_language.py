@@ -89,7 +89,8 @@ CLAUSES = {
 _NAMES = (r'(found|made|shown|taken|told|said|alike|usual|wanted|left|doubt|worth|many|most|least|'
           r'much)')
 NAMES = {
-    rf'(?<![\w.]){_NAMES} = |(?<!\w)for {_NAMES} in ': 'the noun: result, coefficients, samples',
+    rf'(?<![\w.])(?!left, (size, )?right\b){_NAMES}(, \w+)* = |(?<!\w)for {_NAMES} in ':
+        'the noun: result, coefficients, samples',
     r'(?<![A-Za-z])_?([A-Z]+_)*(LEAST|MOST|FEWEST|USUAL|MANY|ENOUGH|LIKELIER|ALIKE|MUCH|WORTH)'
     r'(_[A-Z]+)* ?[=,]': 'MIN_..., MAX_..., PRIOR_STD_...',
 }

@@ -177,14 +177,14 @@ def test_two_outliers_are_no_broken_effort():
     q = rng.uniform(-1, 1, (150, 2))
     gravity = q * [3.0, 10.0]
     tau = gravity + 0.1 * rng.standard_normal(q.shape)
-    few, many = tau.copy(), tau.copy()
-    few[:2, 0] += [-8.0, 8.0]
-    many[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
-    for effort, is_broken in ((few, False), (many, True)):
+    spiky, broken = tau.copy(), tau.copy()
+    spiky[:2, 0] += [-8.0, 8.0]
+    broken[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
+    for effort, is_broken in ((spiky, False), (broken, True)):
         samples = JointSamples.single_run(['a', 'b'], np.arange(150), q, 0 * q + 0.1, effort)
-        left = rms_without(samples, gravity)
-        assert (first_model_objection(samples, left) is not None) == is_broken
-    assert rms_without(replace(samples, tau=few), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
+        residual = rms_without(samples, gravity)
+        assert (first_model_objection(samples, residual) is not None) == is_broken
+    assert rms_without(replace(samples, tau=spiky), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
 
 
 def test_a_payload_does_not_cancel_the_gravity_of_one_joint_alone():

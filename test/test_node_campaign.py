@@ -389,8 +389,8 @@ def test_killed_while_saving_the_file_is_old_or_new(model_file, recording):
 def missing_folder(path, recording):
     """Save into a missing folder: the error is reported, and the file is unchanged."""
     before = path.read_bytes()
-    for left in path.parent.glob('.model.json.*'):
-        left.unlink()
+    for path_left in path.parent.glob('.model.json.*'):
+        path_left.unlink()
     with running({**FAST, 'model_file': path}) as (node, probe):
         probe.report('model')
         path.parent.rename(path.parent.with_suffix('.away'))

@@ -55,9 +55,9 @@ def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
         (target.hardlink_to if 'hard' in how else target.symlink_to)(source)
     argv = call(tmp_path, verb, {place: str(source)})
     assert main([*map(str, argv), '--json', str(target)]) == 1
-    shown = capsys.readouterr()
-    assert 'would be overwritten' in shown.err and shown.err.count('\n') == 1
-    assert source.read_text() == 'precious' and shown.out == ''
+    output = capsys.readouterr()
+    assert 'would be overwritten' in output.err and output.err.count('\n') == 1
+    assert source.read_text() == 'precious' and output.out == ''
     assert sorted(tmp_path.iterdir()) == sorted({source, target})
 
 
@@ -73,8 +73,8 @@ def test_two_outputs_are_two_files(tmp_path, capsys, verb):
 def test_a_missing_folder_is_reported_before_the_work(tmp_path, capsys, verb):
     # The inputs are missing as well: a verb that reads them first would report them instead.
     assert main([*call(tmp_path, verb, {}), '--json', str(tmp_path / 'nowhere' / 'x.json')]) == 1
-    shown = capsys.readouterr().err
-    assert 'there is no folder' in shown and shown.count('\n') == 1
+    error = capsys.readouterr().err
+    assert 'there is no folder' in error and error.count('\n') == 1
 
 
 def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):

@@ -43,8 +43,8 @@ def test_lengths_and_inertias_are_all_that_motion_needs(seed, n):
     columns = motion_columns(chain_of(arm), np.ones(n), q, qd, qdd)[:, :, 1:]
     truth = of_motion(arm, q, qd, qdd)
     flat = columns.reshape(truth.size, -1)
-    found = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
-    assert np.linalg.norm(truth.ravel() - flat @ found) < 1e-8 * np.linalg.norm(truth)
+    solution = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
+    assert np.linalg.norm(truth.ravel() - flat @ solution) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_a_planar_arm_by_hand():
@@ -96,8 +96,8 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     truth = of_motion(arm, q, speed, rate).ravel()
     for one in (chain, mirrored(chain)):
         flat = chain_dynamics(one).columns(q, speed, rate).reshape(len(truth), -1)
-        found = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
-        assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
+        solution = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+        assert np.linalg.norm(truth - flat @ solution) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_two_vertical_axes_turn_each_its_own_way():
@@ -112,8 +112,8 @@ def test_two_vertical_axes_turn_each_its_own_way():
         assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
         for signs in every:
             flat = chain_dynamics(start, signs).columns(q, speed, rate).reshape(len(truth), -1)
-            left = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
-            share = np.linalg.norm(left) / np.linalg.norm(truth)
+            residual = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+            share = np.linalg.norm(residual) / np.linalg.norm(truth)
             assert (share < 1e-8) == (signs == right), (signs, share)
 
 

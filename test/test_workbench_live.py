@@ -15,12 +15,12 @@ from ros_harness import running
 
 PATIENCE = 60.0
 STREAMED = """() => {
-  let most = 0
+  let longest = 0
   for (const document of Bokeh.documents)
     for (const model of document._all_models.values())
       if (model.type == 'ColumnDataSource' && model.get_column('p6') != null)
-        most = Math.max(most, model.get_column('t').length)
-  return most
+        longest = Math.max(longest, model.get_column('t').length)
+  return longest
 }"""
 
 

@@ -84,8 +84,8 @@ def calibration(results: Sequence[dict[str, Any]]) -> str:
     for low, high in zip(_BINS, _BINS[1:]):
         here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         if here:
-            stated, found = np.mean(here, axis=0)
-            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {found:.0%} |')
+            stated, rate = np.mean(here, axis=0)
+            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {rate:.0%} |')
     return '\n'.join(lines)
 
 

@@ -141,9 +141,9 @@ def is_found(finding: Finding) -> bool:
 def coefficients(finding: Finding, limit: int = 3) -> str:
     """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
+    values = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
     more = len(items) - limit
-    return shown + (f' and {more} more' if more > 0 else '') or '–'
+    return values + (f' and {more} more' if more > 0 else '') or '–'
 
 
 def structure_lines(diagnosis: core.Diagnosis) -> list[str]:

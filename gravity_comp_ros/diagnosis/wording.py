@@ -14,11 +14,11 @@ _MAX_COEFFICIENTS = 2
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the diagnosis in one sentence."""
-    found = [f for f in diagnosis.findings if f.verdict in FOUND]
-    if found:
-        if len(found) == 1:
-            return f'Missing: {sentence(found[0])}.'
-        return f'{len(found)} effects are missing. The strongest is {sentence(found[0])}.'
+    findings = [f for f in diagnosis.findings if f.verdict in FOUND]
+    if findings:
+        if len(findings) == 1:
+            return f'Missing: {sentence(findings[0])}.'
+        return f'{len(findings)} effects are missing. The strongest is {sentence(findings[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
     name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
@@ -115,10 +115,10 @@ def before_and_after(finding: Finding) -> tuple[str, str]:
 
 
 def _differing(before: float, after: float) -> tuple[str, str]:
-    shown = percent(before), percent(after)
-    if shown[0] == shown[1] and before != after:
-        shown = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
-    return shown
+    texts = percent(before), percent(after)
+    if texts[0] == texts[1] and before != after:
+        texts = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
+    return texts
 
 
 def change(finding: Finding) -> str:

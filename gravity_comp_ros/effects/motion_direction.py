@@ -25,7 +25,7 @@ from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # Minimum width in rad/s, the accuracy of encoders and drives.
-LEAST_WIDTH = 0.002
+MIN_WIDTH = 0.002
 # Distances in rad over which friction that persists at rest reverses.
 HOLDS = (5e-5, 1e-4, 2e-4, 5e-4)
 # Minimum width relative to the speed noise, and maximum relative to the 95 % quantile of speeds.
@@ -59,9 +59,9 @@ def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape
     return _held(samples, _path(samples, q), shape.hold)
 
 
-def least_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
+def min_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
     """Return the minimum width in rad/s for the speed noise of all or some joints."""
-    return np.maximum(LEAST_WIDTH, _NOISE_WIDTHS * speed_noise(samples, joints))
+    return np.maximum(MIN_WIDTH, _NOISE_WIDTHS * speed_noise(samples, joints))
 
 
 def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:

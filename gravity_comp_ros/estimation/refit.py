@@ -70,7 +70,7 @@ class RefitOptions:
         return cls() if max_speed is None else cls(max_speed, force=True)
 
 
-def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
+def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request],
           options: RefitOptions = RefitOptions(), use: BoolArray | None = None,
           progress: Progress | None = None) -> Refit:
     """
@@ -90,10 +90,10 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     picked = evenly_picked(samples.n_samples, _MAX_SAMPLES)
     samples, use = samples.select(picked), None if use is None else use[picked]
     report('motion', 0.0)
-    base = _base(samples, model, wanted)
+    base = _base(samples, model, effects)
     motion = build_motion(samples, base)
-    new, skipped = _new_terms(motion, model, wanted)
-    if wanted and not new:
+    new, skipped = _new_terms(motion, model, effects)
+    if effects and not new:
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
     old, kept = _old_terms(motion, model)
     work, all_speeds = _problem(motion, base, kept, (*old, *new), use, options)
@@ -102,9 +102,9 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     fit_options, known = _formulation(base, chosen[-1])
     fitted = fit_with_terms(motion, work.rows, base, chosen[-1], kept, fit_options, known)
     implausible = _implausible(work, fitted.model, chosen[-1])
-    optional = {r.target for r in wanted if not r.named} & set(implausible)
+    optional = {r.target for r in effects if not r.named} & set(implausible)
     if optional and len(optional) < len(new):
-        rest = [r for r in wanted if r.target not in optional]
+        rest = [r for r in effects if r.target not in optional]
         result = refit(samples, model, rest, options, use, progress)
         left_out = {name: implausible[name] for name in sorted(optional)}
         return replace(result, skipped={**result.skipped, **left_out})

@@ -162,11 +162,11 @@ class Epoch:
             return 'no slow samples yet: move the arm slowly through its range'
         options = self._options
         few_suffice = self.has_base and not self.had_broken_effort
-        least = options.min_samples if few_suffice else options.first_samples
-        if self.n_train < least or self.n_held_out < options.block:
+        minimum = options.min_samples if few_suffice else options.first_samples
+        if self.n_train < minimum or self.n_held_out < options.block:
             why = ' after broken effort' if self.had_broken_effort else ''
             return (f'{self.n_train} training and {self.n_held_out} held-out samples; '
-                    f'{least} and {options.block} are needed{why}: keep moving slowly')
+                    f'{minimum} and {options.block} are needed{why}: keep moving slowly')
         if len(self.lacking()) == len(self._train.names):
             return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
                     'slowly through its range')

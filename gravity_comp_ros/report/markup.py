@@ -56,9 +56,9 @@ def folded(summary: str, html: str) -> str:
 
 def command(line: str) -> str:
     """Return a command line with a copy button."""
-    shown = '\n'.join(text(part) for part in line.splitlines())
-    return (f'<div class="command"><pre tabindex="0">{shown}</pre>'
-            f'<button type="button" class="copy" data-copy="{shown}">Copy</button></div>')
+    content = '\n'.join(text(part) for part in line.splitlines())
+    return (f'<div class="command"><pre tabindex="0">{content}</pre>'
+            f'<button type="button" class="copy" data-copy="{content}">Copy</button></div>')
 
 
 def key(colours: Sequence[tuple[str, str]]) -> str:

@@ -12,17 +12,17 @@ const MAX_SHEETS = 1000
 if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.prototype) {
   // Most sheets are empty or identical in every plot: each text is one sheet for all elements.
   const {install, uninstall, _update} = sheet, {empty} = component, shared = new Map()
-  const made = (text) => {
-    let found = shared.get(text)
-    if (!found) {
+  const sharedSheet = (text) => {
+    let known = shared.get(text)
+    if (!known) {
       if (shared.size >= MAX_SHEETS) shared.clear()
-      shared.set(text, found = new CSSStyleSheet())
-      found.replaceSync(text)
+      shared.set(text, known = new CSSStyleSheet())
+      known.replaceSync(text)
     }
-    return found
+    return known
   }
   const put = (root) => {
-    root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [made(each.text)] : [])
+    root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [sharedSheet(each.text)] : [])
   }
 
   // During a layout, styles are applied only before sizes are read: otherwise the browser
@@ -34,7 +34,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
     for (const root of late) put(root)
     late.clear()
   }
-  const asking = (view, name) => {
+  const afterSettling = (view, name) => {
     const asks = view[name]
     if (asks) view[name] = function () {
       settle()
@@ -43,8 +43,8 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   }
   const {invalidate_layout} = layout
   if (invalidate_layout && layout.update_bbox) {
-    asking(layout, 'update_bbox')
-    asking(toolbar, '_after_render')
+    afterSettling(layout, 'update_bbox')
+    afterSettling(toolbar, '_after_render')
     layout.invalidate_layout = function () {
       if (laying) return invalidate_layout.call(this)
       laying = true
@@ -73,7 +73,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
     this.root = root
     root.sheets ||= []
     root.sheets.push(this)
-    if (this.text) root.adoptedStyleSheets.push(made(this.text))
+    if (this.text) root.adoptedStyleSheets.push(sharedSheet(this.text))
   }
   sheet.uninstall = sheet.remove = function () {
     if (!this.root) return uninstall.call(this)

@@ -66,9 +66,9 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
 
     :param x: label of the x axis with its unit; likewise `y`; empty for none.
     """
-    shown = canvas_text(short(title, _MAX_TITLE))
+    label = canvas_text(short(title, _MAX_TITLE))
     fig = figure(height=height, sizing_mode='stretch_width', tools=tools, min_width=120,
-                 title=shown or None, x_axis_label=canvas_text(x) or None,
+                 title=label or None, x_axis_label=canvas_text(x) or None,
                  y_axis_label=canvas_text(y) or None, **more)
     fig.toolbar.logo = None
     # The tools are visible; a menu would add a tenth to the drawing time of a plot.
