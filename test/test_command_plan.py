@@ -101,7 +101,7 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     assert main([*line, '--json', str(out)]) == 0
     (outcome,) = json.loads(out.read_text())['plan']
     assert outcome['verdict'] == verdict and outcome['settled'] and outcome['as_expected']
-    assert '1 of 1 targets of the plan are settled' in ' '.join(capsys.readouterr().out.split())
+    assert '1 of 1 targets of the plan are resolved' in ' '.join(capsys.readouterr().out.split())
     if friction:
         # The expected width is met within the uncertainty of few blocks of data.
         assert 0.2 < outcome['found_half_width'] / outcome['half_width'] < 5.0

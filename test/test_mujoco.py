@@ -29,7 +29,7 @@ def test_gravity_is_accurate_with_friction_before_and_after_a_load(recordings, d
     model = gc.fit(gc.Recording(bare), urdf=description)
     poses = box_poses(bare)
     assert error(model, MujocoArm(BUILD), poses) < 0.15
-    assert not any('settled' in warning for warning in model.report.warnings)
+    assert not any('converged' in warning for warning in model.report.warnings)
     # Friction of 1 N·m is in the residual, not in the prediction.
     assert gc.compare(model, gc.Recording(bare)).joints['joint_1'].rmse > 0.8
     updated = gc.update(model, gc.Recording(loaded), urdf=description)
@@ -56,6 +56,6 @@ def test_friction_and_offset_absorb_no_gravity_of_a_short_motion(recordings):
     short = bare.select(bare.t < 20.0)
     model = gc.fit(gc.Recording(short))
     wrong = model.predict(short.q[::50]) - arm.gravity(short.q[::50])
-    assert any('has not settled' in warning for warning in model.report.warnings)
+    assert any('has not converged' in warning for warning in model.report.warnings)
     # Gravity absorbs friction and damping, so its error is at most their size.
     assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.subset_stability import instability
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node.base_chain import as_chain
@@ -217,23 +217,25 @@ def with_wrong_axes(model, angle):
                                     model.coverage, {}, chain, model.uncertainty)
 
 
-def test_a_model_that_changes_with_its_samples_has_not_settled(base):
+def test_a_model_that_changes_with_its_samples_has_not_converged(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)
-    assert instability(base, case.samples, noise, lambda early: base) is None
-    result = instability(with_wrong_axes(base, 0.3), case.samples, noise, lambda early: base)
-    assert result is not None and 'has not settled' in result and 'N·m' in result
+    assert convergence_objection(base, case.samples, noise, lambda early: base) is None
+    result = convergence_objection(with_wrong_axes(base, 0.3), case.samples, noise,
+                                   lambda early: base)
+    assert result is not None and 'has not converged' in result and 'N·m' in result
     parts = []
-    instability(base, case.samples, noise, lambda part: parts.append(part) or base)
+    convergence_objection(base, case.samples, noise, lambda part: parts.append(part) or base)
     first, last = parts
     assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A fit to the first part may agree with the model, and one to the last part contradict it.
-    result = instability(base, case.samples, noise,
-                         lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+    result = convergence_objection(
+        base, case.samples, noise,
+        lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
     assert 'the first 90 of 300 samples changed' in result
 
     def too_few(part):
         raise FitError('10 samples are too few')
 
-    assert 'too few for a model' in instability(base, case.samples, noise, too_few)
+    assert 'too few for a model' in convergence_objection(base, case.samples, noise, too_few)

@@ -180,7 +180,7 @@ def test_a_joint_that_cannot_move():
 @pytest.mark.parametrize('verdict, p, low, high', [
     ('ambiguous', 1e-9, 1.0, 1.0), ('untestable', 1e-9, 1.0, 1.0), ('weak', 0.02, 2.0, 2.1),
     ('weak', 1.0, 0.0, 0.0), ('weak', 1e-12, 3.0, 3.0), ('established', 1e-9, np.inf, np.inf)])
-def test_observed_separation_of_open_and_settled_targets(verdict, p, low, high):
+def test_observed_separation_of_open_and_resolved_targets(verdict, p, low, high):
     finding = Finding('a', 'coulomb_friction', verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '', p)
     report = JointReport('', 0.1, 50.0, 1.0, 0.5, {'viscous_friction': 'one speed'})
     diagnosis = Diagnosis((finding,), {'a': report})

@@ -55,7 +55,7 @@ def _one_posture(arm: Arm, joint: int, middle: FloatArray, seed: int) -> motions
                   None)
 
 
-def _settled(reach: float) -> Callable[[Arm, int, FloatArray, int], motions.Path]:
+def _one_final_posture(reach: float) -> Callable[[Arm, int, FloatArray, int], motions.Path]:
     """Return motion of the other joints first, then of one joint at their final posture."""
     def make(arm: Arm, joint: int, middle: FloatArray, seed: int) -> motions.Path:
         moving = np.arange(arm.n_joints) == joint
@@ -135,4 +135,4 @@ KINDS: dict[str, Callable[[Arm, int, FloatArray, int], motions.Path]] = {
     'one_way': _with_own(_one_way), 'narrow': _of_all(_NARROW),
     'one_speed': _with_own(_one_speed), 'one_posture': _one_posture,
     'few_reversals': _with_own(_few_reversals), 'joint_narrow': _with_own(_few_narrow),
-    'settled': _settled(_WIDE), 'settled_narrow': _settled(_NARROW)}
+    'settled': _one_final_posture(_WIDE), 'settled_narrow': _one_final_posture(_NARROW)}

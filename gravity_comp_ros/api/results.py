@@ -71,7 +71,7 @@ class Diagnosis(Displayable):
                     for f in self.findings[:1] if f.why)
 
 
-EXPECTED = ('to settle', 'chance now', 'chance then', 'coefficient, 95 %',
+EXPECTED = ('to resolve', 'chance now', 'chance then', 'coefficient, 95 %',
             'closest alternative')
 
 

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
-from gravity_comp_ros.estimation.subset_stability import instability
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.base_chain import BaseChains, changed_by_payload, without_friction
@@ -87,7 +87,7 @@ def _tested(verdict: Verdict, job: FitJob, chain: GravityModel | None,
         return verdict.not_yet(echo)
     if (broken := _broken_effort(job, chain, change, model, prediction)) is not None:
         return verdict.refused(broken)
-    if verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
+    if verdict.better and how != CHANGE and (why := _not_converged(model, job)) is not None:
         return verdict.not_yet(why)
     return verdict
 
@@ -199,10 +199,10 @@ def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidat
     yield SPARSE, full_fit(job, FitOptions('potential'))
 
 
-def _unsettled(model: GravityModel, job: FitJob) -> str | None:
+def _not_converged(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
-    return instability(model, job.train, residual_noise(model),
+    return convergence_objection(model, job.train, residual_noise(model),
                        lambda early: full_fit(replace(job, train=early), options))
 
 

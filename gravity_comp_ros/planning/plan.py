@@ -1,4 +1,4 @@
-"""Plan of a motion that settles open targets: candidates, selection, expected results."""
+"""Plan of a motion that resolves open targets: candidates, selection, expected results."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
 
     :param samples: all samples of earlier recordings, fast ones included.
     :param model: gravity with an energy (chain or potential).
-    :param targets: effects to settle; None for the open findings of the diagnosis.
+    :param targets: effects to resolve; None for the open findings of the diagnosis.
     :param diagnosis: of the same samples; computed if it is needed and not given.
     :param obstacles: collision check of poses.
     :raises OptionError: if nothing is open, a target is unknown, or no admissible motion excites
@@ -172,7 +172,7 @@ def _design_task(samples: JointSamples, model: GravityModel, targets: Sequence[T
     if gravity_named and uncertainty is None:
         raise OptionError('plan: this model has no uncertainty of its gravity; fit it again')
     if not targets and uncertainty is None:
-        raise OptionError('plan: no target is open; name the effects to settle')
+        raise OptionError('plan: no target is open; name the effects to resolve')
     targets = [with_ambiguous_findings(target, diagnosis) for target in targets]
     limits = _limits(options, targets, samples)
     report('plan', 0.2)
@@ -276,9 +276,9 @@ def _absorbed(after: EffectScore) -> str:
 
 def _unlikely(expected: Expectation) -> str:
     if expected.untestable:
-        return (f'{expected.target.name}: no part within these limits settles it: '
+        return (f'{expected.target.name}: no part within these limits resolves it: '
                 f'{expected.untestable}')
     against = (f' against {expected.closest_alternative}' if expected.closest_alternative else '')
-    return (f'{expected.target.name}: the chance that this motion settles it{against} is only '
-            f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may settle '
+    return (f'{expected.target.name}: the chance that this motion resolves it{against} is only '
+            f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may resolve '
             f'it')

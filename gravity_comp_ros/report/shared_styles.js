@@ -30,27 +30,27 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   const late = new Set()
   let laying = false
   const dress = (root) => laying ? late.add(root) : put(root)
-  const settle = () => {
+  const applyStyles = () => {
     for (const root of late) put(root)
     late.clear()
   }
-  const afterSettling = (view, name) => {
+  const applyingStyles = (view, name) => {
     const asks = view[name]
     if (asks) view[name] = function () {
-      settle()
+      applyStyles()
       return asks.call(this)
     }
   }
   const {invalidate_layout} = layout
   if (invalidate_layout && layout.update_bbox) {
-    afterSettling(layout, 'update_bbox')
-    afterSettling(toolbar, '_after_render')
+    applyingStyles(layout, 'update_bbox')
+    applyingStyles(toolbar, '_after_render')
     layout.invalidate_layout = function () {
       if (laying) return invalidate_layout.call(this)
       laying = true
       try { invalidate_layout.call(this) } finally {
         laying = false
-        settle()
+        applyStyles()
       }
     }
     // A canvas gets its size in the layout of its plot and requires none before.
