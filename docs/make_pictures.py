@@ -3,7 +3,7 @@ Make the pictures of docs/report.md and docs/workbench.md, in headless Chromium.
 
     python3 docs/make_pictures.py
 
-A simulated arm with friction that no model knows of is recorded, reported and put on the bench.
+A simulated arm with unmodelled friction is recorded, reported and put on the bench.
 """
 
 import os

@@ -86,10 +86,10 @@ def test_a_shell_completes(tmp_path, capsys, typed, offered):
     assert cli.main(['completion', 'bash']) == 0
     script = tmp_path / 'gravity_comp'
     script.write_text(capsys.readouterr().out)
-    words = ['gravity_comp', *typed.split()]
+    arguments = ['gravity_comp', *typed.split()]
     done = subprocess.run(
-        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(words)}); COMP_CWORD='
-         f'{len(words) - 1}; COMP_LINE="{" ".join(words)}"; $(complete -p gravity_comp | '
+        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(arguments)}); COMP_CWORD='
+         f'{len(arguments) - 1}; COMP_LINE="{" ".join(arguments)}"; $(complete -p gravity_comp | '
          'sed "s/.*-F \\([^ ]*\\).*/\\1/"); echo "${COMPREPLY[@]}"'],
         capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(

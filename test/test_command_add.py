@@ -217,10 +217,10 @@ def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     assert 'ghost_torque' in err and 'not installed' in err
 
 
-@pytest.mark.parametrize('effects, bag, words', [
+@pytest.mark.parametrize('effects, bag, message', [
     ('coulom:shoulder', 'one', 'did you mean coulomb_friction?'),
     ('coulomb_friction:sholder', 'one', 'did you mean shoulder?'),
-    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'asked for twice'),
+    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'requested twice'),
     ('base_tilt:shoulder', 'one', 'whole arm'),
     ('coulomb_friction:shoulder', 'short', 'too few'),
     ('coulomb_friction:shoulder', 'one_way', 'one direction only'),
@@ -228,11 +228,11 @@ def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
 ])
 def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
-                                                     words):
+                                                     message):
     path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
     assert main(['add', effects, '--model', str(model), path]) == 1
     err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and words in err[0], err
+    assert len(err) == 1 and message in err[0], err
     assert model.read_bytes() == fitted
 
 

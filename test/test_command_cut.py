@@ -53,14 +53,14 @@ def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
 
 
-@pytest.mark.parametrize('wrong, words', [
+@pytest.mark.parametrize('wrong, message', [
     (['--from', '3', '--to', '2'], 'must increase'), (['--split', '4,50'], 'must increase'),
     (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
-def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, words):
+def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), *wrong]) == 1
     error = capsys.readouterr().err.strip()
-    assert words in error and '\n' not in error
+    assert message in error and '\n' not in error
     assert not out.exists()
 
 

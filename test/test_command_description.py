@@ -134,10 +134,10 @@ def test_a_gripper_is_omitted_and_a_moving_waist_is_reported(bags, capsys):
     assert 'joint waist moves by 0.199 during the recordings' in errors
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'part of the arm'),
     (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
 ])
-def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, words):
+def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, message):
     assert main(['fit', str(bags / 'own'), *argv]) == 1
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -73,10 +73,10 @@ def test_text_has_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
     assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
-    for words in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
-                  'not identifiable from this recording', 'coulomb_friction', 'established',
-                  'reversals', 'at rest', 'effective n'):
-        assert words in out, words
+    for message in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
+                    'not identifiable from this recording', 'coulomb_friction', 'established',
+                    'reversals', 'at rest', 'effective n'):
+        assert message in out, message
 
 
 def test_the_next_step_is_a_command_that_works(capsys):
@@ -109,7 +109,7 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     result = run_json(capsys, 'one_way.mcap')
     accepted = [f for f in result['findings'] if f['verdict'] in ('established', 'likely')]
     assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
-    assert 'one way only' in result['joints']['shoulder']['untestable']['coulomb_friction']
+    assert 'one direction only' in result['joints']['shoulder']['untestable']['coulomb_friction']
     assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
     reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
@@ -122,7 +122,7 @@ def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
     assert json.loads((tmp_path / 'd.json').read_text())['findings']
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     (['other.mcap', '--model', 'arm.json'], 'shoulder'),
     (['short.mcap', '--model', 'arm.json'], 'too few'),
     (['one.mcap', '--model', 'nothing.json'], 'nothing.json'),
@@ -130,10 +130,10 @@ def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
     (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
     (['one.mcap', 'other.mcap'], 'different robots'),
 ])
-def test_bad_input_gets_one_line(capsys, argv, words):
+def test_bad_input_gets_one_line(capsys, argv, message):
     assert main(['diagnose', *argv]) == 1
     err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and words in err[0], err
+    assert len(err) == 1 and message in err[0], err
 
 
 def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_path):
@@ -148,8 +148,9 @@ def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_pat
     assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
 
 
-def finding(effect, verdict, rivals=(), next_step='move it'):
-    return Finding('shoulder', effect, verdict, rivals, {}, 0.2, 0.1, 0.0, 1.0, 'why', next_step)
+def finding(effect, verdict, alternatives=(), next_step='move it'):
+    return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
+                   next_step)
 
 
 @pytest.mark.parametrize('model', ['arm.json', None])

@@ -31,9 +31,9 @@ def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.yaml'
     assert main(command(folder, motion)) == 0
     output = capsys.readouterr().out
-    for words in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
-                  'obstacles are not checked', f'written to {motion}'):
-        assert words in ' '.join(output.split())
+    for message in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
+                    'obstacles are not checked', f'written to {motion}'):
+        assert message in ' '.join(output.split())
     again = tmp_path / 'again.csv'
     assert main(command(folder, again, '--effort', '--json')) == 0
     document = json.loads(capsys.readouterr().out)
@@ -110,24 +110,24 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     assert 'is not what `plan --json` writes' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('argv, status, words', [
+@pytest.mark.parametrize('argv, status, message', [
     (('--within', 'limits'), 1, '--within limits requires --urdf'),
     (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
     (('--widen', '-1'), 2, 'not above 0'),
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])
-def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, words):
+def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, message):
     out = tmp_path / 'motion.yaml'
     assert main(command(folder, out, *argv)) == status
-    assert words in capsys.readouterr().err and not out.exists()
+    assert message in capsys.readouterr().err and not out.exists()
 
 
-@pytest.mark.parametrize('motion, status, words', [
+@pytest.mark.parametrize('motion, status, message', [
     ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
-def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, words):
+def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, message):
     assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):

@@ -150,8 +150,8 @@ def test_an_addition_before_a_payload_change_is_not_undone(folder, tmp_path, cap
     added = with_step(old, old, ('coulomb_friction:iiwa_joint_4',), 'now', {}, {})
     save_model(tmp_path / 'm.json', replace(added, provenance={
         **added.provenance, 'updates': [{'n_samples': 50}]}))
-    words = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
-    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in words
+    message = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
+    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in message
 
 
 def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):

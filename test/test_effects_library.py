@@ -62,9 +62,9 @@ def test_names_of_effects_are_stable():
 
 @each_effect
 def test_documentation_of_an_effect_is_complete(effect):
-    for words in (effect.title, effect.description, effect.equation, effect.source,
-                  effect.signature):
-        assert words.strip() and '\n' not in words
+    for text in (effect.title, effect.description, effect.equation, effect.source,
+                 effect.signature):
+        assert text.strip() and '\n' not in text
     assert '{joint}' in effect.experiment or not effect.per_joint
     assert effect.confounders and set(effect.confounders) <= set(NAMES) - {effect.name}
     # Only ratios have no unit: a friction coefficient, a gain, a share of a moment.

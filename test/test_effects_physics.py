@@ -280,7 +280,7 @@ def test_the_start_of_an_end_stop_is_found():
 def test_a_denoised_path_has_the_reversals_of_the_joint(seed, noise):
     rng = np.random.default_rng(seed)
     turns = np.cumsum(rng.uniform(0.02, 0.5, 8) * np.resize([1.0, -1.0], 8))
-    # At rest at every turn, and 2 mrad a sample between.
+    # At rest at every reversal, and 2 mrad a sample between.
     parts = [np.concatenate([np.full(40, a), np.linspace(a, b, max(2, round(abs(b - a) / 2e-3)))])
              for a, b in zip(turns, turns[1:])]
     truth = np.concatenate(parts)

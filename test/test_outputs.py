@@ -40,8 +40,8 @@ def test_every_file_of_every_verb_is_known_as_input_or_output(verb):
 
 def call(folder, verb, replaced):
     """Return a call of the verb; `replaced` maps argument positions to file names."""
-    words = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
-    return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in words)]
+    arguments = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
+    return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in arguments)]
 
 
 @pytest.mark.parametrize('how', ['the file', 'hard link', 'symbolic link'])
@@ -61,7 +61,7 @@ def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
     assert sorted(tmp_path.iterdir()) == sorted({source, target})
 
 
-@pytest.mark.parametrize('verb', [verb for verb, words in CALLS.items() if 'OUT.json' in words])
+@pytest.mark.parametrize('verb', [verb for verb, call in CALLS.items() if 'OUT.json' in call])
 def test_two_outputs_are_two_files(tmp_path, capsys, verb):
     argv = call(tmp_path, verb, {})
     assert main([*argv, '--json', str(tmp_path / 'OUT.json')]) == 1

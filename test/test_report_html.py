@@ -100,14 +100,14 @@ def test_compare_lists_the_errors_of_the_previous_model(folder, capsys):
     assert rmse < 0.5 * before < 0.5 * constant
 
 
-@pytest.mark.parametrize('bag, words', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
-def test_a_failure_is_reported_in_the_page(folder, capsys, bag, words):
+@pytest.mark.parametrize('bag, cause', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
+def test_a_failure_is_reported_in_the_page(folder, capsys, bag, cause):
     page = folder / 'failed.html'
     assert main(['compare', str(folder / bag), '--model', str(folder / 'arm.json'), '--html',
                  str(page)]) == 1
     message = capsys.readouterr().err.split(': ', 1)[1].strip()
     html = text_of(page)
-    assert words in html and '<h1' in html and 'Traceback' not in html
+    assert cause in html and '<h1' in html and 'Traceback' not in html
     assert message.split('<')[0].split('"')[0].split("'")[0][:40] in html
 
 
@@ -358,8 +358,8 @@ def test_the_headline_and_the_emphasised_row_name_the_same_joint(folder, watched
     law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
                              'has a part that no gravity has', ('tool_force',))
     broken = replace(findings, diagnosis=replace(findings.diagnosis, laws=(law,)))
-    words = effects.structure(broken.diagnosis)
-    assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words
+    message = effects.structure(broken.diagnosis)
+    assert structure_lines(broken.diagnosis)[0] in message and 'look for tool_force' in message
     # The name of an effect is escaped as well.
     evil = folder / 'effect.html'
     evil.write_text(report_html(found_on(contents, effect=EVIL[0])))

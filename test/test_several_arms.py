@@ -92,7 +92,7 @@ def test_two_arms_in_one_message(tmp_path, capsys):
 def test_two_arms_by_message(tmp_path):
     first = messages(60)
     second = [[stamp + 1, {**row, 'names': [f'other_{name}' for name in row['names']]}]
-               for stamp, row in messages(60)]
+              for stamp, row in messages(60)]
     rows = [row for both in zip(first, second) for row in both]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
     for joints in refused(path, 'the joints of 2 arms; choose one'):

@@ -1,4 +1,4 @@
-"""The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
+"""The dynamic torque of an arm of unknown lengths, against Pinocchio and by hand."""
 
 from dataclasses import replace
 
@@ -124,7 +124,7 @@ def test_a_horizontal_second_axis_has_no_way_of_its_own():
 
 
 def mirrored(chain):
-    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
+    """Return the mirror image of a chain: gravity upside down, and opposite moments."""
     axes = chain.axes.copy()
     axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
     return Chain(axes, -chain.moments)

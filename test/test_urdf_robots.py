@@ -149,8 +149,8 @@ def test_mimic_joints():
         parse_urdf(text('a'), ('a', 'b', 'c'))
     with pytest.raises(ModelMismatchError, match='follower mimics a; leave it out'):
         parse_urdf(text('a'), ('a', 'b', 'follower'))
-    with pytest.raises(DataError, match='mimics nobody, which is not there'):
-        parse_urdf(text('nobody'), ('a', 'b', 'c'))
+    with pytest.raises(DataError, match='mimics absent, which is not there'):
+        parse_urdf(text('absent'), ('a', 'b', 'c'))
     with pytest.raises(DataError, match='mimics itself'):
         parse_urdf(text('follower'), ('a', 'b', 'c'))
 

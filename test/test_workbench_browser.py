@@ -594,12 +594,12 @@ def test_a_request_for_the_page_starts_no_process(server):
     assert set(_workers(process.pid)) <= set(before)
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     ([], 'name at least one recording'), (['run1.mcap', '--model', 'none.json'], 'none.json'),
     (['run1.mcap', '--host', '256.1.1.1'], '--port'),
 ])
-def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, words):
+def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, message):
     monkeypatch.chdir(folder)
     assert main(['workbench', *argv, '--port', '0', '--no-browser']) == 1
     error = capsys.readouterr().err
-    assert words in error and error.count('\n') == 1
+    assert message in error and error.count('\n') == 1

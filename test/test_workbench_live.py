@@ -77,5 +77,5 @@ def test_a_silent_node_is_reported_with_stale_levels():
     assert 'SILENT' in age_html(0.1, 18.0) and 'no torque yet' in age_html(None, 0.5)
 
 
-def _has(tab, words):
-    return tab.page.get_by_role('row', name=re.compile(words)).count() > 0
+def _has(tab, message):
+    return tab.page.get_by_role('row', name=re.compile(message)).count() > 0

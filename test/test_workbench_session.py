@@ -216,8 +216,8 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
     *makes, compare, _ = session.commands()
     with contextlib.chdir(tmp_path):
         for line in makes:
-            program, *words = shlex.split(line)
-            assert program == 'gravity_comp' and main(words) == 0, line
+            program, *arguments = shlex.split(line)
+            assert program == 'gravity_comp' and main(arguments) == 0, line
         same = json.loads(Path('arm.json').read_text())['model']
         assert main([*shlex.split(compare)[1:], '--json', 'errors.json']) == 0
     mine = json.loads(store.model_text(session.stage.model))['model']
@@ -363,9 +363,9 @@ def test_jobs_run_in_the_background_and_can_be_cancelled(paths):
         worker.ask(Learn(choice))
         learned = until(worker, Finished)
         assert isinstance(learned.job, Learn) and learned.answer.model.joints == JOINTS
-        worker.ask(Add(choice, learned.answer.model, ('torque_gain:nobody',)))
+        worker.ask(Add(choice, learned.answer.model, ('torque_gain:absent',)))
         failed = until(worker, Failed)
-        assert 'nobody' in failed.reason and not failed.cancelled
+        assert 'absent' in failed.reason and not failed.cancelled
     finally:
         worker.close()
 

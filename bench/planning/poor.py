@@ -98,7 +98,7 @@ def _one_way(t: FloatArray) -> _Path:
 
 
 def _few_reversals(t: FloatArray) -> _Path:
-    """Return two strokes to and fro of 1 rad."""
+    """Return two strokes back and forth of 1 rad."""
     w, size = 2 * np.pi / 30.0, 0.5
     return -size * np.cos(w * t), size * w * np.sin(w * t), size * w ** 2 * np.cos(w * t)
 
@@ -110,7 +110,7 @@ def _few_narrow(t: FloatArray) -> _Path:
 
 
 def _one_speed(t: FloatArray) -> _Path:
-    """Return strokes to and fro at 0.1 rad/s, with reversals of 0.4 s."""
+    """Return strokes back and forth at 0.1 rad/s, with reversals of 0.4 s."""
     period, speed, reversal = 16.0, 0.1, 0.4
 
     def velocity(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

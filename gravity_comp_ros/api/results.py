@@ -148,8 +148,8 @@ def coefficients(finding: Finding, limit: int = 3) -> str:
 
 def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
     """Return one line per violated structure test of serial-arm gravity, with its explanation."""
-    return [f'{law.words}; ' + ('the effects above explain it' if law.holds_with_effects else
-                                f'not explained; look for {", ".join(law.suspects)}')
+    return [f'{law.sentence}; ' + ('the effects above explain it' if law.holds_with_effects else
+                                   f'not explained; look for {", ".join(law.suspects)}')
             for law in diagnosis.laws]
 
 

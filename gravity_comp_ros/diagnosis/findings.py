@@ -117,7 +117,7 @@ class Diagnosis:
     laws: tuple[StructureViolation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `diagnose --json` prints."""
+        """Return the document of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
                 'untestable': dict(self.untestable),

@@ -43,12 +43,13 @@ def sentence(finding: Finding) -> str:
     before, after = before_and_after(finding)
     verb = 'reduces' if finding.nrmse_after < finding.nrmse_before else 'changes'
     change = f'it {verb} the held-out error from {before} to {after} of the torque range'
-    rivals = ', '.join(finding.rivals)
+    alternatives = ', '.join(finding.rivals)
     if finding.verdict == 'untestable':
-        return f'{what} cannot be distinguished from {rivals} in this motion' if rivals else \
-            f'{what} cannot be tested with this motion'
+        if alternatives:
+            return f'{what} cannot be distinguished from {alternatives} in this motion'
+        return f'{what} cannot be tested with this motion'
     if finding.verdict == 'ambiguous':
-        return f'{what}, explained equally well by {rivals}; {change}'
+        return f'{what}, explained equally well by {alternatives}; {change}'
     if finding.verdict == 'weak':
         return f'possibly {what}, with weak evidence; {change}'
     return f'{what}; {change}'
@@ -71,10 +72,10 @@ def title(effect: str) -> str:
     known = all_effects().get(effect)
     if known is None:
         return effect
-    words = known.title
-    first = words.split(' ')[0]
+    full = known.title
+    first = full.split(' ')[0]
     # Proper names keep their capital.
-    return words if first in ('Coulomb', 'Stribeck') else words[0].lower() + words[1:]
+    return full if first in ('Coulomb', 'Stribeck') else full[0].lower() + full[1:]
 
 
 def sizes(coefficients: Mapping[str, Estimate], most: int = _MAX_COEFFICIENTS) -> str:

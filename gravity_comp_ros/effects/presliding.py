@@ -115,7 +115,7 @@ def noise_of_fourth_differences(differences: FloatArray) -> FloatArray:
 
 
 def evenly_spaced(t: FloatArray) -> BoolArray:
-    """Return which of the M - 4 windows of five samples are evenly spaced; all if few are."""
+    """Return a mask of the evenly spaced ones of M - 4 windows of five samples; all if few are."""
     steps = np.diff(t)
     if len(steps) < 4:
         return np.zeros(0, dtype=bool)

@@ -82,8 +82,8 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     :raises DataError: if an effect is in the model already or not identifiable, or samples are
         too few.
     :raises FitError: if the result predicts the samples worse than the model before.
-    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
-        effect that is not installed here.
+    :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
+        of the model is not installed.
     """
     report = progress or (lambda word, share: None)
     samples = samples.joints(model.joints)

@@ -157,7 +157,7 @@ class Epoch:
         return self.coverage().joints_below_span(self._options.min_span)
 
     def missing_for_fit(self) -> str | None:
-        """Return what is missing for a fit, None if nothing is."""
+        """Return the missing data of a fit, None if it has enough."""
         if self.n_samples == 0:
             return 'no slow samples yet: move the arm slowly through its range'
         options = self._options
@@ -193,7 +193,7 @@ class Epoch:
         self._closing = False
 
     def describe(self) -> str:
-        """Return the state of the epoch in words and numbers."""
+        """Return the state of the epoch as text."""
         lacking = self.lacking()
         text = f'epoch {self.number} {"open" if self.is_open else "closed"}, ' \
             f'{self.n_samples} of {self._options.full_samples} samples ' \

@@ -32,7 +32,7 @@ import numpy as np
 # Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
 # the change of an old model requires a fraction of them (docs/node.md).
 MIN_FULL_FIT_SAMPLES = 100
-# How a model was fitted, as in replies and diagnostics.
+# Kind of a fit, as in replies and diagnostics.
 CHANGE, FULL_FIT = 'change of the old model', 'full fit'
 SPARSE = f'{FULL_FIT}, potential'
 # Margin of the held-out error by which a sparse potential must beat a chain.
@@ -142,7 +142,7 @@ def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, 
 
 
 def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
-    """Return the held-out RMSE of each candidate over all joints, in words."""
+    """Return the held-out RMSE of each candidate over all joints as text."""
     texts = []
     for how, model in candidates:
         prediction = predicted(model, job)
@@ -203,7 +203,7 @@ def _not_converged(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
     return convergence_objection(model, job.train, residual_noise(model),
-                       lambda early: full_fit(replace(job, train=early), options))
+                                 lambda early: full_fit(replace(job, train=early), options))
 
 
 def _broken_effort(job: FitJob, chain: GravityModel | None, change: GravityModel | None,

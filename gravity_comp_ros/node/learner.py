@@ -46,7 +46,7 @@ class Learner:
         # The model in use when the epoch began, whose change by a payload is fitted.
         self.base: GravityModel | None = None
         self._last_fit = 'none'
-        # Outliers of the last fit, in words.
+        # Outliers of the last fit, as text.
         self._outliers = ''
         self._kept_old = self._compensated = self._broken = False
 

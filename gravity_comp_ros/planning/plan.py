@@ -62,7 +62,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     :raises OptionError: if nothing is open, a target is unknown, or no admissible motion excites
         any target.
     """
-    report = progress or (lambda words, share: None)
+    report = progress or (lambda stage, share: None)
     task = _design_task(samples, model, targets, options, diagnosis, report, obstacles)
     report('plan', 0.5)
     chosen = task.selector.select()
@@ -136,7 +136,7 @@ class _DesignTask:
 
     def planned_parts(self, times: Sequence[tuple[float, float]],
                       chosen: Sequence[Part]) -> tuple[PlannedPart, ...]:
-        """Return the parts in words; equal consecutive parts are one."""
+        """Return descriptions of the parts; equal consecutive parts are one."""
         names = [target.name for target in self.targets] + [GRAVITY]
         joints = self.context.model.joints
         parts: list[PlannedPart] = []

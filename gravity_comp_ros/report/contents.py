@@ -82,7 +82,7 @@ class Contents:
 
     @cached_property
     def outside(self) -> BoolArray:
-        """Return which poses (M,) are outside the trained range."""
+        """Return a mask (M,) of the poses outside the trained range."""
         return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
 
     @property

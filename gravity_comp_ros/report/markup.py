@@ -14,11 +14,11 @@ def text(value: object) -> str:
     return escape(printable(value), quote=True)
 
 
-def units(words: str) -> str:
+def units(content: str) -> str:
     """Return a line with superscript powers: kg·m², not kg·m^2."""
     for plain, raised in (('^2', '²'), ('^3', '³')):
-        words = words.replace(plain, raised)
-    return words
+        content = content.replace(plain, raised)
+    return content
 
 
 def paragraph(value: object, kind: str = '') -> str:
