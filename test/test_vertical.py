@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from bench.estimator.mounted import turned
+from bench.estimator.mounted import tilted
 from bench.planning.scenes import known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
@@ -57,7 +57,7 @@ def worst(model, arm):
 # The moment about the nearly vertical first axis is then hardly identifiable.
 @example(179.0, 0.03125)
 def test_any_vertical_is_estimated_from_the_torque(angle, about):
-    arm = turned(ARM, np.radians(angle), about)
+    arm = tilted(ARM, np.radians(angle), about)
     estimated = with_estimated_vertical(AXES, recorded(arm))
     assert np.degrees(np.arccos(np.clip(vertical_of(estimated) @ truth_of(arm), -1.0, 1.0))) < 3.0
     # Only the base is rotated.
@@ -67,7 +67,7 @@ def test_any_vertical_is_estimated_from_the_torque(angle, about):
 
 @pytest.mark.parametrize('angle', [0.0, 2.0, 10.0])
 def test_a_small_tilt_is_left_to_the_fit(angle):
-    assert with_estimated_vertical(AXES, recorded(turned(ARM, np.radians(angle), 1.0))) is AXES
+    assert with_estimated_vertical(AXES, recorded(tilted(ARM, np.radians(angle), 1.0))) is AXES
 
 
 @pytest.mark.parametrize('moving', [(), (1,), (0, 1), (3,), (4, 5, 6)])
@@ -88,19 +88,19 @@ def test_unmodelled_effects_yield_no_other_vertical(joint):
 
 @pytest.mark.parametrize('angle', [45.0, 90.0, 180.0])
 def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
-    arm = turned(ARM, np.radians(angle), 0.7)
+    arm = tilted(ARM, np.radians(angle), 0.7)
     result = fit(moved(arm), FitOptions(geometry=AXES))
     assert worst(result.model, arm) < 0.1
     assert np.degrees(result.report.base_tilt) == pytest.approx(angle, abs=1.0)
     assert result.report.to_json()['chain']['base_tilt'] == result.report.base_tilt
     first = result.report.warnings[0]
-    assert 'turned by' in first and ('ceiling' in first) == (angle > 135.0)
+    assert 'tilted by' in first and ('ceiling' in first) == (angle > 135.0)
     assert base_tilt_angle(result.model.geometry.rotations, AXES.rotations) > MAX_FITTED_TILT
 
 
 @pytest.mark.parametrize('angle', [90.0, 180.0])
 def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
-    arm, centre = turned(ARM, np.radians(angle), 0.7), (0.02, 0.03, 0.1)
+    arm, centre = tilted(ARM, np.radians(angle), 0.7), (0.02, 0.03, 0.1)
     loaded = with_payload(arm, Payload(2.0, centre))
     later = moved(loaded, eq17(20.0, start=100.0), 1)
     old = fit(moved(arm), FitOptions(geometry=AXES)).model

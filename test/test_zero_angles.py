@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from bench.estimator.mounted import turned
+from bench.estimator.mounted import tilted
 from bench.planning.scenes import known_axes
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import JointSamples
@@ -87,7 +87,7 @@ def test_unmodelled_effects_yield_no_offset(joint):
 
 @pytest.mark.parametrize('angle', [1.0, 5.0, 15.0])
 def test_a_base_tilt_yields_no_offset(angle):
-    assert with_zero_angles(AXES, recorded(turned(ARM, np.radians(angle), 1.0))) is AXES
+    assert with_zero_angles(AXES, recorded(tilted(ARM, np.radians(angle), 1.0))) is AXES
 
 
 def test_a_degree_on_every_joint_is_estimated_and_reported():
