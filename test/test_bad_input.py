@@ -34,7 +34,7 @@ def files(tmp_path_factory):
     return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
 
 
-@pytest.mark.parametrize(('status', 'call', 'says'), [
+@pytest.mark.parametrize(('status', 'call', 'message'), [
     (2, 'fit GOOD --terms -3', 'not a positive integer'),
     (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
     (2, 'synth --samples 0 -o NEW.mcap', 'not a positive integer'),

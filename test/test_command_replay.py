@@ -82,15 +82,15 @@ def test_the_input_recording_is_never_overwritten(tmp_path, bag, model, capsys):
     assert not (bag / 'out.mcap').exists()
 
 
-@pytest.mark.parametrize(('arguments', 'says'), [
+@pytest.mark.parametrize(('arguments', 'message'), [
     (('--joints', 'wrist,shoulder'), 'no joint elbow'), (('--topic', '/x'), 'no topic /x'),
     (('--model', 'none.json'), 'none.json')])
-def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, says):
+def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, message):
     out = tmp_path / 'out.mcap'
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out),
                  *arguments]) == 1
     text = capsys.readouterr().err
-    assert says in text and text.count('\n') == 1 and not out.exists()
+    assert message in text and text.count('\n') == 1 and not out.exists()
 
 
 def test_a_recording_of_another_robot(tmp_path, model, capsys):
