@@ -187,7 +187,7 @@ def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, 
     assert status == 0, out.err
     result = json.loads(out.out)
     assert result['added'] == ['torque_offset:shoulder']
-    assert [(tie['effect'], tie['joint']) for tie in result['ties']] == [
+    assert [(finding['effect'], finding['joint']) for finding in result['ties']] == [
         ('torque_offset', 'shoulder')]
     assert 'coulomb_friction' in result['ties'][0]['rivals'] and result['ties'][0]['settled_by']
 

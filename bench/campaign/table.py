@@ -109,7 +109,8 @@ def markdown(results: Sequence[Result]) -> str:
              f'{every["recordings"]} recordings |', '',
              f'Time of a diagnosis: median {_number(every["seconds_median"])} s, at most '
              f'{_number(every["seconds_max"])} s; peak memory {_number(every["peak_mb"])} MB.',
-             '', '| case | right | named | false | covered | error ratio | missed | false ones |',
+             '', '| case | right | named | with a false finding | intervals that cover '
+             '| error ratio | missed | false findings |',
              '|---|---|---|---|---|---|---|---|']
     for name, row in outcome['cases'].items():
         lines.append(
