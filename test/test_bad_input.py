@@ -99,9 +99,9 @@ def test_names_take_precedence_over_numbers():
 
 @pytest.mark.parametrize('what', ['q', 'tau'])
 def test_values_out_of_range_are_dropped(tmp_path, capsys, what):
-    spoiled = {'q': Q.copy(), 'tau': TAU.copy()}
-    spoiled[what][100, 0] = 1e300
-    path = bag(tmp_path / 'x.mcap', **spoiled)
+    corrupted = {'q': Q.copy(), 'tau': TAU.copy()}
+    corrupted[what][100, 0] = 1e300
+    path = bag(tmp_path / 'x.mcap', **corrupted)
     whole, gated = read_bag(path), read_gated(path)
     assert len(whole.samples) == 499 and gated.report == whole.report
     assert any('1 value beyond 1e+09' in note for note in whole.report.notes)

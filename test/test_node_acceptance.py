@@ -41,7 +41,7 @@ def geometry():
     return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
 
 
-def spoiled(name, n=100, seed=1):
+def corrupted(name, n=100, seed=1):
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, n / 5.0, 50.0, Payload(2.0), name, rng)
     s = case.samples
@@ -52,7 +52,7 @@ def spoiled(name, n=100, seed=1):
 # Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
 @pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
 def test_broken_effort_is_refused(name, base, geometry):
-    result = run_fit(job_of(spoiled(name), base, geometry)).verdict
+    result = run_fit(job_of(corrupted(name), base, geometry)).verdict
     assert result.broken and not result.better and result.broken in result.reason
 
 

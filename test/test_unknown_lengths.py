@@ -181,11 +181,11 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    names = {f.effect for f in sure}
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    names = {f.effect for f in accepted}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
-    better = gc.add_effects(model, data, sure, all_samples=True)
+    better = gc.add_effects(model, data, accepted, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:

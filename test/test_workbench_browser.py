@@ -84,7 +84,7 @@ def served(folder, *argv):
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
         log.seek(0)
-        assert 'Traceback' not in (told := log.read()), told
+        assert 'Traceback' not in (logged := log.read()), logged
     finally:
         process.kill()
         process.wait(PATIENCE)

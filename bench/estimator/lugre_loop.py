@@ -41,10 +41,10 @@ def measure(arm: str, seed: int) -> dict[str, FloatArray]:
     begun = time.process_time()
     model = gc.fit(gc.Recording(train))
     findings = gc.diagnose(gc.Recording(train, gate=None), model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
     ambiguous = [f for f in findings if f.verdict == gc.Verdict.AMBIGUOUS and f.effect]
     errors = {'fit': error(model, test)}
-    for name, chosen in (('loop', sure), ('ambiguous', [*sure, *ambiguous])):
+    for name, chosen in (('loop', accepted), ('ambiguous', [*accepted, *ambiguous])):
         targets = [target(f.effect, f.joint) for f in chosen if f.effect]
         added = gc.add_effects(model, gc.Recording(train), targets) if targets else model
         errors[name] = error(added, test)

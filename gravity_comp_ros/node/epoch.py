@@ -152,7 +152,7 @@ class Epoch:
         """Return the coverage of the training samples."""
         return self._train.coverage()
 
-    def lacking(self) -> tuple[str, ...]:
+    def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `min_span`."""
         return self.coverage().joints_below_span(self._options.min_span)
 
@@ -167,7 +167,7 @@ class Epoch:
             why = ' after broken effort' if self.had_broken_effort else ''
             return (f'{self.n_train} training and {self.n_held_out} held-out samples; '
                     f'{minimum} and {options.block} are needed{why}: keep moving slowly')
-        if len(self.lacking()) == len(self._train.names):
+        if len(self.short_of_range()) == len(self._train.names):
             return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
                     'slowly through its range')
         return None
@@ -194,13 +194,13 @@ class Epoch:
 
     def describe(self) -> str:
         """Return the state of the epoch as text."""
-        lacking = self.lacking()
+        missing = self.short_of_range()
         text = f'epoch {self.number} {"open" if self.is_open else "closed"}, ' \
             f'{self.n_samples} of {self._options.full_samples} samples ' \
             f'({self.n_held_out} held out)'
-        if self.is_open and lacking:
-            text += f', too little range on {", ".join(lacking)}'
+        if self.is_open and missing:
+            text += f', too little range on {", ".join(missing)}'
         return f'{text}; {self.note}' if self.note else text
 
     def _is_full(self) -> bool:
-        return self.n_samples >= self._options.full_samples and not self.lacking()
+        return self.n_samples >= self._options.full_samples and not self.short_of_range()

@@ -250,8 +250,8 @@ class Learner:
         """Return the figures of learning for diagnostics."""
         epoch, fits = arm.epoch, self.fits
         return Learning(
-            epoch.describe(), epoch.n_samples, epoch.n_held_out, epoch.lacking(), arm.gate_counts,
-            fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
+            epoch.describe(), epoch.n_samples, epoch.n_held_out, epoch.short_of_range(),
+            arm.gate_counts, fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
             self._kept_old, self._compensated, self._broken, arm.new_faults(),
             self._outliers)
 

@@ -29,7 +29,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   // recomputes them several times for every plot.
   const late = new Set()
   let laying = false
-  const dress = (root) => laying ? late.add(root) : put(root)
+  const restyle = (root) => laying ? late.add(root) : put(root)
   const applyStyles = () => {
     for (const root of late) put(root)
     late.clear()
@@ -61,7 +61,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   sheet._update = function (text) {
     if (text === this.text) return
     this.text = text
-    if (this.root) dress(this.root)
+    if (this.root) restyle(this.root)
     else if (this.plain) _update.call(this, text)
   }
   sheet.install = function (root) {
@@ -78,7 +78,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   sheet.uninstall = sheet.remove = function () {
     if (!this.root) return uninstall.call(this)
     this.root.sheets = this.root.sheets.filter(each => each !== this)
-    dress(this.root)
+    restyle(this.root)
     this.root = null
   }
   component.empty = function () {

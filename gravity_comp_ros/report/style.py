@@ -84,11 +84,11 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
     box = fig.select_one(BoxSelectTool)
     if box is not None:
         fig.toolbar.active_drag = box
-    dress(fig, style)
+    restyle(fig, style)
     return fig
 
 
-def dress(fig: figure, style: Style) -> None:
+def restyle(fig: figure, style: Style) -> None:
     """Apply colours and font sizes to a figure."""
     fig.background_fill_color = fig.border_fill_color = style.background
     fig.outline_line_color = style.grid

@@ -63,7 +63,7 @@ class Choice:
         axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
         return LearnOptions(self.formulation, axes, ordered)
 
-    def learning_words(self) -> list[str]:
+    def fit_options(self) -> list[str]:
         """Return the arguments of a command with the same fit."""
         axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
             '--urdf', self.urdf]

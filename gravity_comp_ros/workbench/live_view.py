@@ -41,7 +41,7 @@ class LiveView:
         self._joints: tuple[str, ...] = ()
         self._seen, self._polls = 0, 0
 
-    def dress(self, style: Style) -> None:
+    def restyle(self, style: Style) -> None:
         """Change the style of the plots."""
         self.style, self._joints, self._seen = style, (), 0
 

@@ -85,7 +85,7 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
         return line('cp', str(stage.given.resolve()), MODEL_FILE)
     if stage.parent is None:
         choice = stage.choice
-        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.learning_words(),
+        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
                     *choice.reading_options(topic), *choice.gate_options(), '-o', MODEL_FILE)
     if not stage.effects:
         return line('gravity_comp', 'add', '--undo', '--model', MODEL_FILE)
