@@ -251,9 +251,9 @@ class Learner:
         epoch, fits = arm.epoch, self.fits
         return Learning(
             epoch.describe(), epoch.n_samples, epoch.n_held_out, epoch.short_of_range(),
-            arm.gate_counts, fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
-            self._kept_old, self._compensated, self._broken, arm.new_faults(),
-            self._outliers)
+            arm.gate_counts, fits.state, fits.restarts, fits.pid, fits.last_failure,
+            self._last_fit, self._kept_old, self._compensated, self._broken,
+            arm.new_faults(), self._outliers)
 
     def close(self) -> None:
         """End the fit process, and reply to pending calls."""
