@@ -138,18 +138,18 @@ def _by_part(text: str) -> dict[str, str]:
 
 def next_commands(printed: str) -> list[str]:
     """Return the commands of the first `next step`."""
-    found: list[str] = []
+    commands: list[str] = []
     begun = False
     for line in printed.splitlines():
         if line.startswith('next step'):
-            if found:
+            if commands:
                 break
             begun = True
         elif begun and line.startswith('  gravity_comp '):
-            found.append(line.strip())
-        elif found:
+            commands.append(line.strip())
+        elif commands:
             break
-    return found
+    return commands
 
 
 def _shortened(printed: str) -> Iterator[str]:

@@ -3,7 +3,7 @@ Make the pictures of docs/report.md and docs/workbench.md, in headless Chromium.
 
     python3 docs/make_pictures.py
 
-A simulated arm with unmodelled friction is recorded, reported and put on the bench.
+A simulated arm with unmodelled friction is recorded, and shown in a report and the workbench.
 """
 
 import os
@@ -98,7 +98,7 @@ def _workbench(folder: Path) -> None:
 
 
 def _worked(tab: Watched, address: str) -> str:
-    """Go through the loop once; return the address of the session."""
+    """Run the loop once; return the address of the session."""
     page = tab.page
     _opened(tab, address)
     add = page.get_by_role('button', name='Add coulomb_friction:iiwa_joint_4')
@@ -120,7 +120,7 @@ def _worked(tab: Watched, address: str) -> str:
 
 
 def _smaller(path: Path) -> None:
-    """Keep the top of a picture, in few colours that are those that most of it has."""
+    """Keep the top of a picture, reduced to its most frequent colours."""
     with Image.open(path) as picture:
         top = picture.convert('RGB').crop((0, 0, picture.width, min(picture.height, _TALLEST)))
     top.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE).save(

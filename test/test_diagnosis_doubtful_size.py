@@ -63,11 +63,12 @@ def test_a_possible_model_error_of_another_effect_is_weak(seed):
 
 
 @pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
-def test_a_correction_of_an_undecided_friction_is_weak(arm):
-    """At one speed viscous friction was an established hysteresis with an undecided friction."""
+def test_a_correction_of_an_unresolved_friction_is_weak(arm):
+    """At one speed viscous friction was an established hysteresis with an unresolved friction."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
     name = scene.arm_model.joints[1]
     findings = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
     assert findings['coulomb_friction'].verdict == Verdict.UNTESTABLE
-    assert findings['presliding_hysteresis'].verdict == Verdict.WEAK
-    assert 'corrects coulomb_friction, which is undecided' in findings['presliding_hysteresis'].why
+    correction = findings['presliding_hysteresis']
+    assert correction.verdict == Verdict.WEAK
+    assert 'corrects coulomb_friction, which is unresolved' in correction.why

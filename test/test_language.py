@@ -84,7 +84,9 @@ CLAUSES = {
 _NAMES = (r'(found|made|shown|taken|told|said|alike|usual|wanted|left|doubt|worth|many|most|least|'
           r'much)')
 NAMES = {
-    rf'(?<![\w.])(?!left, (size, )?right\b){_NAMES}(, \w+)* = |(?<!\w)for {_NAMES} in ':
+    rf'(?<![\w.])(?!left, (size, )?right\b|left: ){_NAMES}(, \w+)*'
+    r'(: [\w[\]|.]+(, [\w[\]|.]+)*)? = '
+    rf'|(?<!\w)for {_NAMES} in ':
         'the noun: result, coefficients, samples',
     r'(?<![A-Za-z])_?([A-Z]+_)*(LEAST|MOST|FEWEST|USUAL|MANY|ENOUGH|LIKELIER|ALIKE|MUCH|WORTH)'
     r'(_[A-Z]+)* ?[=,]': 'MIN_..., MAX_..., PRIOR_STD_...',

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.html:
         html.write(args, html.contents(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
-            recording.reports, None, *_previous(args, model, compared), shown=selected,
+            recording.reports, None, *_previous(args, model, compared), displayed=selected,
             next_command=_diagnose_command(args)))
     if args.json != '-':
         terminal.say(*reading.lines(recording))

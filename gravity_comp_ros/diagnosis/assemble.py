@@ -93,7 +93,7 @@ class _Findings:
 
     def _with_parent(self, finding: Finding, candidate: Candidate,
                      findings: Sequence[Finding]) -> Finding:
-        """Return a finding as weak if it corrects another effect that is itself undecided."""
+        """Return a finding as weak if it corrects another effect that is itself unresolved."""
         corrects = candidate.effect.corrects
         given = any((name, candidate.joint) in self.criteria.given for name in corrects)
         if finding.verdict not in FOUND or not corrects or given:
@@ -104,7 +104,7 @@ class _Findings:
             return finding
         names = ' or '.join(str(f.effect) for f in parents)
         return replace(finding, verdict=Verdict.WEAK,
-                       why=f'{finding.why}; it corrects {names}, which is undecided')
+                       why=f'{finding.why}; it corrects {names}, which is unresolved')
 
     def _finding(self, number: int) -> Finding:
         candidate, metrics = self.chosen[number], self.metrics

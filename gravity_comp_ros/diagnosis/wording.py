@@ -78,10 +78,10 @@ def title(effect: str) -> str:
     return full if first in ('Coulomb', 'Stribeck') else full[0].lower() + full[1:]
 
 
-def sizes(coefficients: Mapping[str, Estimate], most: int = _MAX_COEFFICIENTS) -> str:
-    """Return coefficients with their intervals, '' for more than `most` coefficients."""
+def sizes(coefficients: Mapping[str, Estimate], limit: int = _MAX_COEFFICIENTS) -> str:
+    """Return coefficients with their intervals, '' for more than `limit` coefficients."""
     items = dict(coefficients)
-    if not items or len(items) > most:
+    if not items or len(items) > limit:
         return ''
     if len(items) == 1:
         return plus_minus(next(iter(items.values())))

@@ -81,7 +81,7 @@ def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> F
 
 
 def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatArray,
-               residual: FloatArray, least_width: float) -> Shape:
+               residual: FloatArray, min_width: float) -> Shape:
     """
     Return the shape of the direction of one joint, or of a sum of joints.
 
@@ -90,9 +90,9 @@ def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatA
     :param residual: torque (M,) minus gravity, N·m; it affects the shape only.
     """
     fit = _Fit(qd, qdd, residual)
-    width, error = _best_width(fit, qd, least_width)
+    width, error = _best_width(fit, qd, min_width)
     if error > (1.0 - _MIN_FRICTION) * fit.baseline:
-        return Shape(least_width)
+        return Shape(min_width)
     hold, hold_error = _best_hold(fit, samples, _path(samples, q))
     return Shape(width, hold if hold_error < (1.0 - _MIN_IMPROVEMENT) * error else 0.0)
 
@@ -138,14 +138,14 @@ class _Fit:
         return np.asarray(values - self.basis @ (self.basis.T @ values))
 
 
-def _best_width(fit: _Fit, qd: FloatArray, least: float) -> tuple[float, float]:
+def _best_width(fit: _Fit, qd: FloatArray, minimum: float) -> tuple[float, float]:
     """Return the width with the smallest error, and that error."""
     widest = _MAX_WIDTH * float(np.quantile(np.abs(qd), 0.95))
     if fit.baseline == 0.0:
-        return least, 1.0
-    if widest <= least:
-        return least, fit.error(np.tanh(qd / least))
-    grid = np.geomspace(least, widest, _GRID)
+        return minimum, 1.0
+    if widest <= minimum:
+        return minimum, fit.error(np.tanh(qd / minimum))
+    grid = np.geomspace(minimum, widest, _GRID)
     errors = [fit.error(np.tanh(qd / width)) for width in grid]
     best = int(np.argmin(errors))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])

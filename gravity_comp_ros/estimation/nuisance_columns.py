@@ -1,7 +1,7 @@
 """
 Regressor columns of nuisance terms: friction, offset and inertia of each joint.
 
-This module decides which terms the motion can identify and which ones the fit keeps. A term is
+This module selects the terms that the motion identifies and that the fit keeps. A term is
 kept if its coefficient differs significantly from 0 in a joint fit with gravity and all other
 terms. An insignificant free column would only increase the variance of gravity.
 """

@@ -217,13 +217,13 @@ def _check_not_worse(before: GravityModel, after: GravityModel, motion: Motion,
 
 
 def _base(samples: JointSamples, model: GravityModel,
-          wanted: Sequence[Request]) -> GravityModel:
+          effects: Sequence[Request]) -> GravityModel:
     """
     Return the model to add to.
 
     Rigid-body dynamics requires the axes of a chain; a base tilt requires a level model.
     """
-    names = {request.effect.name for request in wanted}
+    names = {request.effect.name for request in effects}
     if _DYNAMICS in names and model.chain is None and model.geometry is None:
         chain = fit(samples, FitOptions('chain')).model
         model = replace(chain, applied=model.applied, history=model.history,
@@ -237,10 +237,10 @@ def _base(samples: JointSamples, model: GravityModel,
 
 
 def _new_terms(motion: Motion, model: GravityModel,
-               wanted: Sequence[Request]) -> tuple[list[Term], dict[str, str]]:
+               effects: Sequence[Request]) -> tuple[list[Term], dict[str, str]]:
     """Return the identifiable wanted effects, and the reasons for omitting the others."""
     terms, skipped = [], {}
-    for request in wanted:
+    for request in effects:
         joint = 0 if request.joint is None else model.joints.index(request.joint)
         present = model.applied.has(request.effect.name, request.joint)
         reason = ('it is in the model already' if present
