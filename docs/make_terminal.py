@@ -1,5 +1,5 @@
 """
-Make docs/pictures/loop.svg: the loop in a terminal, from what the commands really print.
+Make docs/pictures/loop.svg: the loop in a terminal, with the real output of the commands.
 
 `python3 docs/make_terminal.py` runs the commands of the walk-through in an empty folder. Outputs
 are cut where the picture shows `...`.
@@ -17,8 +17,7 @@ from rich.text import Text
 
 PICTURE = Path(__file__).resolve().parent / 'pictures' / 'loop.svg'
 _WIDTH = 112
-# Verb, which call of it, and which lines of its output are shown: the first that begins so, and
-# how many from there.
+# Verb, index of its call, start of the first line shown, and number of lines.
 SHOWN = (('compare', 0, 'error of the model', 11), ('diagnose', 0, '', 2),
          ('diagnose', 0, 'missing effects', 7), ('add', 0, 'held-out error', 11))
 
