@@ -96,12 +96,12 @@ def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> FitRes
 
 def broken_cases(kind: str, seeds: int, n: int) -> Iterator[Case]:
     from broken_effort import KINDS
-    for name, spoil in KINDS.items():
+    for name, corrupt in KINDS.items():
         for seed in range(seeds):
             rng = np.random.default_rng(1000 + seed)
             start = 50.0 + 37.0 * seed
             case = recorded(kind, seed, n / RATE, start, Payload(2.0), name, rng)
-            tau = spoil(case.samples.tau, rng)
+            tau = corrupt(case.samples.tau, rng)
             samples = JointSamples.single_run(case.samples.names, case.samples.t,
                                               case.samples.q, case.samples.qd, tau)
             yield Case(f'{name}, seed {seed}', samples, case.later, case.truth)

@@ -40,9 +40,9 @@ _TIMEOUT = 300_000
 _STARTUP = 3000
 
 
-def _command(folder: Path, *words: str) -> float:
+def _command(folder: Path, *arguments: str) -> float:
     started = time.monotonic()
-    subprocess.run([*_PROGRAM, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL,
+    subprocess.run([*_PROGRAM, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL,
                    stderr=subprocess.DEVNULL)
     return time.monotonic() - started
 

@@ -69,9 +69,9 @@ def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
     for finding in findings:
         print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
               f'{finding.verdict}')
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
     ambiguous = [f for f in findings if f.verdict == gc.Verdict.AMBIGUOUS]
-    for title, chosen in (('found', sure), ('and ambiguous', [*sure, *ambiguous])):
+    for title, chosen in (('found', accepted), ('and ambiguous', [*accepted, *ambiguous])):
         show(title, with_findings(model, early, chosen), later)
 
 

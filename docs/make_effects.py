@@ -51,12 +51,12 @@ def document() -> str:
 
 
 def _section(effect: Effect) -> list[str]:
-    many = '' if effect.has_fixed_coefficients else ' (and further coefficients of these kinds)'
+    more = '' if effect.has_fixed_coefficients else ' (and further coefficients of these kinds)'
     lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
              f'    {effect.equation}', '']
     lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}: {c.meaning}'
               for c in effect.coefficients]
-    lines[-1] += many
+    lines[-1] += more
     if effect.setting_units:
         lines.append('- nonlinear parameters: ' + ', '.join(
             f'{name} in {unit}' if unit else name

@@ -93,9 +93,9 @@ class Session:
         title, total = self.times[-1]
         self.times[-1] = (title, total + seconds)
         # Commands are not wrapped, so that they can be copied.
-        shown = '\n'.join(line if line.startswith('  gravity_comp ') else wrapped(line, _WIDTH)
-                          for line in _shortened(done.stdout))
-        self.parts.append(f'```\n$ {command}\n{shown}\n```\n[{seconds:.1f} s]\n')
+        printed = '\n'.join(line if line.startswith('  gravity_comp ') else wrapped(line, _WIDTH)
+                            for line in _shortened(done.stdout))
+        self.parts.append(f'```\n$ {command}\n{printed}\n```\n[{seconds:.1f} s]\n')
         return done.stdout
 
     def follow(self, printed: str, max_steps: int = _FOLLOWED) -> None:
@@ -120,36 +120,36 @@ class Session:
 
     def keep_other_parts(self, page: str) -> None:
         """Insert the parts of an earlier page, with their times, that were not run again."""
-        made = dict(self.times)
+        times = dict(self.times)
         split = _by_part('\n'.join(self.parts))
         earlier = _by_part(page.partition('\n## ')[2] and page[page.index('\n## ') + 1:])
         seconds = {title: float(number) for title, number in re.findall(
             r'^\| (.*) \| (\d+) s \|$', page, re.MULTILINE)}
-        titles = [title for title in ORDER if title in made or title in earlier]
-        self.times = [(title, made.get(title, seconds.get(title, 0.0))) for title in titles]
+        titles = [title for title in ORDER if title in times or title in earlier]
+        self.times = [(title, times.get(title, seconds.get(title, 0.0))) for title in titles]
         self.parts = [split.get(title, earlier.get(title, '')) for title in titles]
 
 
 def _by_part(text: str) -> dict[str, str]:
     """Return the parts of a page by title."""
-    found = re.split(r'^(?=## )', text, flags=re.MULTILINE)
-    return {part.split('\n')[0][3:]: part.rstrip('\n') + '\n' for part in found if part}
+    sections = re.split(r'^(?=## )', text, flags=re.MULTILINE)
+    return {part.split('\n')[0][3:]: part.rstrip('\n') + '\n' for part in sections if part}
 
 
 def next_commands(printed: str) -> list[str]:
     """Return the commands of the first `next step`."""
-    found: list[str] = []
+    commands: list[str] = []
     begun = False
     for line in printed.splitlines():
         if line.startswith('next step'):
-            if found:
+            if commands:
                 break
             begun = True
         elif begun and line.startswith('  gravity_comp '):
-            found.append(line.strip())
-        elif found:
+            commands.append(line.strip())
+        elif commands:
             break
-    return found
+    return commands
 
 
 def _shortened(printed: str) -> Iterator[str]:
@@ -168,8 +168,8 @@ def _shortened(printed: str) -> Iterator[str]:
 
 
 def _system() -> str:
-    found = re.search(r'^PRETTY_NAME="(.*)"', Path('/etc/os-release').read_text(), re.MULTILINE)
-    return found[1] if found else platform.system()
+    match = re.search(r'^PRETTY_NAME="(.*)"', Path('/etc/os-release').read_text(), re.MULTILINE)
+    return match[1] if match else platform.system()
 
 
 def set_up(session: Session) -> None:
@@ -205,10 +205,10 @@ def own_table(session: Session) -> None:
     session.say(f'```\n$ head -2 my_log.csv\n{head}\n```')
     command = 'gravity_comp convert my_log.csv -o my_log.mcap'
     printed = session.run(command)
-    for question in ('--angle-unit deg', '--time-unit ms'):
-        if not re.search(question, printed):
-            raise SystemExit(f'{question} was not requested: {printed}')
-        command = command.replace(' -o', f' {question} -o')
+    for option in ('--angle-unit deg', '--time-unit ms'):
+        if not re.search(option, printed):
+            raise SystemExit(f'{option} was not requested: {printed}')
+        command = command.replace(' -o', f' {option} -o')
         printed = session.run(command)
     session.follow(printed)
 
@@ -225,10 +225,10 @@ def own_bag(session: Session) -> None:
 def real_recording(session: Session, recordings: Path, title: str, name: str,
                    prose: str) -> None:
     """Follow the printed next steps for one of the public recordings."""
-    found = sorted(recordings.rglob(name))
-    if not found:
+    paths = sorted(recordings.rglob(name))
+    if not paths:
         raise SystemExit(f'{name} is not in {recordings}')
-    shutil.copyfile(found[0], session.folder / name)
+    shutil.copyfile(paths[0], session.folder / name)
     for model in session.folder.glob('arm*.json'):
         model.unlink()
     session.begin(title, prose)
@@ -246,10 +246,10 @@ def tests(session: Session, log: Path) -> None:
     session.begin(TESTS, 'All tests on the same machine, run separately. The last line includes '
                   'the time.')
     last = log.read_text().rstrip().splitlines()[-1]
-    taken = re.search(r' in ([0-9.]+)s', last)
-    if taken is None:
+    duration = re.search(r' in ([0-9.]+)s', last)
+    if duration is None:
         raise SystemExit(f'{log}: the last line is not the result of a test run: {last!r}')
-    session.times[-1] = (TESTS, float(taken[1]))
+    session.times[-1] = (TESTS, float(duration[1]))
     session.parts.append(f'```\n$ make test\n[...]\n{last}\n```\n')
 
 

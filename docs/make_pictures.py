@@ -3,7 +3,7 @@ Make the pictures of docs/report.md and docs/workbench.md, in headless Chromium.
 
     python3 docs/make_pictures.py
 
-A simulated arm with friction that no model knows of is recorded, reported and put on the bench.
+A simulated arm with unmodelled friction is recorded, and shown in a report and the workbench.
 """
 
 import os
@@ -78,10 +78,10 @@ def _workbench(folder: Path) -> None:
                                env={**os.environ, 'XDG_STATE_HOME': str(folder)})
     assert process.stdout is not None
     try:
-        found = re.search(r'http://\S+/', process.stdout.readline())
-        assert found is not None
-        with watched(found[0], color_scheme='light') as tab:
-            address = _worked(tab, found[0])
+        match = re.search(r'http://\S+/', process.stdout.readline())
+        assert match is not None
+        with watched(match[0], color_scheme='light') as tab:
+            address = _worked(tab, match[0])
         # The same session, on another screen.
         for scheme in ('light', 'dark'):
             with watched(address, color_scheme=scheme) as tab:
@@ -98,7 +98,7 @@ def _workbench(folder: Path) -> None:
 
 
 def _worked(tab: Watched, address: str) -> str:
-    """Go through the loop once; return the address of the session."""
+    """Run the loop once; return the address of the session."""
     page = tab.page
     _opened(tab, address)
     add = page.get_by_role('button', name='Add coulomb_friction:iiwa_joint_4')
@@ -120,7 +120,7 @@ def _worked(tab: Watched, address: str) -> str:
 
 
 def _smaller(path: Path) -> None:
-    """Keep the top of a picture, in few colours that are those that most of it has."""
+    """Keep the top of a picture, reduced to its most frequent colours."""
     with Image.open(path) as picture:
         top = picture.convert('RGB').crop((0, 0, picture.width, min(picture.height, _TALLEST)))
     top.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE).save(

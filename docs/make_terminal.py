@@ -1,5 +1,5 @@
 """
-Make docs/pictures/loop.svg: the loop in a terminal, from what the commands really print.
+Make docs/pictures/loop.svg: the loop in a terminal, with the real output of the commands.
 
 `python3 docs/make_terminal.py` runs the commands of the walk-through in an empty folder. Outputs
 are cut where the picture shows `...`.
@@ -17,8 +17,7 @@ from rich.text import Text
 
 PICTURE = Path(__file__).resolve().parent / 'pictures' / 'loop.svg'
 _WIDTH = 112
-# Verb, which call of it, and which lines of its output are shown: the first that begins so, and
-# how many from there.
+# Verb, index of its call, start of the first line shown, and number of lines.
 SHOWN = (('compare', 0, 'error of the model', 11), ('diagnose', 0, '', 2),
          ('diagnose', 0, 'missing effects', 7), ('add', 0, 'held-out error', 11))
 
@@ -27,10 +26,10 @@ def main() -> None:
     """Run the commands and write the picture."""
     console = Console(record=True, width=_WIDTH, file=io.StringIO(), force_terminal=True)
     with tempfile.TemporaryDirectory() as folder:
-        told = [(command, output(command, Path(folder))) for command in commands()]
+        outputs = [(command, output(command, Path(folder))) for command in commands()]
     last = ''
     for verb, which, first, count in SHOWN:
-        command, text = [pair for pair in told if pair[0].split()[1] == verb][which]
+        command, text = [pair for pair in outputs if pair[0].split()[1] == verb][which]
         if command != last:
             console.print(Text(f'$ {command}', style='bold green', overflow='fold'))
             last = command

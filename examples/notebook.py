@@ -38,11 +38,11 @@ before = gc.compare(model, test)
 print(before)
 
 # %% Diagnose: which physical effect is missing?
-found = gc.diagnose(train, model)
-print(found)
+diagnosis = gc.diagnose(train, model)
+print(diagnosis)
 
 # %% Add the effect, and compare on the held-out run.
-model = gc.add_effects(model, train, found.findings)
+model = gc.add_effects(model, train, diagnosis.findings)
 print(model.report)
 after = gc.compare(model, test)
 print(after)

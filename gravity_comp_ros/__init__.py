@@ -6,8 +6,8 @@ Gravity compensation for robot arms, learned from recorded joint states.
     train, test = data.split(0.2)
     model = gc.fit(train)
     print(gc.compare(model, test))               # error of every joint, N·m
-    found = gc.diagnose(train, model)            # which physical effect is missing
-    model = gc.add_effects(model, train, found.findings)
+    diagnosis = gc.diagnose(train, model)        # which physical effect is missing
+    model = gc.add_effects(model, train, diagnosis.findings)
     print(gc.compare(model, test))
     model = gc.update(model, gc.read("tool.mcap"))   # after a payload change
     model.save("arm.json")

@@ -17,15 +17,15 @@ WAIT = 90_000
 
 # For every painted plot of a page: title, width and height in pixels.
 PLOTS = """() => {
-  const found = []
+  const results = []
   const walk = (view) => {
     if (view.model.type == 'Figure' && view._render_count && view.el.offsetParent !== null)
-      found.push([view.model.title ? view.model.title.text : '', view.frame.bbox.width,
-                  view.frame.bbox.height])
+      results.push([view.model.title ? view.model.title.text : '', view.frame.bbox.width,
+                    view.frame.bbox.height])
     for (const child of view.child_views || []) walk(child)
   }
   for (const view of Bokeh.index.roots) walk(view)
-  return found
+  return results
 }"""
 # For the shared table of all plots: the number of selected rows and of glyphs.
 SELECTED = """() => {
@@ -43,18 +43,18 @@ SELECTED = """() => {
 
 # Active elements of a page, including shadow roots, that text from files must not create.
 LIVELY = """() => {
-  const found = []
+  const results = []
   const walk = (root) => {
     for (const element of root.querySelectorAll('*')) {
       const name = element.localName, link = element.getAttribute('href') || ''
       const handles = element.getAttributeNames().some(n => n.startsWith('on'))
       if (handles || name.startsWith('mjx') || link.startsWith('javascript:')
-          || (name == 'img' && element.getAttribute('src') == 'x')) found.push(element.outerHTML)
+          || (name == 'img' && element.getAttribute('src') == 'x')) results.push(element.outerHTML)
       if (element.shadowRoot) walk(element.shadowRoot)
     }
   }
   walk(document)
-  return found
+  return results
 }"""
 # Inject a handler, a script, and a link that runs a script.
 INJECT = """() => {
@@ -80,13 +80,13 @@ def heap(page) -> float:
 
 def chromium() -> str:
     """Return the browser's path; skip without one, or fail where it is required."""
-    found = next((path for path in map(shutil.which, NAMES) if path), None)
-    if found is None:
+    browser = next((path for path in map(shutil.which, NAMES) if path), None)
+    if browser is None:
         why = 'no Chromium on this machine (tools/get_browser.sh installs one)'
         if os.environ.get('GRAVITY_COMP_BROWSER') == 'required':
             pytest.fail(why)
         pytest.skip(why)
-    return found
+    return browser
 
 
 class Watched:

@@ -62,9 +62,9 @@ def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     ran = runpy.run_path(str(ROOT / 'examples' / 'notebook.py'))
     printed = capsys.readouterr().out
-    assert [(f.effect, f.joint) for f in ran['found'].found] == [
+    assert [(f.effect, f.joint) for f in ran['diagnosis'].found] == [
         ('coulomb_friction', 'shoulder')]
-    size = ran['found'].found[0].coefficients['F_c']
+    size = ran['diagnosis'].found[0].coefficients['F_c']
     assert size.ci95[0] < ran['FRICTION'] < size.ci95[1]
     before, after = ran['before'].joints['shoulder'], ran['after'].joints['shoulder']
     assert after.rmse < 1.15 * ran['NOISE'] < 0.2 * before.rmse

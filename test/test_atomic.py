@@ -65,15 +65,15 @@ def test_an_exception_in_the_block_passes_and_changes_nothing(old, problem):
     assert old.read_bytes() == b'old' and os.listdir(old.parent) == ['file.json']
 
 
-@pytest.mark.parametrize('function, number, words', [
+@pytest.mark.parametrize('function, number, message', [
     ('fsync', errno.ENOSPC, 'no space left on device'),
     ('fsync', errno.EIO, 'input/output error'),
     ('replace', errno.EACCES, 'permission denied'),
     ('replace', errno.EROFS, 'read-only file system'),
 ])
-def test_a_failing_disk_leaves_the_old_file(old, monkeypatch, function, number, words):
+def test_a_failing_disk_leaves_the_old_file(old, monkeypatch, function, number, message):
     monkeypatch.setattr(os, function, failing(number))
-    with pytest.raises(BagError, match=words) as caught:
+    with pytest.raises(BagError, match=message) as caught:
         write_atomically(old, b'new', BagError)
     assert str(old) in str(caught.value) and '\n' not in str(caught.value)
     assert 'nothing was changed' in str(caught.value)
@@ -108,13 +108,13 @@ def test_a_full_disk_while_writing(old):
     assert old.read_bytes() == b'old' and os.listdir(old.parent) == ['file.json']
 
 
-@pytest.mark.parametrize('place, words', [
+@pytest.mark.parametrize('place, message', [
     ('missing/file.json', 'no such file or directory'),
     ('file.json/below', 'not a directory'),
 ])
-def test_a_folder_that_cannot_be_written_to(old, place, words):
+def test_a_folder_that_cannot_be_written_to(old, place, message):
     path = old.parent / place
-    with pytest.raises(ModelFileError, match=words) as caught:
+    with pytest.raises(ModelFileError, match=message) as caught:
         write_atomically(path, b'new', ModelFileError)
     assert str(path) in str(caught.value)
     assert old.read_bytes() == b'old' and os.listdir(old.parent) == ['file.json']

@@ -57,8 +57,8 @@ def test_errors_are_one_line_and_write_nothing(files, tmp_path, capsys, monkeypa
                                                message):
     monkeypatch.chdir(tmp_path)
     assert main([files.get(word, word) for word in call.split()]) == status
-    shown = capsys.readouterr()
-    assert message in shown.err and shown.err.count('\n') == 1 and shown.out == ''
+    output = capsys.readouterr()
+    assert message in output.err and output.err.count('\n') == 1 and output.out == ''
     assert not list(tmp_path.iterdir())
 
 
@@ -99,17 +99,17 @@ def test_names_take_precedence_over_numbers():
 
 @pytest.mark.parametrize('what', ['q', 'tau'])
 def test_values_out_of_range_are_dropped(tmp_path, capsys, what):
-    spoiled = {'q': Q.copy(), 'tau': TAU.copy()}
-    spoiled[what][100, 0] = 1e300
-    path = bag(tmp_path / 'x.mcap', **spoiled)
+    corrupted = {'q': Q.copy(), 'tau': TAU.copy()}
+    corrupted[what][100, 0] = 1e300
+    path = bag(tmp_path / 'x.mcap', **corrupted)
     whole, gated = read_bag(path), read_gated(path)
     assert len(whole.samples) == 499 and gated.report == whole.report
     assert any('1 value beyond 1e+09' in note for note in whole.report.notes)
     assert np.abs(whole.samples.tau).max() < 20
     assert main(['fit', path, '--json']) == 0
-    shown = capsys.readouterr()
-    assert 'RuntimeWarning' not in shown.err
-    assert json.loads(shown.out)['joints']['shoulder']['rmse'] < 0.1
+    output = capsys.readouterr()
+    assert 'RuntimeWarning' not in output.err
+    assert json.loads(output.out)['joints']['shoulder']['rmse'] < 0.1
 
 
 def test_efforts_out_of_range_throughout_are_refused(tmp_path, capsys):

@@ -83,18 +83,18 @@ def index_records(raw):
         at += 9 + length
 
 
-@pytest.mark.parametrize('spoil', ['offset', 'count', 'repeated', 'opcode'])
-def test_an_invalid_index_is_not_used(tmp_path, spoil):
+@pytest.mark.parametrize('corrupt', ['offset', 'count', 'repeated', 'opcode'])
+def test_an_invalid_index_is_not_used(tmp_path, corrupt):
     path = write(tmp_path / 'x.mcap', [(k, 0) for k in range(100)], chunk_size=2000)
     expected = both(path)[1]
     raw = bytearray(path.read_bytes())
     for begin, length in list(index_records(raw)):
         entries = raw[begin + 6:begin + length]
-        if spoil == 'offset':
+        if corrupt == 'offset':
             raw[begin + 14] ^= 1
-        elif spoil == 'count':                  # one message fewer
+        elif corrupt == 'count':                  # one message fewer
             raw[begin + 2:begin + 6] = (len(entries) - 16).to_bytes(4, 'little')
-        elif spoil == 'repeated':
+        elif corrupt == 'repeated':
             raw[begin + 6:begin + 22] = entries[16:32]
         else:
             raw[begin - 9] = 8

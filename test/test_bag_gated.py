@@ -22,7 +22,7 @@ GATES = (GateOptions(max_speed=0.9), GateOptions(max_speed=(0.5, 2.0, 2.0), rate
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10 ** 6), st.lists(st.integers(0, 40), max_size=6),
        st.sampled_from(GATES[:3]))
-def test_blocks_of_any_size_are_gated_alike(seed, sizes, options):
+def test_blocks_of_any_size_are_gated_equally(seed, sizes, options):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.choice([0.01, 0.02, 0.3], 100))
     qd = np.cumsum(0.1 * rng.normal(size=(100, 3)), axis=0)

@@ -161,7 +161,7 @@ def spoil_joints(row):
     row[1].update(names=['gripper'], position=[1.0], velocity=[0.0], effort=[0.5])
 
 
-@pytest.mark.parametrize(('spoil', 'reason'), [
+@pytest.mark.parametrize(('corrupt', 'reason'), [
     (spoil_nan, cleaning.NOT_FINITE), (spoil_inf, cleaning.NOT_FINITE),
     (spoil_velocity, cleaning.VELOCITY),
     (spoil_empty_effort, cleaning.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
@@ -169,11 +169,11 @@ def spoil_joints(row):
     (spoil_time_repeated, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
     (spoil_joint, cleaning.MISSING),
     (spoil_joints, cleaning.OTHER_JOINTS)])
-def test_bad_messages_are_dropped_and_counted(tmp_path, spoil, reason):
+def test_bad_messages_are_dropped_and_counted(tmp_path, corrupt, reason):
     rows = messages()
     bad = [7, 20, 30]
     for number in bad:
-        spoil(rows[number])
+        corrupt(rows[number])
     recording = read_bag(recorded(tmp_path, rows), ReadOptions(joints=NAMES))
     assert dict(recording.report.dropped) == {reason: 3}
     assert (recording.report.n_messages, recording.report.n_samples) == (50, 47)
@@ -181,17 +181,17 @@ def test_bad_messages_are_dropped_and_counted(tmp_path, spoil, reason):
     np.testing.assert_allclose(recording.samples.t, np.delete(T, bad), atol=1e-9)
 
 
-def every(spoil):
+def every(corrupt):
     def spoil_all(rows):
         for row in rows:
-            spoil(row)
+            corrupt(row)
     return spoil_all
 
 
-def every_second(spoil):
+def every_second(corrupt):
     def spoil_half(rows):
         for row in rows[::2]:
-            spoil(row)
+            corrupt(row)
     return spoil_half
 
 
@@ -199,7 +199,7 @@ def zero_effort(row):
     row[1]['effort'] = [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(('spoil', 'message'), [
+@pytest.mark.parametrize(('corrupt', 'message'), [
     (every(zero_effort), 'effort is 0 throughout'),
     (every(spoil_empty_effort), 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
     (every(spoil_nan), 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
@@ -212,9 +212,9 @@ def zero_effort(row):
     (every(spoil_names), 'no usable message: 50 duplicate joint name'),
     (every(spoil_bytes), 'no usable message: 50 not decodable'),
     (lambda rows: rows.clear(), 'has no messages')])
-def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, spoil, message):
+def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, corrupt, message):
     rows = messages()
-    spoil(rows)
+    corrupt(rows)
     path = recorded(tmp_path, rows)
     with pytest.raises(BagError, match=message) as error:
         read_bag(path)

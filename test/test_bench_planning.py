@@ -5,7 +5,7 @@ from bench.planning.baselines import random_near, random_slow
 from bench.planning.poor import KINDS as POOR_KINDS, RATE
 from bench.planning.run import judged
 from bench.planning.scenes import ARMS, KINDS, known_axes, Scene
-from bench.planning.table import calibration, settled
+from bench.planning.table import calibration, resolved
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
@@ -113,7 +113,7 @@ def test_the_tables_count():
                {**one, 'before': 'open', 'left': 'weak', 'ways': {
                    'planned': {'verdict': 'right', 'expected': [expected]},
                    'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    lines = settled(results).splitlines()
+    lines = resolved(results).splitlines()
     assert '| narrow | 2 | 1 | 1 | 1 | 0 | 1 | 1 |' in lines
     assert '| all reported open | 1 | 0 | 1 | 1 | 0 | 1 | 1 |' in lines
     assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(results).splitlines()

@@ -114,7 +114,7 @@ def test_update_of_an_arm_without_right_angles():
 def test_an_update_warns_of_a_large_uncertainty(old):
     loaded = arms.with_payload(old[0], arms.Payload(2.0, (0.02, 0.03, 0.1)))
     few = update(old[1], after(loaded, LATER[:12]))
-    assert any('may be off by' in words for words in few.report.warnings)
+    assert any('may be off by' in message for message in few.report.warnings)
     assert update(old[1], after(loaded, LATER[:100])).report.warnings == ()
 
 

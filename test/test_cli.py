@@ -39,18 +39,18 @@ def fails_with(error):
 
 def test_overview_lists_every_verb(capsys):
     assert cli.main(['--help']) == 0
-    shown = capsys.readouterr().out
-    assert 'not available' not in shown
+    output = capsys.readouterr().out
+    assert 'not available' not in output
     for name in cli.VERBS:
-        assert f'\n  {name} ' in shown
+        assert f'\n  {name} ' in output
 
 
 @pytest.mark.parametrize('name', cli.VERBS)
 def test_every_verb_has_help_with_examples(name, capsys):
     assert cli.main([name, '--help']) == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith(f'usage: gravity_comp {name}')
-    assert f'  gravity_comp {name} ' in shown, 'no example'
+    output = capsys.readouterr().out
+    assert output.startswith(f'usage: gravity_comp {name}')
+    assert f'  gravity_comp {name} ' in output, 'no example'
 
 
 def test_help_and_wrong_usage_import_no_numerical_modules():
@@ -74,9 +74,9 @@ def test_copied_defaults_equal_those_of_the_core():
 @pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])
 def test_defaults_of_the_gate_are_those_in_the_help(verb, capsys):
     assert cli.main([verb, '--help']) == 0
-    shown = ' '.join(capsys.readouterr().out.split())
-    assert f'joint speed of a sample (default: {GateOptions().max_speed:g})' in shown
-    assert f'per second of slow motion (default: {GateOptions().rate_hz:g})' in shown
+    output = ' '.join(capsys.readouterr().out.split())
+    assert f'joint speed of a sample (default: {GateOptions().max_speed:g})' in output
+    assert f'per second of slow motion (default: {GateOptions().rate_hz:g})' in output
 
 
 @pytest.mark.parametrize(('typed', 'offered'), [
@@ -86,10 +86,10 @@ def test_a_shell_completes(tmp_path, capsys, typed, offered):
     assert cli.main(['completion', 'bash']) == 0
     script = tmp_path / 'gravity_comp'
     script.write_text(capsys.readouterr().out)
-    words = ['gravity_comp', *typed.split()]
+    arguments = ['gravity_comp', *typed.split()]
     done = subprocess.run(
-        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(words)}); COMP_CWORD='
-         f'{len(words) - 1}; COMP_LINE="{" ".join(words)}"; $(complete -p gravity_comp | '
+        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(arguments)}); COMP_CWORD='
+         f'{len(arguments) - 1}; COMP_LINE="{" ".join(arguments)}"; $(complete -p gravity_comp | '
          'sed "s/.*-F \\([^ ]*\\).*/\\1/"); echo "${COMPREPLY[@]}"'],
         capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(
@@ -140,8 +140,8 @@ def test_debug_prints_the_traceback(verb, capsys, monkeypatch):
     monkeypatch.setenv('GRAVITY_COMP_DEBUG', '1')
     verb(fails_with(BagError('broken')))
     assert cli.main(['fit']) == 1
-    shown = capsys.readouterr().err
-    assert 'Traceback' in shown and shown.endswith('gravity_comp fit: broken\n')
+    error = capsys.readouterr().err
+    assert 'Traceback' in error and error.endswith('gravity_comp fit: broken\n')
 
 
 def run_without(module, *argv):
@@ -179,9 +179,9 @@ def test_output_to_a_terminal_without_unicode():
 @settings(max_examples=200, deadline=None)
 @given(st.text())
 def test_printable_text_contains_no_control_characters(text):
-    shown = printable(text)
-    assert shown.isprintable()
-    assert len(shown.splitlines()) <= 1
+    printed = printable(text)
+    assert printed.isprintable()
+    assert len(printed.splitlines()) <= 1
 
 
 def test_printable_keeps_ordinary_names():

@@ -17,12 +17,12 @@ from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
-    made = {'one': two_links(1), 'two': two_links(2), 'later': two_links(3),
+    runs = {'one': two_links(1), 'two': two_links(2), 'later': two_links(3),
             'short': two_links(4, count=40), 'one_way': two_links(5, one_way=True),
             'other': two_links(6, names=('a', 'b'))}
-    for name, samples in made.items():
+    for name, samples in runs.items():
         write_bag(folder / f'{name}.mcap', [joint_states(samples)])
-    return {name: str(folder / f'{name}.mcap') for name in made}
+    return {name: str(folder / f'{name}.mcap') for name in runs}
 
 
 @pytest.fixture(scope='module')
@@ -55,9 +55,9 @@ def rms(model, samples):
 
 
 def test_friction_and_offset_are_estimated_correctly(bags, model, capsys):
-    found = add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder,'
-                'torque_offset:elbow', model, bags['one'], bags['two'])
-    effects = {effect['target']: effect['coefficients'] for effect in found['effects']}
+    result = add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder,'
+                 'torque_offset:elbow', model, bags['one'], bags['two'])
+    effects = {effect['target']: effect['coefficients'] for effect in result['effects']}
     for target, symbol, truth, unit in (
             ('coulomb_friction:shoulder', 'F_c', COULOMB, 'N·m'),
             ('viscous_friction:shoulder', 'F_v', VISCOUS, 'N·m·s/rad'),
@@ -68,11 +68,11 @@ def test_friction_and_offset_are_estimated_correctly(bags, model, capsys):
         # The base tilt of a chain is free and nearly collinear with the offset of the elbow.
         assert low < truth < high and high - low < 0.35 * truth
     for joint in JOINTS:
-        assert found['held_out'][joint]['rmse_after'] < 1.15 * NOISE
+        assert result['held_out'][joint]['rmse_after'] < 1.15 * NOISE
     # Gravity absorbed most of the offset by a feature c2, but no friction.
-    assert found['held_out']['shoulder']['rmse_before'] > 0.5
-    assert found['held_out']['elbow']['rmse_before'] > 1.5 * NOISE
-    assert found['p'] < 1e-3 and not found['warnings'] and found['written']
+    assert result['held_out']['shoulder']['rmse_before'] > 0.5
+    assert result['held_out']['elbow']['rmse_before'] > 1.5 * NOISE
+    assert result['p'] < 1e-3 and not result['warnings'] and result['written']
     # Gravity itself is accurate on a held-out recording.
     changed, later = load_model(model), two_links(3)
     truth = np.column_stack([10.0 * np.sin(later.q[:, 0]), np.zeros(len(later))]) \
@@ -93,11 +93,11 @@ def test_compare_and_diagnose_take_the_effects_into_account(bags, model, capsys)
 
 
 def test_without_a_joint_an_effect_is_added_where_identifiable(bags, model, capsys):
-    found = add(capsys, 'coulomb_friction', model, bags['one'], bags['two'])
-    assert 'coulomb_friction:shoulder' in found['added']
+    result = add(capsys, 'coulomb_friction', model, bags['one'], bags['two'])
+    assert 'coulomb_friction:shoulder' in result['added']
     # The elbow has no friction: the effect is omitted if negative, and near zero otherwise.
-    elbow = [e for e in found['effects'] if e['joint'] == 'elbow']
-    assert 'coulomb_friction:elbow' in found['left_out'] or \
+    elbow = [e for e in result['effects'] if e['joint'] == 'elbow']
+    assert 'coulomb_friction:elbow' in result['left_out'] or \
         abs(elbow[0]['coefficients']['F_c']['value']) < 0.03
 
 
@@ -134,30 +134,30 @@ def test_an_unnecessary_effect_is_added_with_a_warning(bags, model, capsys):
 
 
 def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
-    found = add(capsys, 'coulomb_friction:shoulder', model, bags['one'], more=['--dry-run'])
-    assert found['added'] and not found['written']
+    result = add(capsys, 'coulomb_friction:shoulder', model, bags['one'], more=['--dry-run'])
+    assert result['added'] and not result['written']
     assert model.read_bytes() == fitted
 
 
 def test_held_out_data_stays_held_out(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
-    found = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
+    result = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
     # The second bag was held out.
-    assert found['n_samples'] == 1200 and found['on_holdout'] is None
+    assert result['n_samples'] == 1200 and result['on_holdout'] is None
 
 
 def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
     run_json(capsys, 'fit', *both, '--holdout', '-o', path)
     before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
-    found = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
+    result = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
     after = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
-    for joint, error in found['on_holdout'].items():
+    for joint, error in result['on_holdout'].items():
         assert error['rmse_before'] == pytest.approx(before[joint]['rmse'], rel=1e-9)
         assert error['rmse_after'] == pytest.approx(after[joint]['rmse'], rel=1e-9)
         assert error['torque_std'] == pytest.approx(after[joint]['torque_std'], rel=1e-9)
-    assert found['on_holdout']['shoulder']['rmse_after'] < 0.6 * found['on_holdout'][
+    assert result['on_holdout']['shoulder']['rmse_after'] < 0.6 * result['on_holdout'][
         'shoulder']['rmse_before']
     diagnosed = run_json(capsys, 'diagnose', *both, '--model', path, '--holdout', '--effects',
                          'viscous_friction')
@@ -167,8 +167,8 @@ def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
 def test_holdout_of_a_fit_of_all_samples_compares_all_samples(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
     run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
-    found = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
-    assert found['gate']['all_samples'] and found['joints']['shoulder']['n'] == 1200
+    result = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
+    assert result['gate']['all_samples'] and result['joints']['shoulder']['n'] == 1200
 
 
 @pytest.mark.parametrize('verb', ['add', 'diagnose'])
@@ -185,20 +185,20 @@ def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, 
                    '--json'])
     out = capsys.readouterr()
     assert status == 0, out.err
-    found = json.loads(out.out)
-    assert found['added'] == ['torque_offset:shoulder']
-    assert [(tie['effect'], tie['joint']) for tie in found['ties']] == [
+    result = json.loads(out.out)
+    assert result['added'] == ['torque_offset:shoulder']
+    assert [(finding['effect'], finding['joint']) for finding in result['ties']] == [
         ('torque_offset', 'shoulder')]
-    assert 'coulomb_friction' in found['ties'][0]['rivals'] and found['ties'][0]['settled_by']
+    assert 'coulomb_friction' in result['ties'][0]['rivals'] and result['ties'][0]['settled_by']
 
 
 def test_fit_of_effects_jointly_with_gravity(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
-    found = run_json(capsys, 'fit', bags['one'], bags['two'], '--effects',
-                     'coulomb_friction:shoulder,viscous_friction:shoulder,torque_offset:elbow',
-                     '-o', path)
-    assert set(found['added']) == {'coulomb_friction:shoulder', 'viscous_friction:shoulder',
-                                   'torque_offset:elbow'}
+    result = run_json(capsys, 'fit', bags['one'], bags['two'], '--effects',
+                      'coulomb_friction:shoulder,viscous_friction:shoulder,torque_offset:elbow',
+                      '-o', path)
+    assert set(result['added']) == {'coulomb_friction:shoulder', 'viscous_friction:shoulder',
+                                    'torque_offset:elbow'}
     model = load_model(path)
     # 10 s1 + 4 s1 c2 + 4 c1 s2: no other coefficient is larger than noise makes it.
     large = [sorted(np.abs(t.weights)[np.abs(t.weights) > 0.1]) for t in model.torques]
@@ -208,19 +208,19 @@ def test_fit_of_effects_jointly_with_gravity(bags, tmp_path, capsys):
 
 
 def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
-    found = load_model(model)
+    loaded = load_model(model)
     strange = AppliedEffect('ghost_torque', 'elbow', {}, {'x': Value(1.0, 'N·m', (0.9, 1.1))})
-    applied = type(found.applied)((strange,), {'width': np.full(2, 0.01)})
-    save_model(model, type(found)(**{**found.__dict__, 'applied': applied}))
+    applied = type(loaded.applied)((strange,), {'width': np.full(2, 0.01)})
+    save_model(model, type(loaded)(**{**loaded.__dict__, 'applied': applied}))
     assert main(['compare', bags['later'], '--model', str(model)]) == 1
     err = capsys.readouterr().err.splitlines()[-1]
     assert 'ghost_torque' in err and 'not installed' in err
 
 
-@pytest.mark.parametrize('effects, bag, words', [
+@pytest.mark.parametrize('effects, bag, message', [
     ('coulom:shoulder', 'one', 'did you mean coulomb_friction?'),
     ('coulomb_friction:sholder', 'one', 'did you mean shoulder?'),
-    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'asked for twice'),
+    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'requested twice'),
     ('base_tilt:shoulder', 'one', 'whole arm'),
     ('coulomb_friction:shoulder', 'short', 'too few'),
     ('coulomb_friction:shoulder', 'one_way', 'one direction only'),
@@ -228,11 +228,11 @@ def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
 ])
 def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
-                                                     words):
+                                                     message):
     path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
     assert main(['add', effects, '--model', str(model), path]) == 1
     err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and words in err[0], err
+    assert len(err) == 1 and message in err[0], err
     assert model.read_bytes() == fitted
 
 

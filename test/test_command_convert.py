@@ -42,7 +42,7 @@ def test_json(table, tmp_path, capsys):
     assert facts['velocity'] is False and facts['dropped_rows'] == 0
 
 
-@pytest.mark.parametrize(('change', 'arguments', 'says'), [
+@pytest.mark.parametrize(('change', 'arguments', 'message'), [
     (('', ''), (), 'no column of time'), (('5', 'five'), ('--rate', '9'), 'is not a number'),
     (('q_1', 'q_7'), ('--rate', '9'), 'numbered 0, 7'),
     (('', ''), ('--rate', '9', '--effort-unit', 'A'), 'torque constant'),
@@ -50,13 +50,13 @@ def test_json(table, tmp_path, capsys):
     (('', ''), ('--rate', '9', '--time', 'q_0'), 'not both'),
     (('', ''), ('--rate', '9', '--delimiter', '::'), 'one character')])
 def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, change, arguments,
-                                                     says):
+                                                     message):
     table.write_text(TEXT.replace(*change) if change[0] else TEXT)
     out = tmp_path / 'x.mcap'
     out.write_bytes(b'old')
     assert main(['convert', str(table), *arguments, '-o', str(out)]) == 1
     text = capsys.readouterr().err
-    assert says in text and text.count('\n') == 1
+    assert message in text and text.count('\n') == 1
     assert out.read_bytes() == b'old'
 
 

@@ -44,23 +44,23 @@ def test_joints_are_written_in_the_requested_order(bag, tmp_path):
 def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), '--split', '2,4', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    files = [part['output'] for part in found['parts']]
-    assert [part['n_samples'] for part in found['parts']] == [100, 100, 100]
+    result = json.loads(capsys.readouterr().out)
+    files = [part['output'] for part in result['parts']]
+    assert [part['n_samples'] for part in result['parts']] == [100, 100, 100]
     assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
     parts, whole = gc.read(files), read_bag(bag)
     np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau)
     np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
 
 
-@pytest.mark.parametrize('wrong, words', [
+@pytest.mark.parametrize('wrong, message', [
     (['--from', '3', '--to', '2'], 'must increase'), (['--split', '4,50'], 'must increase'),
     (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
-def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, words):
+def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
     out = tmp_path / 'part.mcap'
     assert cli.main(['cut', str(bag), '-o', str(out), *wrong]) == 1
     error = capsys.readouterr().err.strip()
-    assert words in error and '\n' not in error
+    assert message in error and '\n' not in error
     assert not out.exists()
 
 

@@ -74,14 +74,14 @@ def run(capsys, *argv):
 
 def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     model = tmp_path / 'arm.json'
-    found, told = run(capsys, 'fit', bags / 'own', '-o', model, '--json')
-    assert found['description'] == {
+    result, errors = run(capsys, 'fit', bags / 'own', '-o', model, '--json')
+    assert result['description'] == {
         'source': '/robot_description in own', 'joints': list(JOINTS), 'link': 'iiwa_link_7',
         'left_out': [], 'held': {}}
-    assert found['joint_order'] == 'description' and told.count('warning') == 0
+    assert result['joint_order'] == 'description' and errors.count('warning') == 0
     assert load_model(model).joints == JOINTS
     assert load_model(model).provenance['description']['source'] == '/robot_description in own'
-    assert found['report']['chain']['known_axes']
+    assert result['report']['chain']['known_axes']
     # The payload is estimated without a file argument.
     payload, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--json')
     assert payload['description']['source'] == '/robot_description in tool'
@@ -92,20 +92,20 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
 
 
 def test_without_a_description_numbers_order_the_joints(bags, capsys):
-    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--formulation', 'chain',
-                   '--json')
-    assert found['description'] is None and found['joint_order'] == 'numbers in the names'
-    assert list(found['joints']) == list(JOINTS)
+    result, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--formulation', 'chain',
+                    '--json')
+    assert result['description'] is None and result['joint_order'] == 'numbers in the names'
+    assert list(result['joints']) == list(JOINTS)
     some = ','.join(JOINTS[1::-1])
-    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some,
-                   '--formulation', 'chain', '--json')
-    assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == 'as asked'
+    result, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some,
+                    '--formulation', 'chain', '--json')
+    assert list(result['joints']) == list(JOINTS[1::-1]) and result['joint_order'] == 'as asked'
 
 
 def test_the_description_of_another_robot_is_ignored(bags, tmp_path, capsys):
-    found, told = run(capsys, 'fit', bags / 'other', '--formulation', 'chain', '--json')
-    assert found['description'] is None
-    assert 'robot description not used: /robot_description in other has no joint iiwa' in told
+    result, errors = run(capsys, 'fit', bags / 'other', '--formulation', 'chain', '--json')
+    assert result['description'] is None
+    assert 'robot description not used: /robot_description in other has no joint iiwa' in errors
     # A description named by the user must match.
     path = tmp_path / 'ur.urdf'
     path.write_text(robots.UR)
@@ -117,27 +117,27 @@ def test_the_description_of_another_robot_is_ignored(bags, tmp_path, capsys):
     ('leaning', (), WAIST, 'recording'), ('lacking', ('--fixed', f'waist={WAIST}'), WAIST,
                                           'option'), ('lacking', (), 0.0, 'assumption')])
 def test_a_waist_that_is_not_a_joint_of_the_model(bags, capsys, bag, argv, value, by):
-    found, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
-                   '--formulation', 'chain', '--json')
-    assert found['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
-    tilt = found['report']['chain']['base_tilt']
+    result, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
+                    '--formulation', 'chain', '--json')
+    assert result['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
+    tilt = result['report']['chain']['base_tilt']
     # With a known waist angle the base is level; with the assumed 0 the fit finds the tilt.
     assert tilt == pytest.approx(0.0 if by != 'assumption' else WAIST, abs=0.02)
 
 
 def test_a_gripper_is_omitted_and_a_moving_waist_is_reported(bags, capsys):
-    found, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
-    assert found['description']['left_out'] == ['finger']
-    assert list(found['joints']) == list(JOINTS)
-    _, told = run(capsys, 'fit', bags / 'moving', '--joints', ','.join(JOINTS), '--formulation',
-                  'chain', '--json')
-    assert 'joint waist moves by 0.199 during the recordings' in told
+    result, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
+    assert result['description']['left_out'] == ['finger']
+    assert list(result['joints']) == list(JOINTS)
+    _, errors = run(capsys, 'fit', bags / 'moving', '--joints', ','.join(JOINTS), '--formulation',
+                    'chain', '--json')
+    assert 'joint waist moves by 0.199 during the recordings' in errors
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'part of the arm'),
     (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
 ])
-def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, words):
+def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, message):
     assert main(['fit', str(bags / 'own'), *argv]) == 1
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err

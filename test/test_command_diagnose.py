@@ -17,10 +17,10 @@ from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
 def folder(tmp_path_factory):
     """Return a folder with recordings and a model fitted to two of them."""
     folder = tmp_path_factory.mktemp('diagnose')
-    made = {'one': two_links(1), 'two': two_links(2), 'clean': two_links(3, rough=0.0),
+    runs = {'one': two_links(1), 'two': two_links(2), 'clean': two_links(3, rough=0.0),
             'one_way': two_links(5, one_way=True), 'short': two_links(4, count=40),
             'other': two_links(6, names=('a', 'b'))}
-    for name, samples in made.items():
+    for name, samples in runs.items():
         write_bag(folder / f'{name}.mcap', [joint_states(samples)])
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -47,19 +47,19 @@ def shown(capsys, *argv):
 
 
 def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
-    found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
-    for finding in found['findings']:
+    result = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    for finding in result['findings']:
         assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
                 'nrmse_after', 'base_absorbed', 'runs_better', 'why', 'next_step'} <= set(finding)
         assert finding['verdict'] in VERDICTS
         for value in finding['coefficients'].values():
             assert set(value) == {'value', 'unit', 'ci95'}
             assert value['ci95'][0] <= value['value'] <= value['ci95'][1]
-    assert set(found['joints']) == set(JOINTS)
-    for report in found['joints'].values():
+    assert set(result['joints']) == set(JOINTS)
+    for report in result['joints'].values():
         assert {'summary', 'noise_floor', 'n_effective'} <= set(report)
         assert 0 < report['n_effective'] <= 2400
-    named = {(f['joint'], f['effect']): f for f in found['findings']}
+    named = {(f['joint'], f['effect']): f for f in result['findings']}
     assert {('shoulder', 'coulomb_friction'), ('shoulder', 'viscous_friction')} <= set(named)
     friction = named['shoulder', 'coulomb_friction']['coefficients']['F_c']
     assert friction['ci95'][0] < COULOMB < friction['ci95'][1]
@@ -73,10 +73,10 @@ def test_text_has_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
     assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
-    for words in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
-                  'not identifiable from this recording', 'coulomb_friction', 'established',
-                  'reversals', 'at rest', 'effective n'):
-        assert words in out, words
+    for message in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
+                    'not identifiable from this recording', 'coulomb_friction', 'established',
+                    'reversals', 'at rest', 'effective n'):
+        assert message in out, message
 
 
 def test_the_next_step_is_a_command_that_works(capsys):
@@ -98,19 +98,19 @@ def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
 
 
 def test_no_findings_where_nothing_is_missing(capsys):
-    found = run_json(capsys, 'clean.mcap')
-    assert found['findings'] == []
-    assert found['verdict'] == 'Nothing is missing that is detectable in this motion.'
+    result = run_json(capsys, 'clean.mcap')
+    assert result['findings'] == []
+    assert result['verdict'] == 'Nothing is missing that is detectable in this motion.'
     out, _ = shown(capsys, 'clean.mcap')
     assert out.startswith('Nothing is missing') and 'next step' not in out
 
 
 def test_friction_is_untestable_with_motion_in_one_direction(capsys):
-    found = run_json(capsys, 'one_way.mcap')
-    accepted = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
+    result = run_json(capsys, 'one_way.mcap')
+    accepted = [f for f in result['findings'] if f['verdict'] in ('established', 'likely')]
     assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
-    assert 'in one direction only' in found['joints']['shoulder']['untestable']['coulomb_friction']
-    assert any('one direction only: shoulder' in remark for remark in found['data']['remarks'])
+    assert 'one direction only' in result['joints']['shoulder']['untestable']['coulomb_friction']
+    assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
     reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
     assert reason in ' '.join(out.split())
@@ -122,7 +122,7 @@ def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
     assert json.loads((tmp_path / 'd.json').read_text())['findings']
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     (['other.mcap', '--model', 'arm.json'], 'shoulder'),
     (['short.mcap', '--model', 'arm.json'], 'too few'),
     (['one.mcap', '--model', 'nothing.json'], 'nothing.json'),
@@ -130,10 +130,10 @@ def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
     (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
     (['one.mcap', 'other.mcap'], 'different robots'),
 ])
-def test_bad_input_gets_one_line(capsys, argv, words):
+def test_bad_input_gets_one_line(capsys, argv, message):
     assert main(['diagnose', *argv]) == 1
     err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and words in err[0], err
+    assert len(err) == 1 and message in err[0], err
 
 
 def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_path):
@@ -143,13 +143,14 @@ def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_pat
     assert main(['add', 'coulomb_friction:shoulder', '--model', str(model), 'one.mcap',
                  'two.mcap']) == 0
     capsys.readouterr()
-    found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
-    named = {(f['joint'], f['effect']) for f in found if f['verdict'] == 'established'}
+    findings = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
+    named = {(f['joint'], f['effect']) for f in findings if f['verdict'] == 'established'}
     assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
 
 
-def finding(effect, verdict, rivals=(), next_step='move it'):
-    return Finding('shoulder', effect, verdict, rivals, {}, 0.2, 0.1, 0.0, 1.0, 'why', next_step)
+def finding(effect, verdict, alternatives=(), next_step='move it'):
+    return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
+                   next_step)
 
 
 @pytest.mark.parametrize('model', ['arm.json', None])
@@ -157,12 +158,12 @@ def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, m
     args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
                      effort_scale=[], effort_unit='Nm', rename=[], degrees=False,
                      differentiate=False)
-    found = (finding('coulomb_friction', 'established'),
-             finding('torque_offset', 'ambiguous', ('joint_spring',)),
-             finding('inertia', 'weak'), finding(None, 'unexplained'))
-    follow_up.show(args, Diagnosis(found, {}))
-    shown = capsys.readouterr().out
-    commands = [shlex.split(line)[1:] for line in shown.splitlines()
+    findings = (finding('coulomb_friction', 'established'),
+                finding('torque_offset', 'ambiguous', ('joint_spring',)),
+                finding('inertia', 'weak'), finding(None, 'unexplained'))
+    follow_up.show(args, Diagnosis(findings, {}))
+    output = capsys.readouterr().out
+    commands = [shlex.split(line)[1:] for line in output.splitlines()
                 if line.startswith('  gravity_comp ')]
     verbs = [command[0] for command in commands]
     # The accepted effect, the best of the ambiguous ones, and the motion for the open ones.
@@ -171,9 +172,9 @@ def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, m
                                                          'torque_offset:shoulder']
     add, plan = (next(c for c in commands if c[0] == verb) for verb in ('add', 'plan'))
     assert add[1] == 'coulomb_friction:shoulder' and plan[-1] == 'motion.yaml'
-    assert 'open: 3 findings not to add yet' in shown
-    assert 'alternative: joint_spring' in shown and 'add at most one of them' in shown
-    assert 'no known effect describes it' in shown
+    assert 'open: 3 findings not to add yet' in output
+    assert 'alternative: joint_spring' in output and 'add at most one of them' in output
+    assert 'no known effect describes it' in output
 
 
 def test_fitted_and_new_recordings_are_listed(capsys):

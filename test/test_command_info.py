@@ -77,14 +77,14 @@ def test_one_line_for_bad_recordings(tmp_path, slow, capsys):
     other = write_folder(tmp_path / 'bag', {'/joint_states': messages()})
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(slow.read_bytes()[:5000])
-    for arguments, says in (((cut,), 'truncated'), ((tmp_path / 'none',), 'no such recording'),
-                            ((slow, '--joints', 'x'), 'no joint x'),
-                            ((slow, '--topic', '/x'), 'no topic /x'),
-                            ((slow, other), 'different robots')):
+    for arguments, message in (((cut,), 'truncated'), ((tmp_path / 'none',), 'no such recording'),
+                               ((slow, '--joints', 'x'), 'no joint x'),
+                               ((slow, '--topic', '/x'), 'no topic /x'),
+                               ((slow, other), 'different robots')):
         capsys.readouterr()
         assert main(['info', *map(str, arguments), '--json']) == 1
         printed = capsys.readouterr()
-        assert says in printed.err and printed.err.count('\n') == 1 and printed.out == ''
+        assert message in printed.err and printed.err.count('\n') == 1 and printed.out == ''
 
 
 def test_the_next_fit_inverts_efforts_that_oppose_friction(tmp_path, capsys):

@@ -30,10 +30,10 @@ def command(folder, output, *argv):
 def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.yaml'
     assert main(command(folder, motion)) == 0
-    shown = capsys.readouterr().out
-    for words in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
-                  'obstacles are not checked', f'written to {motion}'):
-        assert words in ' '.join(shown.split())
+    output = capsys.readouterr().out
+    for message in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
+                    'obstacles are not checked', f'written to {motion}'):
+        assert message in ' '.join(output.split())
     again = tmp_path / 'again.csv'
     assert main(command(folder, again, '--effort', '--json')) == 0
     document = json.loads(capsys.readouterr().out)
@@ -77,10 +77,10 @@ def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys
     line = command(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
     line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
     assert main(line) == 0
-    shown = ' '.join(capsys.readouterr().err.split())
-    assert 'gravity may absorb all but' in shown
-    assert 'may resolve torque_offset:elbow: --widen 0.7' in shown
-    assert 'with known axes is collinear with fewer effects' in shown
+    output = ' '.join(capsys.readouterr().err.split())
+    assert 'gravity may absorb all but' in output
+    assert 'may resolve torque_offset:elbow: --widen 0.7' in output
+    assert 'with known axes is collinear with fewer effects' in output
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
 
@@ -101,7 +101,7 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     assert main([*line, '--json', str(out)]) == 0
     (outcome,) = json.loads(out.read_text())['plan']
     assert outcome['verdict'] == verdict and outcome['settled'] and outcome['as_expected']
-    assert '1 of 1 targets of the plan are settled' in ' '.join(capsys.readouterr().out.split())
+    assert '1 of 1 targets of the plan are resolved' in ' '.join(capsys.readouterr().out.split())
     if friction:
         # The expected width is met within the uncertainty of few blocks of data.
         assert 0.2 < outcome['found_half_width'] / outcome['half_width'] < 5.0
@@ -110,24 +110,24 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     assert 'is not what `plan --json` writes' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('argv, status, words', [
+@pytest.mark.parametrize('argv, status, message', [
     (('--within', 'limits'), 1, '--within limits requires --urdf'),
     (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
     (('--widen', '-1'), 2, 'not above 0'),
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])
-def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, words):
+def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, message):
     out = tmp_path / 'motion.yaml'
     assert main(command(folder, out, *argv)) == status
-    assert words in capsys.readouterr().err and not out.exists()
+    assert message in capsys.readouterr().err and not out.exists()
 
 
-@pytest.mark.parametrize('motion, status, words', [
+@pytest.mark.parametrize('motion, status, message', [
     ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
-def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, words):
+def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, message):
     assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):

@@ -20,10 +20,10 @@ def model(tmp_path):
     """Save and return a model with tau_wrist = 2 sin(q_elbow) and tau_elbow = 0."""
     # Base 3, first joint first: the feature of one sine at the last of two joints is 1.
     terms = (Expansion(np.array([1]), np.array([2.0])), Expansion(np.empty(0), np.empty(0)))
-    made = GravityModel(('wrist', 'elbow'), 'per_joint', terms, None, np.zeros(2),
-                        Coverage(np.array([-9.0, 0.9]), np.array([9.0, 9.0]), 10))
-    save_model(tmp_path / 'm.json', made)
-    return made
+    stored = GravityModel(('wrist', 'elbow'), 'per_joint', terms, None, np.zeros(2),
+                          Coverage(np.array([-9.0, 0.9]), np.array([9.0, 9.0]), 10))
+    save_model(tmp_path / 'm.json', stored)
+    return stored
 
 
 @pytest.fixture
@@ -42,8 +42,8 @@ def test_three_consistent_topics(tmp_path, bag, model, capsys):
     printed = capsys.readouterr()
     assert '150 messages' in printed.out and 'wrist' in printed.out
     assert 'outside the trained range' in printed.err
-    found = topics(out)
-    measured, predicted, residual = (found[name].samples for name in found)
+    messages = topics(out)
+    measured, predicted, residual = (messages[name].samples for name in messages)
     assert measured.names == predicted.names == residual.names == ('wrist', 'elbow')
     columns = [NAMES.index('wrist'), NAMES.index('elbow')]
     np.testing.assert_array_equal(measured.tau, TAU[:, columns])
@@ -52,7 +52,7 @@ def test_three_consistent_topics(tmp_path, bag, model, capsys):
     expected = model.predict(Q[:, columns])
     np.testing.assert_array_equal(predicted.tau, expected)
     np.testing.assert_array_equal(residual.tau, TAU[:, columns] - expected)
-    starts = {recording.report.start_ns for recording in found.values()}
+    starts = {recording.report.start_ns for recording in messages.values()}
     assert starts == {read_bag(bag).report.start_ns}
 
 
@@ -82,15 +82,15 @@ def test_the_input_recording_is_never_overwritten(tmp_path, bag, model, capsys):
     assert not (bag / 'out.mcap').exists()
 
 
-@pytest.mark.parametrize(('arguments', 'says'), [
+@pytest.mark.parametrize(('arguments', 'message'), [
     (('--joints', 'wrist,shoulder'), 'no joint elbow'), (('--topic', '/x'), 'no topic /x'),
     (('--model', 'none.json'), 'none.json')])
-def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, says):
+def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, message):
     out = tmp_path / 'out.mcap'
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out),
                  *arguments]) == 1
     text = capsys.readouterr().err
-    assert says in text and text.count('\n') == 1 and not out.exists()
+    assert message in text and text.count('\n') == 1 and not out.exists()
 
 
 def test_a_recording_of_another_robot(tmp_path, model, capsys):

@@ -93,15 +93,15 @@ def test_json_and_limits(tmp_path, capsys):
     assert facts['notes'] == ['joint iiwa_joint_5 exceeds its limit by 0.033 rad']
 
 
-@pytest.mark.parametrize(('arguments', 'says'), [
+@pytest.mark.parametrize(('arguments', 'message'), [
     (('--arm', 'puma'), 'no arm puma'), (('--arm', 'none.urdf'), 'cannot read URDF none.urdf'),
     (('--noise', '-1'), 'absolute is -1'),
     (('--samples', '5', '--duration', '5'), 'not both'), (('--max-speed', '1'), 'multisine'),
     (('--payload-com', '0', '0', '1'), 'requires --payload'),
     (('--payload-at', '5'), 'needs a payload'), (('--joint-names', 'a,b'), '7 joints'),
     (('--duration', '0.01'), 'no sample'), (('--topic', 'joints'), 'slash')])
-def test_one_line_for_invalid_options(tmp_path, capsys, arguments, says):
-    assert says in refused(tmp_path, capsys, *arguments)
+def test_one_line_for_invalid_options(tmp_path, capsys, arguments, message):
+    assert message in refused(tmp_path, capsys, *arguments)
 
 
 def test_prismatic_joint_and_wrong_arm_for_a_motion(tmp_path, capsys):

@@ -18,17 +18,17 @@ FRICTION = ('--hidden', 'coulomb_friction:4=0.6')
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
     """Return a folder with recordings of the bare and the loaded arm, smooth and rough."""
-    made = tmp_path_factory.mktemp('update')
+    root = tmp_path_factory.mktemp('update')
     load = ['--payload', '2', '--payload-com', *map(str, COM), '--start', '100']
     for name, *more in (
             ('bare', '--seed', '1'), ('bare_rough', '--seed', '1', *FRICTION),
             ('tool', '--seed', '2', '--samples', '50', *load),
             ('tool_rough', '--seed', '2', '--samples', '100', *load, *FRICTION),
             ('few', '--seed', '2', '--samples', '8', *load)):
-        assert main(['synth', '--noise', '0.1', *more, '-o', str(made / f'{name}.mcap')]) == 0
-    assert main(['fit', str(made / 'bare.mcap'), '--formulation', 'chain',
-                 '-o', str(made / 'arm.json')]) == 0
-    return made
+        assert main(['synth', '--noise', '0.1', *more, '-o', str(root / f'{name}.mcap')]) == 0
+    assert main(['fit', str(root / 'bare.mcap'), '--formulation', 'chain',
+                 '-o', str(root / 'arm.json')]) == 0
+    return root
 
 
 @pytest.fixture
@@ -66,33 +66,34 @@ def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path
     path, new, few = tmp_path / 'axes.json', tmp_path / 'new.json', tmp_path / 'few.mcap'
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path)]) == 0
     update = ('update', folder / 'tool.mcap', '--model', path, '-o', new)
-    found = run_json(capsys, *update)
-    assert found['payload']['mass']['value'] == pytest.approx(2.0, abs=0.05)
-    assert found['description']['source'] and not any('few' in w for w in found['warnings'])
+    result = run_json(capsys, *update)
+    assert result['payload']['mass']['value'] == pytest.approx(2.0, abs=0.05)
+    assert result['description']['source'] and not any('few' in w for w in result['warnings'])
     assert run_json(capsys, *update, '--urdf', 'none')['payload'] is None
     assert main(['cut', str(folder / 'tool.mcap'), '-o', str(few), '--to', '3']) == 0
-    found = run_json(capsys, 'update', few, '--model', path, '-o', new)
-    assert any(w.startswith('16 slow samples are few') for w in found['warnings'])
+    result = run_json(capsys, 'update', few, '--model', path, '-o', new)
+    assert any(w.startswith('16 slow samples are few') for w in result['warnings'])
 
 
 def test_the_torque_of_a_payload_is_learned(folder, model, tmp_path, capsys):
     new = tmp_path / 'new.json'
     before = model.read_bytes()
-    found = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
-    assert found['n_samples'] == 50 and found['written'] and found['payload'] is None
+    answer = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
+    assert answer['n_samples'] == 50 and answer['written'] and answer['payload'] is None
     q = motions.eq17(start=100.0, duration=10.0).q
     effect = (arms.gravity_torque(arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM)), q)
               - arms.gravity_torque(arms.iiwa7(), q))
-    assert list(found['effect_mean'].values()) == pytest.approx(effect.mean(axis=0), abs=0.1)
-    assert list(found['effect_max'].values()) == pytest.approx(np.abs(effect).max(axis=0), abs=0.2)
-    assert all(0.0 < std < 0.1 for std in found['std'].values())
+    assert list(answer['effect_mean'].values()) == pytest.approx(effect.mean(axis=0), abs=0.1)
+    largest = np.abs(effect).max(axis=0)
+    assert list(answer['effect_max'].values()) == pytest.approx(largest, abs=0.2)
+    assert all(0.0 < std < 0.1 for std in answer['std'].values())
     assert model.read_bytes() == before
     assert worst(load_model(model)) > 5.0 and worst(load_model(new)) <= 0.15
 
 
 def test_mass_and_centre_with_the_urdf(folder, model, capsys):
-    found = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
-    payload = found['payload']
+    result = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
+    payload = result['payload']
     assert payload['mass']['value'] == pytest.approx(2.0, rel=0.03)
     assert [payload['centre'][axis]['value'] for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
     assert payload['mass']['ci95'][0] < payload['mass']['value'] < payload['mass']['ci95'][1]
@@ -125,13 +126,13 @@ def test_effects_are_kept_unchanged(folder, tmp_path, capsys):
     model, new = tmp_path / 'rough.json', tmp_path / 'new.json'
     assert main(['fit', str(folder / 'bare_rough.mcap'), '--formulation', 'chain', '--effects',
                  'coulomb_friction:iiwa_joint_4', '-o', str(model)]) == 0
-    found = run_json(capsys, 'update', folder / 'tool_rough.mcap', '--model', model, '-o', new,
-                     '--urdf', URDF)
-    assert found['effects'] == ['coulomb_friction:iiwa_joint_4']
+    result = run_json(capsys, 'update', folder / 'tool_rough.mcap', '--model', model, '-o', new,
+                      '--urdf', URDF)
+    assert result['effects'] == ['coulomb_friction:iiwa_joint_4']
     old, changed = load_model(model), load_model(new)
     assert changed.applied.effects == old.applied.effects
     assert worst(changed) <= 0.15
-    assert found['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    assert result['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
     # Both changes can be undone, the last one first.
     assert [step.action for step in changed.history] == ['added', 'updated']
     assert main(['update', '--undo', '--model', str(new)]) == 0
@@ -149,8 +150,8 @@ def test_an_addition_before_a_payload_change_is_not_undone(folder, tmp_path, cap
     added = with_step(old, old, ('coulomb_friction:iiwa_joint_4',), 'now', {}, {})
     save_model(tmp_path / 'm.json', replace(added, provenance={
         **added.provenance, 'updates': [{'n_samples': 50}]}))
-    words = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
-    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in words
+    message = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
+    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in message
 
 
 def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
@@ -175,8 +176,8 @@ def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
 
 def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
     path = tmp_path / 'known.json'
-    found = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
-    assert found['report']['formulation'] == 'chain' and found['report']['chain']['known_axes']
+    result = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
+    assert result['report']['formulation'] == 'chain' and result['report']['chain']['known_axes']
     assert load_model(path).provenance['options']['known_axes']
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
     assert 'axes from the URDF' in capsys.readouterr().out

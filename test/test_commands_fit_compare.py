@@ -65,11 +65,11 @@ def run_json(capsys, *argv):
 
 
 def test_fit_finds_the_equations(model):
-    found = load_model(model)
+    loaded = load_model(model)
     # Weights: s1 c2 and c1 s2 4 N·m each, s1 of the shoulder 10 N·m; noise 0.05 N·m.
-    shoulder, elbow = found.torques
-    assert found.equation('shoulder', 0) in ('10 s1 + 4 s1 c2 + 4 c1 s2',
-                                             '10 s1 + 4 c1 s2 + 4 s1 c2')
+    shoulder, elbow = loaded.torques
+    assert loaded.equation('shoulder', 0) in ('10 s1 + 4 s1 c2 + 4 c1 s2',
+                                              '10 s1 + 4 c1 s2 + 4 s1 c2')
     assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.05)
     assert sorted(elbow.weights) == pytest.approx([4.0, 4.0], abs=0.05)
 
@@ -78,10 +78,10 @@ def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
     monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 0.0)
     assert main(['fit', bags['train'], '--terms', '1', '--formulation', 'potential']) == 0
     out = capsys.readouterr()
-    shown = ' '.join(out.out.split())
-    assert re.search(r'shoulder = (10\.0|9\.9)\d s1 … 2 more', shown)
-    assert 'ADMM: 1 L1 problem' in shown and 'relative gap' in shown
-    assert '400 of 400 samples pass the slow-motion gate' in shown and 'not saved' in shown
+    output = ' '.join(out.out.split())
+    assert re.search(r'shoulder = (10\.0|9\.9)\d s1 … 2 more', output)
+    assert 'ADMM: 1 L1 problem' in output and 'relative gap' in output
+    assert '400 of 400 samples pass the slow-motion gate' in output and 'not saved' in output
     assert '... fit' in out.err
 
 
@@ -92,38 +92,38 @@ def test_relative_noise_is_shown(tmp_path, capsys):
     capsys.readouterr()
     assert main(['fit', path]) == 0
     assert re.search(r'\n b .* \+ (1\.[89]|2(\.[01])?) %', capsys.readouterr().out)
-    found = run_json(capsys, 'fit', path)
-    assert found['joints']['b']['relative_noise'] == pytest.approx(0.02, rel=0.15)
+    result = run_json(capsys, 'fit', path)
+    assert result['joints']['b']['relative_noise'] == pytest.approx(0.02, rel=0.15)
 
 
 def test_fit_json_contains_report_and_data(bags, capsys, tmp_path):
-    found = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
-                     tmp_path / 'm.json')
-    assert found['converged'] and found['report']['solver'][0]['gap'] < 1e-6
-    assert found['bags'][0]['name'] == 'train.mcap' and found['gate']['kept'] == 400
+    result = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
+                      tmp_path / 'm.json')
+    assert result['converged'] and result['report']['solver'][0]['gap'] < 1e-6
+    assert result['bags'][0]['name'] == 'train.mcap' and result['gate']['kept'] == 400
     for joint in JOINTS:
-        assert found['joints'][joint]['rmse'] == pytest.approx(NOISE, rel=0.15)
-        assert found['joints'][joint]['features'] == {'shoulder': 3, 'elbow': 2}[joint]
+        assert result['joints'][joint]['rmse'] == pytest.approx(NOISE, rel=0.15)
+        assert result['joints'][joint]['features'] == {'shoulder': 3, 'elbow': 2}[joint]
     kept = load_model(tmp_path / 'm.json').provenance
-    assert kept['bags'] == found['bags'] and kept['holdout'] is None
+    assert kept['bags'] == result['bags'] and kept['holdout'] is None
 
 
 def test_the_error_on_held_out_data_equals_the_noise(bags, model, capsys):
-    found = run_json(capsys, 'compare', bags['later'], '--model', model)
-    assert found['fitted_to'] == []
+    result = run_json(capsys, 'compare', bags['later'], '--model', model)
+    assert result['fitted_to'] == []
     for joint in JOINTS:
-        figures = found['joints'][joint]
+        figures = result['joints'][joint]
         assert {'n', 'rmse', 'nrmse', 'std', 'max_abs', 'where'} <= set(figures)
         assert figures['n'] == 400
         assert figures['rmse'] == pytest.approx(NOISE, rel=0.15)
 
 
 def test_compare_with_an_unmodelled_load_of_known_size(bags, model, capsys):
-    found = run_json(capsys, 'compare', bags['loaded'], '--model', model)
+    result = run_json(capsys, 'compare', bags['loaded'], '--model', model)
     truth = 2.0 * np.sin(double_pendulum().q.sum(axis=1))
     expected = float(np.sqrt(np.mean(truth ** 2) + NOISE ** 2))
     for joint in JOINTS:
-        assert found['joints'][joint]['rmse'] == pytest.approx(expected, rel=0.03)
+        assert result['joints'][joint]['rmse'] == pytest.approx(expected, rel=0.03)
 
 
 def test_compare_warns_of_fitted_data(bags, model, capsys):
@@ -146,18 +146,18 @@ def test_held_out_errors_of_fit_and_compare_agree(bags, capsys, tmp_path):
 
 
 def test_of_two_bags_the_last_is_held_out(bags, capsys):
-    found = run_json(capsys, 'fit', bags['train'], bags['later'], '--holdout')
-    assert [block['name'] for block in found['holdout']['blocks']] == ['later.mcap']
-    assert found['report']['n_samples'] == 400
+    result = run_json(capsys, 'fit', bags['train'], bags['later'], '--holdout')
+    assert [block['name'] for block in result['holdout']['blocks']] == ['later.mcap']
+    assert result['report']['n_samples'] == 400
 
 
 def test_effort_scale_and_joints_apply_to_the_model(bags, tmp_path):
     path = tmp_path / 'm.json'
     assert main(['fit', bags['train'], '--joints', 'elbow,shoulder', '--effort-scale',
                  'elbow=-2', '--formulation', 'per_joint', '-o', str(path)]) == 0
-    found = load_model(path)
-    assert found.joints == ('elbow', 'shoulder')
-    elbow, shoulder = found.torques
+    loaded = load_model(path)
+    assert loaded.joints == ('elbow', 'shoulder')
+    elbow, shoulder = loaded.torques
     assert sorted(elbow.weights) == pytest.approx([-8.0, -8.0], abs=0.1)
     assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
 
@@ -187,8 +187,8 @@ def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, c
 
 
 def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
-    found = run_json(capsys, 'compare', bags['later'], '--model', model, '--joints', 'elbow')
-    assert list(found['joints']) == ['elbow']
+    result = run_json(capsys, 'compare', bags['later'], '--model', model, '--joints', 'elbow')
+    assert list(result['joints']) == ['elbow']
 
 
 @pytest.mark.parametrize('argv, text', [
@@ -231,8 +231,8 @@ def test_names_in_a_bag_are_escaped(tmp_path, capsys):
 
 
 def test_fast_samples_are_compared_with_all_samples(bags, model, capsys):
-    found = run_json(capsys, 'compare', bags['fast'], '--model', model, '--all-samples')
-    assert found['gate'] == {'total': 400, 'kept': 400, 'dropped': {}, 'all_samples': True}
+    result = run_json(capsys, 'compare', bags['fast'], '--model', model, '--all-samples')
+    assert result['gate'] == {'total': 400, 'kept': 400, 'dropped': {}, 'all_samples': True}
 
 
 def test_json_into_a_file_keeps_the_text_output(bags, model, capsys, tmp_path):

@@ -148,14 +148,14 @@ def test_an_error_in_a_region_of_random_poses_is_reported_first():
     assert region.rmse == pytest.approx(1.0, abs=0.1) and region.ratio > 3
 
 
-@pytest.mark.parametrize('sign, words', [(1, 'moving up'), (-1, 'moving down')])
+@pytest.mark.parametrize('sign, message', [(1, 'moving up'), (-1, 'moving down')])
 @pytest.mark.parametrize('seed', range(3))
-def test_an_error_in_one_direction_is_reported_first(seed, sign, words):
+def test_an_error_in_one_direction_is_reported_first(seed, sign, message):
     samples, exact = motion_with(seed)
     predicted = exact.copy()
     predicted[:, 2] -= 0.7 * (sign * samples.qd[:, 2] > 1e-3)
     region = against(samples, predicted).joints['iiwa_joint_3'].where[0]
-    assert region.axis == 'direction' and region.words.startswith(words)
+    assert region.axis == 'direction' and region.words.startswith(message)
     assert region.bias == pytest.approx(0.7, abs=0.05)
 
 

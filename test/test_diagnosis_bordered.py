@@ -44,8 +44,8 @@ def test_errors_with_an_effect_of_one_joint(seed, prior, n_core):
     every, arm, own = fits(seed, prior, n_core)
     for chosen in ([], [arm[0]], [own[0], own[2]], [arm[1], own[4]]):
         others = [c for c in own if c.joint == 1 and c not in chosen]
-        found = every.errors_with_each(1, chosen, others)
-        for candidate, errors in zip(others, found):
+        computed = every.errors_with_each(1, chosen, others)
+        for candidate, errors in zip(others, computed):
             np.testing.assert_allclose(errors, every.errors(1, [*chosen, candidate]), rtol=1e-4)
 
 
@@ -55,8 +55,8 @@ def test_errors_with_effects_of_the_whole_arm(seed, prior, n_core):
     every, arm, own = fits(seed, prior, n_core)
     for chosen in ([], [own[0], own[3]]):
         for joint in (None, 2):
-            found = every.errors_with_each(joint, chosen, arm)
-            for candidate, errors in zip(arm, found):
+            computed = every.errors_with_each(joint, chosen, arm)
+            for candidate, errors in zip(arm, computed):
                 np.testing.assert_allclose(
                     errors, every.errors(joint, [*chosen, candidate]), rtol=1e-4)
 
@@ -65,9 +65,9 @@ def test_errors_with_effects_of_the_whole_arm(seed, prior, n_core):
 def test_errors_of_all_joints_with_effects_of_some(seed):
     every, arm, own = fits(seed)
     mixed = [arm[1], own[0], own[3]]
-    found = every.errors_with_each(None, [own[4]], mixed)
-    assert [part.shape for part in found] == [(every.blocks.count, 3)] * 3
-    for candidate, errors in zip(mixed, found):
+    computed = every.errors_with_each(None, [own[4]], mixed)
+    assert [part.shape for part in computed] == [(every.blocks.count, 3)] * 3
+    for candidate, errors in zip(mixed, computed):
         np.testing.assert_allclose(errors, every.errors(None, [own[4], candidate]), rtol=1e-4)
 
 
@@ -106,5 +106,5 @@ def test_explained_squares_are_the_reduction_of_the_cost(seed, prior):
     chosen = [own[0], own[2]]
     for candidate, found in zip([*arm, own[4]],
                                 every.explained_by_each(chosen, [*arm, own[4]])):
-        wanted = cost(chosen) - cost([*chosen, candidate])
-        assert found == pytest.approx(wanted, rel=1e-3, abs=1e-3)
+        expected = cost(chosen) - cost([*chosen, candidate])
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-3)

@@ -24,11 +24,11 @@ def judged(arm, name, seed, **changes):
     entry = replace(case(arm, name), **{'duration': DURATION, **changes})
     samples = recordings(entry, seed, RATE)
     diagnosis = diagnose(samples)
-    for found in diagnosis.findings:
-        if found.verdict in FOUND:
-            assert found.nrmse_after < found.nrmse_before
+    for finding in diagnosis.findings:
+        if finding.verdict in FOUND:
+            assert finding.nrmse_after < finding.nrmse_before
             assert any(low * high > 0.0 for low, high in (
-                e.ci95 for e in found.coefficients.values())), found.to_json()
+                e.ci95 for e in finding.coefficients.values())), finding.to_json()
     return diagnosis, score(entry, diagnosis.to_json(), samples.names)
 
 
@@ -92,8 +92,8 @@ def test_cables_that_are_slack_over_half_of_the_range_are_found():
 
 def test_a_single_effect_can_be_tested():
     samples = recordings(replace(case('iiwa7', 'coulomb_large'), duration=DURATION), 7, RATE)
-    found = diagnose(samples, options=DiagnosisOptions(effects=('viscous_friction',)))
-    assert {f.effect for f in found.findings} <= {'viscous_friction', None}
+    diagnosis = diagnose(samples, options=DiagnosisOptions(effects=('viscous_friction',)))
+    assert {f.effect for f in diagnosis.findings} <= {'viscous_friction', None}
 
 
 @pytest.mark.parametrize('seed', [1, 5])
@@ -114,6 +114,6 @@ def test_a_spring_in_one_posture_causes_no_false_finding(arm, joint, seed):
     diagnosis = diagnose(scene.recorded())
     name = scene.arm_model.joints[joint]
     moves = {'rigid_body_dynamics', 'inertia', 'coriolis'}
-    found = [f for f in diagnosis.findings if f.verdict in FOUND and f.effect not in moves]
-    assert not found, [f.to_json() for f in found]
+    findings = [f for f in diagnosis.findings if f.verdict in FOUND and f.effect not in moves]
+    assert not findings, [f.to_json() for f in findings]
     assert 'stand still' in diagnosis.joints[name].untestable['joint_spring']

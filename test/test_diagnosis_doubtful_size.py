@@ -28,8 +28,8 @@ def links(reach, own, seed, count=2000):
 def test_rounding_error_violates_no_law():
     """87 % of a held-out error of 1e-9 N·m was a violation."""
     clean = read_bag(BAGS / 'eq15_test.mcap').samples
-    found = diagnose(concatenate([clean, clean]))
-    assert not found.findings and not found.laws
+    diagnosis = diagnose(concatenate([clean, clean]))
+    assert not diagnosis.findings and not diagnosis.laws
 
 
 def on_elbow(reach, own, seed):
@@ -55,19 +55,20 @@ def test_a_possible_model_error_of_another_effect_is_weak(seed):
     def friction(q, qd):
         return 4.0 * np.tanh(qd / 0.005) + 0.05 * np.sin(12.0 * q)
 
-    found = on_elbow(1.4, friction, seed)
-    assert found['coulomb_friction'].verdict == Verdict.ESTABLISHED
-    ripple = found['torque_ripple']
+    findings = on_elbow(1.4, friction, seed)
+    assert findings['coulomb_friction'].verdict == Verdict.ESTABLISHED
+    ripple = findings['torque_ripple']
     assert ripple.verdict == Verdict.WEAK
     assert 'of coulomb_friction and may be a model error of that effect' in ripple.why
 
 
 @pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
-def test_a_correction_of_an_undecided_friction_is_weak(arm):
-    """At one speed viscous friction was an established hysteresis with an undecided friction."""
+def test_a_correction_of_an_unresolved_friction_is_weak(arm):
+    """At one speed viscous friction was an established hysteresis with an unresolved friction."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
     name = scene.arm_model.joints[1]
-    found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
-    assert found['coulomb_friction'].verdict == Verdict.UNTESTABLE
-    assert found['presliding_hysteresis'].verdict == Verdict.WEAK
-    assert 'corrects coulomb_friction, which is undecided' in found['presliding_hysteresis'].why
+    findings = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
+    assert findings['coulomb_friction'].verdict == Verdict.UNTESTABLE
+    correction = findings['presliding_hysteresis']
+    assert correction.verdict == Verdict.WEAK
+    assert 'corrects coulomb_friction, which is unresolved' in correction.why

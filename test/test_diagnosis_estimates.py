@@ -56,12 +56,12 @@ def test_a_large_coefficient_is_significant():
 
 
 def test_an_absent_effect_is_insignificant_in_nineteen_of_twenty():
-    said = []
+    verdicts = []
     for seed in range(60):
         rng = np.random.default_rng(100 + seed)
         fits, _, candidate = chosen(rng.normal(size=(2000, 3)), rng.normal(size=2000))
-        said.append(jointly_insignificant(fits, [candidate], candidate))
-    assert 0.85 <= np.mean(said) < 1.0
+        verdicts.append(jointly_insignificant(fits, [candidate], candidate))
+    assert 0.85 <= np.mean(verdicts) < 1.0
 
 
 def test_intervals_are_widened_for_their_number():

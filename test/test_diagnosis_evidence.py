@@ -88,13 +88,13 @@ def test_held_out_errors_are_those_of_fits_without_the_fold():
     joint = joint_rows(x, y, blocks, scale, sigma, np.zeros(4))
     columns = np.array([0, 2, 3])
     fit = solve(joint, columns, 0, no_prior(0, blocks))
-    found = held_out_errors(joint, fit)
+    errors = held_out_errors(joint, fit)
     folds, expected = sample_folds(blocks), np.zeros(len(y))
     for fold in range(blocks.n_folds):
         out = folds == fold
         beta = np.linalg.lstsq(x[~out][:, columns], y[~out], rcond=None)[0]
         expected[out] = ((y[out] - x[out][:, columns] @ beta) / sigma) ** 2
-    np.testing.assert_allclose(found, blocks.sums(expected), rtol=1e-5)
+    np.testing.assert_allclose(errors, blocks.sums(expected), rtol=1e-5)
     beta = np.linalg.lstsq(x[:, columns], y, rcond=None)[0]
     np.testing.assert_allclose(fit.all_data / scale[columns], beta, rtol=1e-6)
 
@@ -141,12 +141,12 @@ def test_other_columns_of_gravity_equal_a_new_computation():
     old, new, rest = (rng.normal(size=(len(samples), k)) for k in (2, 3, 4))
     y, scale = rng.normal(size=len(samples)), np.array([1.0, 1.0, 2.0, 3.0, 0.5, 1.0])
     before = joint_rows(np.column_stack([old, rest]), y, blocks, scale, 0.7, np.arange(6.0), 5)
-    found = with_gravity_columns(before, new, 2)
-    wanted = joint_rows(np.column_stack([new, rest]), y, blocks,
-                        np.concatenate([np.ones(3), scale[2:]]), 0.7,
-                        np.concatenate([np.zeros(3), np.arange(6.0)[2:]]), 6)
+    result = with_gravity_columns(before, new, 2)
+    expected = joint_rows(np.column_stack([new, rest]), y, blocks,
+                          np.concatenate([np.ones(3), scale[2:]]), 0.7,
+                          np.concatenate([np.zeros(3), np.arange(6.0)[2:]]), 6)
     for name in ('x', 'y', 'grams', 'right_sides', 'ridge', 'scale'):
-        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9,
+        np.testing.assert_allclose(getattr(result, name), getattr(expected, name), rtol=1e-9,
                                    atol=1e-9)
 
 

@@ -62,10 +62,10 @@ def test_structure_tests_use_the_largest_terms_of_gravity(samples):
 
 @pytest.mark.slow
 def test_friction_on_one_of_ten_joints_is_named(samples):
-    found = diagnose(samples).findings
-    named = [(f.effect, f.joint) for f in found if f.verdict in FOUND]
-    assert ('coulomb_friction', 'joint_4') in named, [f.to_json() for f in found]
-    level = next(f for f in found if f.effect == 'coulomb_friction').coefficients['F_c']
+    findings = diagnose(samples).findings
+    named = [(f.effect, f.joint) for f in findings if f.verdict in FOUND]
+    assert ('coulomb_friction', 'joint_4') in named, [f.to_json() for f in findings]
+    level = next(f for f in findings if f.effect == 'coulomb_friction').coefficients['F_c']
     assert level.value == pytest.approx(2.0, rel=0.1)
 
 

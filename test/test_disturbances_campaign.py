@@ -22,8 +22,8 @@ JOINTS = ARMS['iiwa7']().joints
 SHOULDER, ELBOW = JOINTS[1], JOINTS[3]
 
 
-def finding(effect, joint=SHOULDER, verdict='established', rivals=(), **coefficients):
-    return {'effect': effect, 'joint': joint, 'verdict': verdict, 'rivals': list(rivals),
+def finding(effect, joint=SHOULDER, verdict='established', alternatives=(), **coefficients):
+    return {'effect': effect, 'joint': joint, 'verdict': verdict, 'rivals': list(alternatives),
             'coefficients': {name: {'value': v, 'unit': unit, 'ci95': [low, high]}
                              for name, (v, unit, low, high) in coefficients.items()}}
 
@@ -70,9 +70,9 @@ def test_allowed_effects_are_no_false_alarms():
 
 
 def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_alternatives():
-    def with_verdict(verdict, rivals):
+    def with_verdict(verdict, alternatives):
         return judge('coulomb_large', finding('stribeck_friction', verdict=verdict,
-                                              rivals=rivals))
+                                              alternatives=alternatives))
     assert with_verdict('ambiguous', ['coulomb_friction']).right
     assert with_verdict('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
     assert not with_verdict('ambiguous', [f'coulomb_friction:{ELBOW}']).right
@@ -111,13 +111,13 @@ def test_unexplained_has_to_name_the_joint():
 
 
 def test_untestable_has_to_name_both():
-    offset = finding('torque_offset', verdict='untestable', rivals=['coulomb_friction'])
+    offset = finding('torque_offset', verdict='untestable', alternatives=['coulomb_friction'])
     assert judge('one_way', offset).right
     assert judge('one_way', finding('coulomb_friction', verdict='ambiguous',
-                                    rivals=['torque_offset'])).right
+                                    alternatives=['torque_offset'])).right
     alone = finding('torque_offset', verdict='untestable')
     assert not judge('one_way', alone).right
-    assert judge('one_way', alone, untestable={'coulomb_friction': 'one way only'}).right
+    assert judge('one_way', alone, untestable={'coulomb_friction': 'one direction only'}).right
     assert not judge('one_way', finding('torque_offset')).right
     assert not judge('one_way').right
 

@@ -20,7 +20,7 @@ def short(name, arm='iiwa7'):
 
 
 def sweep(arm):
-    """Return 40 s in which every joint moves to and fro through 95 % of its range."""
+    """Return 40 s in which every joint moves back and forth through 95 % of its range."""
     omega = 2 * np.pi * np.arange(1, arm.n_joints + 1) / 40.0
     middle, half = 0.5 * (arm.upper + arm.lower), 0.475 * (arm.upper - arm.lower)
     return sample('sweep', sines(half, omega, 0.0, middle), 40.0, 20.0)

@@ -40,9 +40,9 @@ def test_every_hidden_foundchanges_the_signals(name):
     motion = sample('sweep', path, 60.0, 20.0)
     still = Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
     text = name if SIZES[name].whole_arm else f'{name}:2'
-    found = hidden(text, ARM)
-    out = found.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
-    assert abs(found.size) <= SIZES[name].maximum and hidden(f'{text}={found.size}', ARM) == found
+    added = hidden(text, ARM)
+    out = added.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
+    assert abs(added.size) <= SIZES[name].maximum and hidden(f'{text}={added.size}', ARM) == added
     change = np.abs(out.tau - still.tau).max() + np.abs(out.q - still.q).max()
     assert 0.005 < change < 100.0
     assert np.isfinite(out.tau).all() and np.isfinite(out.q).all()

@@ -56,8 +56,8 @@ def motion():
     ('time_delay', {}, -(np.arange(0, 24, 4) * QD[:, 0] + np.arange(1, 24, 4) * QD[:, 1])),
 ])
 def test_column_by_hand(motion, name, setting, column):
-    found = known_effect(name).columns(motion, 0, setting)
-    np.testing.assert_allclose(found, np.array(column, dtype=float)[:, None], atol=1e-12)
+    columns = known_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(columns, np.array(column, dtype=float)[:, None], atol=1e-12)
 
 
 @pytest.mark.parametrize('name, setting, columns', [
@@ -74,8 +74,8 @@ def test_column_by_hand(motion, name, setting, column):
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
-    found = known_effect(name).columns(motion, 0, setting)
-    np.testing.assert_allclose(found, np.column_stack(columns), atol=1e-12)
+    result = known_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(result, np.column_stack(columns), atol=1e-12)
 
 
 def test_columns_of_the_whole_arm_by_hand(motion):
@@ -97,8 +97,8 @@ def test_inertia_has_one_symbol_per_column_and_few_columns_for_short_motion(moti
     inertia = known_effect('inertia')
     turned = 'J m_1[s2] m_1[c2] m_2 m_2[s2] m_2[c2]'
     for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, turned)):
-        found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
-        assert [c.symbol for c in found] == symbols.split()
+        coefficients = inertia.coefficients_of(motion, 0, {'coupled': coupled})
+        assert [c.symbol for c in coefficients] == symbols.split()
     # 4 s of motion identify one coefficient.
     assert inertia.settings(motion, 0) == [{'coupled': 0.0}]
     assert inertia.implausible(np.array([-1.0, 2.0]), {'coupled': 1.0}, motion, 0)
@@ -106,12 +106,12 @@ def test_inertia_has_one_symbol_per_column_and_few_columns_for_short_motion(moti
 
 
 def test_presliding_column_by_hand(motion):
-    found = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    columns = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
     z = [0.0, 1 - np.exp(-2)]
     z += [-1 + (z[1] + 1) * np.exp(-1)]
     z += [0.0, -1 + np.exp(-3)]
     z += [1 + (z[4] - 1) * np.exp(-10)]
-    np.testing.assert_allclose(found[:, 0], np.array(z) - D[:, 0], atol=1e-12)
+    np.testing.assert_allclose(columns[:, 0], np.array(z) - D[:, 0], atol=1e-12)
 
 
 def test_a_direction_that_persists_at_rest_reverses_with_distance(motion):
@@ -138,9 +138,9 @@ def test_a_later_recording_has_the_last_payload():
     motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     stamped = {number: replace(motion.samples, starts=tuple(
         stamp + 200.0 * k for k in range(3))) for number, stamp in enumerate((1.7e9, 1.7e9 + 1e5))}
-    made = replace(motion, samples=stamped[0])
-    for setting in effect.settings(made, 0):
-        assert setting['clock'] > 1.7e9 and effect.columns(made, 0, setting).any()
+    changed = replace(motion, samples=stamped[0])
+    for setting in effect.settings(changed, 0):
+        assert setting['clock'] > 1.7e9 and effect.columns(changed, 0, setting).any()
         later = replace(motion, samples=stamped[1])
         assert not effect.columns(later, 0, setting).any()
         assert not effect.columns(motion, 0, setting).any()
@@ -149,9 +149,9 @@ def test_a_later_recording_has_the_last_payload():
 def test_change_points_of_older_model_files_keep_their_meaning():
     motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     runs, time = motion.samples.runs, motion.samples.t
-    made = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
-    assert not made[runs == 0].any() and made[runs == 2].all()
-    np.testing.assert_array_equal(made[runs == 1], time[runs == 1] >= 30.0)
+    nonzero = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
+    assert not nonzero[runs == 0].any() and nonzero[runs == 2].all()
+    np.testing.assert_array_equal(nonzero[runs == 1], time[runs == 1] >= 30.0)
 
 
 def test_change_points_are_starts_of_runs_and_times_within_them():
@@ -176,8 +176,8 @@ def test_the_travel_includes_two_periods_of_the_longest_ripple(travel, lowest):
     samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
     gravity = exact_model('pendulum').predict(q)
     motion = Motion(samples, q, gravity, gravity[:, :, None], np.array([WIDTH]))
-    found = [s['k'] for s in known_effect('torque_ripple').settings(motion, 0)]
-    assert found[0] == lowest and found[-1] <= 320
+    harmonics = [s['k'] for s in known_effect('torque_ripple').settings(motion, 0)]
+    assert harmonics[0] == lowest and harmonics[-1] <= 320
     finer = known_effect('torque_ripple').refine(motion, 0, {'k': float(lowest)})
     assert all(s['k'] * travel >= 4 * np.pi - 0.01 for s in finer)
 

@@ -62,9 +62,9 @@ def test_names_of_effects_are_stable():
 
 @each_effect
 def test_documentation_of_an_effect_is_complete(effect):
-    for words in (effect.title, effect.description, effect.equation, effect.source,
-                  effect.signature):
-        assert words.strip() and '\n' not in words
+    for text in (effect.title, effect.description, effect.equation, effect.source,
+                 effect.signature):
+        assert text.strip() and '\n' not in text
     assert '{joint}' in effect.experiment or not effect.per_joint
     assert effect.confounders and set(effect.confounders) <= set(NAMES) - {effect.name}
     # Only ratios have no unit: a friction coefficient, a gain, a share of a moment.
@@ -133,13 +133,13 @@ def test_coefficients_are_recovered(effect, arm):
             known = np.column_stack([columns[:, place, here], base])
             y = (base @ rng.normal(size=base.shape[1]) + columns[:, place, here] @ truth[here]
                  + NOISE * rng.standard_normal(len(base)))
-            found, spread = least_squares(known, y, NOISE)
+            solution, spread = least_squares(known, y, NOISE)
             count = int(here.sum())
             if np.linalg.matrix_rank(known) < known.shape[1]:
                 # Only their sum is identifiable; the prediction must still be right.
-                np.testing.assert_allclose(known @ found, y, atol=6 * NOISE)
+                np.testing.assert_allclose(known @ solution, y, atol=6 * NOISE)
                 continue
-            assert (np.abs(found[:count] - truth[here]) < 5 * spread[:count]).all()
+            assert (np.abs(solution[:count] - truth[here]) < 5 * spread[:count]).all()
             tested += bool((spread[:count] < 0.2 * np.abs(truth[here])).all())
     # The nominal arm of one joint is that joint's inertia.
     alone = effect.name == 'rigid_body_dynamics' and n == 1
@@ -160,9 +160,9 @@ def test_coefficients_are_insignificant_without_the_effect(effect, arm):
                 here = np.abs(columns[:, place]).max(axis=0) > 1e-9 * np.abs(columns).max()
                 if here.any():
                     known = np.column_stack([columns[:, place, here], base_columns(motion, place)])
-                    found, spread = least_squares(known, noise[:, place], NOISE)
+                    solution, spread = least_squares(known, noise[:, place], NOISE)
                     count = int(here.sum())
-                    assert (np.abs(found[:count]) < 5 * spread[:count]).all()
+                    assert (np.abs(solution[:count]) < 5 * spread[:count]).all()
 
 
 @pytest.mark.parametrize('name', ORDERLESS)
@@ -261,11 +261,11 @@ def test_torque_above_the_measured_one_is_implausible(effect):
     joint, settings = list(cases(effect, motion))[-1]
     columns = effect.columns(motion, joint, settings[0])
     size = 100 * np.abs(motion.samples.tau).max() / np.abs(columns).max(axis=(0, 1), initial=0)
-    said = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
-    assert re.search(r'N·m|too large|would be visible', said)
+    reason = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
+    assert re.search(r'N·m|too large|would be visible', reason)
     small = np.full(columns.shape[-1], 1e-6)
-    said = effect.implausible(small, settings[0], motion, joint)
-    assert (said is None) if effect.name != 'torque_gain' else ('too small' in said)
+    reason = effect.implausible(small, settings[0], motion, joint)
+    assert (reason is None) if effect.name != 'torque_gain' else ('too small' in reason)
 
 
 @pytest.mark.parametrize('name', [

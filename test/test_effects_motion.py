@@ -6,7 +6,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import accelerations, build_motion, MotionOptions
 from gravity_comp_ros.effects.motion_direction import (
-    direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
+    direction, find_shape, MIN_WIDTH, min_widths, speed_noise)
 from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -120,7 +120,7 @@ def back_and_forth(noise, seed=0):
 
 def shape_of(samples, residual):
     return find_shape(samples, samples.q[:, 0], samples.qd[:, 0],
-                      accelerations(samples)[:, 0], residual, float(least_widths(samples)[0]))
+                      accelerations(samples)[:, 0], residual, float(min_widths(samples)[0]))
 
 
 def direction_of(samples, shape):
@@ -130,16 +130,16 @@ def direction_of(samples, shape):
 @pytest.mark.parametrize('width', [0.006, 0.015])
 def test_width_is_estimated_from_friction(width):
     samples, _, v, noise = back_and_forth(2e-4)
-    found = shape_of(samples, np.tanh(v / width) + 0.1 * noise)
-    assert found.hold == 0.0 and found.width == pytest.approx(width, rel=0.2)
+    shape = shape_of(samples, np.tanh(v / width) + 0.1 * noise)
+    assert shape.hold == 0.0 and shape.width == pytest.approx(width, rel=0.2)
 
 
 def test_friction_that_persists_at_rest_is_distinguished():
     samples, q, v, noise = back_and_forth(5e-4)
     bristles = friction_torque(samples.t, q, v, LuGre(1.0, presliding=2e-4))
-    found = shape_of(samples, bristles + 0.1 * noise)
-    assert found.hold == pytest.approx(2e-4, rel=0.3)
-    values = direction_of(samples, found)
+    shape = shape_of(samples, bristles + 0.1 * noise)
+    assert shape.hold == pytest.approx(2e-4, rel=0.3)
+    values = direction_of(samples, shape)
     slope = values @ bristles / (values @ values)
     assert slope == pytest.approx(1.0, abs=0.01)
     assert (bristles - slope * values).std() < 0.03
@@ -156,24 +156,24 @@ def test_hold_distance_is_estimated_with_lost_messages():
 
 def test_width_without_friction_follows_from_noise():
     samples, _, _, noise = back_and_forth(2e-3)
-    found = shape_of(samples, 0.1 * noise)
-    assert found.hold == 0.0 and found.width == pytest.approx(6e-3, rel=0.1)
-    np.testing.assert_array_equal(direction_of(samples, found),
-                                  np.tanh(samples.qd[:, 0] / found.width))
-    assert least_widths(back_and_forth(0.0)[0])[0] == LEAST_WIDTH
+    shape = shape_of(samples, 0.1 * noise)
+    assert shape.hold == 0.0 and shape.width == pytest.approx(6e-3, rel=0.1)
+    np.testing.assert_array_equal(direction_of(samples, shape),
+                                  np.tanh(samples.qd[:, 0] / shape.width))
+    assert min_widths(back_and_forth(0.0)[0])[0] == MIN_WIDTH
 
 
 def test_the_direction_does_not_absorb_viscous_friction():
     samples, _, _, noise = back_and_forth(1e-4)
     for residual in (5.0 * samples.qd[:, 0], 5.0 * samples.qd[:, 0] + 0.1 * noise):
-        assert shape_of(samples, residual).width == LEAST_WIDTH
+        assert shape_of(samples, residual).width == MIN_WIDTH
 
 
 def test_presliding_beyond_half_a_milliradian_is_not_part_of_the_direction():
     samples, q, v, noise = back_and_forth(5e-4)
     slow = friction_torque(samples.t, q, v, LuGre(1.0, presliding=0.02))
-    found = shape_of(samples, slow + 0.1 * noise)
-    assert (slow - direction_of(samples, found)).std() > 0.1
+    shape = shape_of(samples, slow + 0.1 * noise)
+    assert (slow - direction_of(samples, shape)).std() > 0.1
 
 
 def test_speed_noise_excludes_motion():

@@ -28,10 +28,10 @@ def explained(effect, motion, change, joint=0):
     best = None
     for setting in effect.settings(motion, joint):
         columns = effect.columns(motion, joint, setting).reshape(change.size, -1)
-        found = np.linalg.lstsq(columns, change.ravel(), rcond=1e-9)[0]
-        residual = (change.ravel() - columns @ found).reshape(change.shape)
+        solution = np.linalg.lstsq(columns, change.ravel(), rcond=1e-9)[0]
+        residual = (change.ravel() - columns @ solution).reshape(change.shape)
         if best is None or (residual ** 2).sum() < (best[1] ** 2).sum():
-            best = found, residual
+            best = solution, residual
     return best
 
 
@@ -45,9 +45,9 @@ def test_base_tilt_is_that_of_a_rotated_gravity(name, roll, pitch):
     motion, arm, q = clean_motion(name), arm_of(name), clean_motion(name).samples.q
     tilted = arms.with_base_tilt(arm, np.radians(roll), np.radians(pitch))
     change = arms.gravity_torque(tilted, q) - arms.gravity_torque(arm, q)
-    found, residual = explained(EFFECTS['base_tilt'], motion, change)
+    solution, residual = explained(EFFECTS['base_tilt'], motion, change)
     assert np.linalg.norm(residual) < 0.05 * np.linalg.norm(change)
-    assert np.hypot(*found[:2]) == pytest.approx(np.radians(np.hypot(roll, pitch)), rel=0.02)
+    assert np.hypot(*solution[:2]) == pytest.approx(np.radians(np.hypot(roll, pitch)), rel=0.02)
 
 
 @pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
@@ -65,9 +65,9 @@ def test_azimuths_of_a_tilt_are_distinguished(name):
 def test_encoder_offset_is_that_of_a_shifted_angle(joint):
     shift = 0.01 * np.eye(7)[joint]
     motion = recorded('iiwa7', lambda arm, m: arms.gravity_torque(arm, m.q + shift))
-    found, residual = explained(EFFECTS['encoder_offset'], motion,
-                                motion.samples.tau - motion.gravity, joint)
-    assert found[0] == pytest.approx(0.01, rel=0.01)
+    solution, residual = explained(EFFECTS['encoder_offset'], motion,
+                                   motion.samples.tau - motion.gravity, joint)
+    assert solution[0] == pytest.approx(0.01, rel=0.01)
     assert np.abs(residual).max() < 0.02
 
 
@@ -81,9 +81,9 @@ def test_elasticity_is_that_of_a_deflected_link():
         return arms.gravity_torque(arm, q)
 
     motion = recorded('iiwa7', tau)
-    found, residual = explained(EFFECTS['joint_flexibility'], motion,
-                                motion.samples.tau - motion.gravity, joint)
-    assert found[0] == pytest.approx(compliance, rel=0.02)
+    solution, residual = explained(EFFECTS['joint_flexibility'], motion,
+                                   motion.samples.tau - motion.gravity, joint)
+    assert solution[0] == pytest.approx(compliance, rel=0.02)
     assert np.abs(residual).max() < 0.03
 
 
@@ -93,15 +93,15 @@ def test_time_delay_is_that_of_a_delayed_torque():
         columns = EFFECTS['time_delay'].columns(motion, joint, {})
         y = (motion.samples.tau - motion.gravity)[:, joint]
         # The delay of the first samples reaches back before the motion.
-        found = np.linalg.lstsq(columns[40:], y[40:], rcond=None)[0]
-        assert found[0] == pytest.approx(0.1, rel=0.02)
+        solution = np.linalg.lstsq(columns[40:], y[40:], rcond=None)[0]
+        assert solution[0] == pytest.approx(0.1, rel=0.02)
 
 
 def test_inertia_of_a_pendulum_is_that_of_its_parts():
     motion = recorded('pendulum', lambda arm, m: arms.inverse_dynamics(arm, m.q, m.qd, m.qdd))
     columns = EFFECTS['inertia'].columns(motion, 0, {})
-    found = np.linalg.lstsq(columns, (motion.samples.tau - motion.gravity)[:, 0], rcond=None)[0]
-    assert found[0] == pytest.approx(3 * (0.4 ** 2 + 0.1 ** 2) + 0.02, rel=0.03)
+    solution = np.linalg.lstsq(columns, (motion.samples.tau - motion.gravity)[:, 0], rcond=None)[0]
+    assert solution[0] == pytest.approx(3 * (0.4 ** 2 + 0.1 ** 2) + 0.02, rel=0.03)
 
 
 def test_coriolis_of_two_links_is_that_of_the_textbook():
@@ -125,8 +125,8 @@ def test_coriolis_of_two_links_is_that_of_the_textbook():
     for joint, book in ((0, {'h_1_2': -2 * h, 'h_2_2': -h}), (1, {'h_1_1': h, 'h_1_2': 0.0})):
         effect = EFFECTS['coriolis']
         names = [c.symbol for c in effect.coefficients_of(motion, joint, {})]
-        found = np.linalg.lstsq(effect.columns(motion, joint, {}), tau[:, joint], rcond=None)[0]
-        assert dict(zip(names, found)) == pytest.approx(book, abs=0.02)
+        solution = np.linalg.lstsq(effect.columns(motion, joint, {}), tau[:, joint], rcond=None)[0]
+        assert dict(zip(names, solution)) == pytest.approx(book, abs=0.02)
 
 
 def two_joints_without_gravity(like):
@@ -148,12 +148,12 @@ def test_payload_is_that_of_a_mass_at_the_last_link(name, com):
     columns = effect.columns(motion, 0, setting)
     change = motion.samples.tau - motion.gravity
     flat = columns.reshape(change.size, -1)
-    found = np.linalg.lstsq(flat, change.ravel(), rcond=1e-9)[0]
-    residual = change - (flat @ found).reshape(change.shape)
+    solution = np.linalg.lstsq(flat, change.ravel(), rcond=1e-9)[0]
+    residual = change - (flat @ solution).reshape(change.shape)
     assert np.linalg.norm(residual) < 0.03 * np.linalg.norm(change)
     assert not columns[motion.samples.runs == 0].any()
     # A payload changes the outer links too; a change of one shoulder link alone is implausible.
-    assert effect.implausible(found, setting, motion, 0) is None
+    assert effect.implausible(solution, setting, motion, 0) is None
     symbols = [c.symbol for c in effect.coefficients_of(motion, 0, setting)]
     alone = np.where(np.array(symbols) == 'm_2', -0.1, 0.0)
     assert 'only the first moment' in effect.implausible(alone, setting, motion, 0)
@@ -228,8 +228,8 @@ def test_ripple_is_found_at_its_own_period():
     residual = {}
     for setting in effect.settings(motion, 3):
         columns = effect.columns(motion, 3, setting)
-        found, _ = least_squares(columns, y, NOISE)
-        residual[setting['k']] = (((y - columns @ found) ** 2).sum(), np.hypot(*found))
+        solution, _ = least_squares(columns, y, NOISE)
+        residual[setting['k']] = (((y - columns @ solution) ** 2).sum(), np.hypot(*solution))
     best = min(residual, key=lambda k: residual[k][0])
     assert best == 80 and residual[best][1] == pytest.approx(0.1, rel=0.1)
 
@@ -269,8 +269,8 @@ def test_the_start_of_an_end_stop_is_found():
     residual = {}
     for setting in effect.settings(motion, 2):
         columns = effect.columns(motion, 2, setting)
-        found = np.linalg.lstsq(columns, y, rcond=None)[0]
-        residual[setting['start'], setting['side']] = ((y - columns @ found) ** 2).sum()
+        solution = np.linalg.lstsq(columns, y, rcond=None)[0]
+        residual[setting['start'], setting['side']] = ((y - columns @ solution) ** 2).sum()
     where, side = min(residual, key=residual.get)
     assert side == 1.0 and abs(where - start) < 0.03 * np.ptp(q)
 
@@ -280,7 +280,7 @@ def test_the_start_of_an_end_stop_is_found():
 def test_a_denoised_path_has_the_reversals_of_the_joint(seed, noise):
     rng = np.random.default_rng(seed)
     turns = np.cumsum(rng.uniform(0.02, 0.5, 8) * np.resize([1.0, -1.0], 8))
-    # At rest at every turn, and 2 mrad a sample between.
+    # At rest at every reversal, and 2 mrad a sample between.
     parts = [np.concatenate([np.full(40, a), np.linspace(a, b, max(2, round(abs(b - a) / 2e-3)))])
              for a, b in zip(turns, turns[1:])]
     truth = np.concatenate(parts)

@@ -125,16 +125,16 @@ def test_one_name_belongs_to_one_plug_in(tmp_path):
     assert len(skipped) == 1 and 'two' in skipped[0] and 'same already' in skipped[0]
 
 
-@pytest.mark.parametrize('columns, words', [
+@pytest.mark.parametrize('columns, message', [
     (lambda motion, joint, setting: motion.qdd[:, joint] / setting['none'], "fails: 'none'"),
     (lambda motion, joint, setting: motion.qdd, 'must be'),
     (lambda motion, joint, setting: motion.qdd[:, [joint]] * np.nan, 'finite'),
 ])
-def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, words):
+def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, message):
     motion = clean_motion('six_axis')
     bad = GuardedEffect(type('Bad', (Inertia,), {
         'name': 'bad', 'columns': lambda self, *given: columns(*given)})())
-    assert words in bad.untestable(motion, 0)
+    assert message in bad.untestable(motion, 0)
     good = GuardedEffect(known_effect('torque_ripple'))
     assert good.untestable(motion, 0) is None
 

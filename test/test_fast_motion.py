@@ -23,7 +23,7 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     # Constant inertia is not sufficient; a nominal arm on known axes nearly is.
     alone = worst(ARM, fit(samples, options).model)
     assert alone < 2.0 * limit if known else alone > 3.0 * worst(ARM, result.model)
-    # The torque of motion is a nuisance term and not predicted.
+    # The dynamic torque is a nuisance term and not predicted.
     assert not result.model.applied.effects and result.report.known_axes == known
     assert result.report.choice.why.endswith('rigid-body dynamics was a nuisance term')
     residual = samples.tau - result.model.predict(samples.q)

@@ -129,7 +129,7 @@ def test_a_joint_at_rest(formulation, still, jitter):
     result = fit(samples_of(q, tau, 0.05), FitOptions(formulation))
     name = f'axis{still}'
     assert result.report.dropped_joints == (name,)
-    assert any(name in words and 'never moved' in words for words in result.report.warnings)
+    assert any(name in message and 'never moved' in message for message in result.report.warnings)
     unseen = poses(200, 4, seed=1)
     unseen[:, still] = 0.7
     truth = gravity_torque(arm, unseen)
@@ -182,7 +182,7 @@ def test_noise_alone_gives_a_model_of_zero_and_a_warning(formulation):
     result = fit(samples_of(q, np.zeros_like(q), 1.0), FitOptions(formulation))
     assert not result.model.predict(q).any()
     assert result.model.equation('axis1') == '0'
-    assert any('the model is 0 everywhere' in words for words in result.report.warnings)
+    assert any('the model is 0 everywhere' in message for message in result.report.warnings)
 
 
 @BOTH
@@ -258,7 +258,7 @@ def test_the_report_is_json_and_the_certificate_within_tolerance():
     q = poses(120, 2)
     samples = samples_of(q, planar_2r(q), 0.05)
     steps = []
-    result = fit(samples, FitOptions('potential'), lambda words, share: steps.append(share))
+    result = fit(samples, FitOptions('potential'), lambda message, share: steps.append(share))
     report = json.loads(json.dumps(result.report.to_json(), allow_nan=False))
     solver = report['solver'][0]
     assert solver['converged'] and -1e-9 <= solver['gap'] < 1e-5
@@ -287,7 +287,7 @@ def test_failure_to_converge_is_reported(monkeypatch):
     options = SparseOptions(admm=admm.AdmmOptions(max_iterations=1))
     result = fit(samples_of(q, tau, 0.05), FitOptions('potential', options))
     assert not result.converged
-    assert any('did not reach its tolerance' in words for words in result.report.warnings)
+    assert any('did not reach its tolerance' in message for message in result.report.warnings)
     assert not result.report.solver[0].lasso.converged
     assert result.report.solver[0].lasso.certificate.violation > 1e-4
 
@@ -316,14 +316,14 @@ def test_white_noise_has_no_inflation():
     assert report.solver[0].inflation == 1.0
 
 
-@pytest.mark.parametrize('make, words', [
+@pytest.mark.parametrize('make, message', [
     (lambda: FitOptions('magic'), "unknown formulation 'magic'; choose from auto, per_joint"),
     (lambda: SparseOptions(lam=0.0), 'lambda'), (lambda: SparseOptions(lam=np.inf), 'lambda'),
     (lambda: SparseOptions(lam=float('nan')), 'lambda'),
     (lambda: SparseOptions(inflation=0.5), 'inflation'),
     (lambda: SparseOptions(inflation=float('nan')), 'inflation')])
-def test_options_out_of_range(make, words):
-    with pytest.raises(OptionError, match=words):
+def test_options_out_of_range(make, message):
+    with pytest.raises(OptionError, match=message):
         make()
 
 

@@ -76,12 +76,12 @@ def test_the_gradient_of_an_expansion_by_hand():
     assert dict(zip(gradient.indices.tolist(), gradient.weights)) == {2: 2.0, 4: -3.0}
 
 
-@pytest.mark.parametrize('indices, weights, words', [
+@pytest.mark.parametrize('indices, weights, message', [
     ([1, 1], [1.0, 1.0], 'ascending and unique'), ([2, 1], [1.0, 1.0], 'ascending'),
     ([-1], [1.0], 'ascending'), ([1], [], 'weights'), ([[1]], [[1.0]], 'weights'),
     ([1], [np.nan], 'not finite'), ([1], [np.inf], 'not finite')])
-def test_invalid_expansions_are_refused(indices, weights, words):
-    with pytest.raises(DataError, match=words):
+def test_invalid_expansions_are_refused(indices, weights, message):
+    with pytest.raises(DataError, match=message):
         Expansion(np.array(indices), np.array(weights))
 
 

@@ -1,4 +1,4 @@
-"""Hold-out: held-out samples and their neighbours are not fitted."""
+"""Hold-out: held-out samples and those next to them are not fitted."""
 
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import concatenate, JointSamples

@@ -48,9 +48,9 @@ def check_same(a: GravityModel, b: GravityModel) -> None:
                                                          b.coverage.n_runs)
 
 
-def refused(path: Path, words: str) -> None:
+def refused(path: Path, message: str) -> None:
     """Check that a file is refused with a message of one line that names it."""
-    with pytest.raises(ModelFileError, match=words) as caught:
+    with pytest.raises(ModelFileError, match=message) as caught:
         load_model(path)
     assert str(path) in str(caught.value) and '\n' not in str(caught.value)
 

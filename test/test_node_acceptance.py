@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.subset_stability import instability
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node.base_chain import as_chain
@@ -41,7 +41,7 @@ def geometry():
     return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
 
 
-def spoiled(name, n=100, seed=1):
+def corrupted(name, n=100, seed=1):
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, n / 5.0, 50.0, Payload(2.0), name, rng)
     s = case.samples
@@ -52,7 +52,7 @@ def spoiled(name, n=100, seed=1):
 # Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
 @pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
 def test_broken_effort_is_refused(name, base, geometry):
-    result = run_fit(job_of(spoiled(name), base, geometry)).verdict
+    result = run_fit(job_of(corrupted(name), base, geometry)).verdict
     assert result.broken and not result.better and result.broken in result.reason
 
 
@@ -177,14 +177,14 @@ def test_two_outliers_are_no_broken_effort():
     q = rng.uniform(-1, 1, (150, 2))
     gravity = q * [3.0, 10.0]
     tau = gravity + 0.1 * rng.standard_normal(q.shape)
-    few, many = tau.copy(), tau.copy()
-    few[:2, 0] += [-8.0, 8.0]
-    many[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
-    for effort, is_broken in ((few, False), (many, True)):
+    spiky, broken = tau.copy(), tau.copy()
+    spiky[:2, 0] += [-8.0, 8.0]
+    broken[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
+    for effort, is_broken in ((spiky, False), (broken, True)):
         samples = JointSamples.single_run(['a', 'b'], np.arange(150), q, 0 * q + 0.1, effort)
-        left = rms_without(samples, gravity)
-        assert (first_model_objection(samples, left) is not None) == is_broken
-    assert rms_without(replace(samples, tau=few), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
+        residual = rms_without(samples, gravity)
+        assert (first_model_objection(samples, residual) is not None) == is_broken
+    assert rms_without(replace(samples, tau=spiky), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
 
 
 def test_a_payload_does_not_cancel_the_gravity_of_one_joint_alone():
@@ -217,23 +217,25 @@ def with_wrong_axes(model, angle):
                                     model.coverage, {}, chain, model.uncertainty)
 
 
-def test_a_model_that_changes_with_its_samples_has_not_settled(base):
+def test_a_model_that_changes_with_its_samples_has_not_converged(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)
-    assert instability(base, case.samples, noise, lambda early: base) is None
-    result = instability(with_wrong_axes(base, 0.3), case.samples, noise, lambda early: base)
+    assert convergence_objection(base, case.samples, noise, lambda early: base) is None
+    result = convergence_objection(with_wrong_axes(base, 0.3), case.samples, noise,
+                                   lambda early: base)
     assert result is not None and 'has not converged' in result and 'N·m' in result
     parts = []
-    instability(base, case.samples, noise, lambda part: parts.append(part) or base)
+    convergence_objection(base, case.samples, noise, lambda part: parts.append(part) or base)
     first, last = parts
     assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A fit to the first part may agree with the model, and one to the last part contradict it.
-    result = instability(base, case.samples, noise,
-                         lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+    result = convergence_objection(
+        base, case.samples, noise,
+        lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
     assert 'the first 90 of 300 samples changed' in result
 
     def too_few(part):
         raise FitError('10 samples are too few')
 
-    assert 'too few for a model' in instability(base, case.samples, noise, too_few)
+    assert 'too few for a model' in convergence_objection(base, case.samples, noise, too_few)

@@ -308,20 +308,20 @@ def test_faults_of_the_fit_process(recording, model_file):
         for _ in range(200):
             field.send_valid()
             probe.spin(0.004)
-        for number, words in PROCESS_FAULTS:
+        for number, message in PROCESS_FAULTS:
             probe.until(lambda: 'learning' in probe.status
                         and probe.values('learning')['fit process'] == 'ready', 60,
                         'a fit process')
             pid = int(probe.values('learning')['fit process id'])
-            with field.fault(f'the fit process {words}'):
+            with field.fault(f'the fit process {message}'):
                 os.kill(pid, signal.SIGSTOP)
                 waiting = probe.call_async('refit')
                 probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
                 os.kill(pid, number)
                 os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
                 probe.until(waiting.done, 60, 'the answer')
-                assert not waiting.result().success and words in waiting.result().message
-                probe.until(lambda text=words: text in probe.status['learning'].message, 60)
+                assert not waiting.result().success and message in waiting.result().message
+                probe.until(lambda text=message: text in probe.status['learning'].message, 60)
                 assert probe.status['learning'].level == b'\x02'
         # Killed while idle, and again before it has restarted.
         for _ in range(2):
@@ -389,8 +389,8 @@ def test_killed_while_saving_the_file_is_old_or_new(model_file, recording):
 def missing_folder(path, recording):
     """Save into a missing folder: the error is reported, and the file is unchanged."""
     before = path.read_bytes()
-    for left in path.parent.glob('.model.json.*'):
-        left.unlink()
+    for path_left in path.parent.glob('.model.json.*'):
+        path_left.unlink()
     with running({**FAST, 'model_file': path}) as (node, probe):
         probe.report('model')
         path.parent.rename(path.parent.with_suffix('.away'))

@@ -31,15 +31,15 @@ def joint_state(t, q, tau, names=('a', 'b')):
 
 @pytest.fixture
 def live():
-    made = []
+    nodes = []
 
     def make(**settings):
         given = Parameters(**{'unlimited_torque': True, **settings})
-        made.append(NodeCore(given, '/joint_states', 0.0))
-        return made[-1]
+        nodes.append(NodeCore(given, '/joint_states', 0.0))
+        return nodes[-1]
 
     yield make
-    for each in made:
+    for each in nodes:
         each.close()
 
 
@@ -117,8 +117,8 @@ def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
 def test_a_first_message_that_names_no_arm(live):
     node = live()
     names = [f'j{k}' for k in range(11)]
-    many = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
-    assert send_message(node, many, 1.0, 0.0) == (None, None)
+    large = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    assert send_message(node, large, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
     assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
     assert node.arm.joints == ('a', 'b') and node.models.problem == ''

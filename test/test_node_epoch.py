@@ -79,7 +79,7 @@ def test_a_joint_without_range_keeps_the_epoch_open():
     feed(epoch, 80, still=True)
     epoch.fit_started()
     epoch.fit_ended(True)
-    assert epoch.is_open and epoch.lacking() == ('b',)
+    assert epoch.is_open and epoch.short_of_range() == ('b',)
 
 
 def test_a_closed_epoch_collects_samples():

@@ -210,7 +210,7 @@ def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     samples = two_links(1, one_way=True)
     result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
     assert result.number == 7 and 'torque_offset:shoulder (untestable)' in result.text
-    match = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+    match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
                       result.text)
     assert match and 2 <= int(match[1]) <= 20, result.text
     assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])

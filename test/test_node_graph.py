@@ -25,11 +25,11 @@ class NodeLog:
         probe.create_subscription(Log, '/rosout', lambda m: self.lines.append((m.level, m.msg)),
                                   LATCHED)
 
-    def until(self, *words, level=Log.INFO):
+    def until(self, *message, level=Log.INFO):
         """Wait for a line of this level with all these words."""
-        self.probe.until(lambda: any(level == at and all(word in text for word in words)
+        self.probe.until(lambda: any(level == at and all(word in text for word in message)
                                      for at, text in self.lines),
-                         60, f'a line of the log with {words}, got {self.lines}')
+                         60, f'a line of the log with {message}, got {self.lines}')
 
 
 def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):

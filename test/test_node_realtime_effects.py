@@ -50,19 +50,19 @@ def symbols_of(effects):
 
 @pytest.mark.parametrize('number', range(len(EFFECTS)))
 def test_the_torque_is_that_of_the_library(number):
-    made = model(symbols_of((EFFECTS[number],)))
+    built = model(symbols_of((EFFECTS[number],)))
     rng = np.random.default_rng(number)
     q, qd = rng.uniform(-1, 1, (40, 2)), rng.uniform(-0.1, 0.1, (40, 2))
     samples = JointSamples.single_run(['a', 'b'], 0.1 * np.arange(40), q, qd, 0 * q)
-    instant = InstantEffects(made)
-    result = [instant.torque(q[k], qd[k], made.predict_one(q[k])) for k in range(40)]
-    np.testing.assert_allclose(result, effect_torque(made, samples), atol=1e-12)
+    instant = InstantEffects(built)
+    result = [instant.torque(q[k], qd[k], built.predict_one(q[k])) for k in range(40)]
+    np.testing.assert_allclose(result, effect_torque(built, samples), atol=1e-12)
     assert np.abs(result).max() > 0.05
 
 
 def test_compensated_friction_is_a_fraction_and_smooth_at_rest():
-    made = model(symbols_of(EFFECTS[:2]))
-    sent = InstantEffects(made, ('coulomb_friction:a',),
+    built = model(symbols_of(EFFECTS[:2]))
+    sent = InstantEffects(built, ('coulomb_friction:a',),
                           CompensateOptions(fraction=0.5, speed=0.02, top_speed=0.1))
     assert sent.targets == ('coulomb_friction:a',)
 

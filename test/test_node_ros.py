@@ -54,13 +54,13 @@ def published(samples, messages, offset=0.0):
 def learn_all(probe, samples):
     """Send samples until the node has all of them and its fits have ended."""
     probe.stream(samples)
-    wanted, start = len(samples), 0.0
+    count, start = len(samples), 0.0
 
     def learned():
         nonlocal start
         probe.report('learning')
         values = probe.values('learning')
-        missing = wanted - int(values['samples'])
+        missing = count - int(values['samples'])
         if missing > 0:
             # On a busy machine some messages are lost.
             start += 200.0

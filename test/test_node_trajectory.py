@@ -30,7 +30,7 @@ def test_each_point_gets_the_torque_of_its_pose_by_name(model):
     np.testing.assert_allclose(plan.points[1].effort, [0.0, 0.0, 8 * np.sin(1.1)])
 
 
-@pytest.mark.parametrize('names, poses, options, error, words', [
+@pytest.mark.parametrize('names, poses, options, error, message', [
     (['a', 'c'], [(0.0, 0.0)], {}, ModelMismatchError, 'lacks b'),
     (['a', 'b'], [(0.0, 0.0), (0.0, 1.3)], {}, DataError, 'point 1 .* 0.30 rad outside'),
     (['a', 'b'], [(0.0, 0.0), (0.0,)], {}, DataError, 'no finite position'),
@@ -38,8 +38,8 @@ def test_each_point_gets_the_torque_of_its_pose_by_name(model):
     (['a', 'b'], [(0.9, 0.0)], {'max_torque': (5.0,)}, DataError, 'more than allowed'),
 ])
 def test_an_invalid_trajectory_is_refused_and_unchanged(model, names, poses, options, error,
-                                                        words):
+                                                        message):
     plan = trajectory(names, *poses)
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=message):
         fill_effort(plan, model, **options)
     assert not any(len(point.effort) for point in plan.points)

@@ -40,8 +40,8 @@ def test_every_file_of_every_verb_is_known_as_input_or_output(verb):
 
 def call(folder, verb, replaced):
     """Return a call of the verb; `replaced` maps argument positions to file names."""
-    words = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
-    return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in words)]
+    arguments = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
+    return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in arguments)]
 
 
 @pytest.mark.parametrize('how', ['the file', 'hard link', 'symbolic link'])
@@ -55,13 +55,13 @@ def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
         (target.hardlink_to if 'hard' in how else target.symlink_to)(source)
     argv = call(tmp_path, verb, {place: str(source)})
     assert main([*map(str, argv), '--json', str(target)]) == 1
-    shown = capsys.readouterr()
-    assert 'would be overwritten' in shown.err and shown.err.count('\n') == 1
-    assert source.read_text() == 'precious' and shown.out == ''
+    output = capsys.readouterr()
+    assert 'would be overwritten' in output.err and output.err.count('\n') == 1
+    assert source.read_text() == 'precious' and output.out == ''
     assert sorted(tmp_path.iterdir()) == sorted({source, target})
 
 
-@pytest.mark.parametrize('verb', [verb for verb, words in CALLS.items() if 'OUT.json' in words])
+@pytest.mark.parametrize('verb', [verb for verb, call in CALLS.items() if 'OUT.json' in call])
 def test_two_outputs_are_two_files(tmp_path, capsys, verb):
     argv = call(tmp_path, verb, {})
     assert main([*argv, '--json', str(tmp_path / 'OUT.json')]) == 1
@@ -73,8 +73,8 @@ def test_two_outputs_are_two_files(tmp_path, capsys, verb):
 def test_a_missing_folder_is_reported_before_the_work(tmp_path, capsys, verb):
     # The inputs are missing as well: a verb that reads them first would report them instead.
     assert main([*call(tmp_path, verb, {}), '--json', str(tmp_path / 'nowhere' / 'x.json')]) == 1
-    shown = capsys.readouterr().err
-    assert 'there is no folder' in shown and shown.count('\n') == 1
+    error = capsys.readouterr().err
+    assert 'there is no folder' in error and error.count('\n') == 1
 
 
 def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):

@@ -125,8 +125,8 @@ def test_a_target_remains_ambiguous_while_its_alternative_is_untestable():
     assert not problem.remaining_ambiguity(build_motion(old, model()), ('joint_spring',))
 
 
-def finding(effect, joint, verdict, before=0.1, after=0.05, rivals=()):
-    return Finding(joint, effect, verdict, rivals, {}, before, after, 0.0, 1.0, '', '')
+def finding(effect, joint, verdict, before=0.1, after=0.05, alternatives=()):
+    return Finding(joint, effect, verdict, alternatives, {}, before, after, 0.0, 1.0, '', '')
 
 
 def test_open_targets_of_a_diagnosis():
@@ -137,7 +137,7 @@ def test_open_targets_of_a_diagnosis():
     diagnosis = Diagnosis((
         finding('joint_spring', 'wrist', 'weak', 0.02, 0.019),
         finding('torque_offset', 'elbow', 'established'),
-        finding('coulomb_friction', 'elbow', 'ambiguous', rivals=('torque_offset',)),
+        finding('coulomb_friction', 'elbow', 'ambiguous', alternatives=('torque_offset',)),
         finding('inertia', 'elbow', 'weak'), finding(None, 'elbow', 'unexplained')),
         {NAMES[0]: quiet, NAMES[1]: report, NAMES[2]: quiet})
     targets = open_targets(diagnosis, motion)
@@ -163,11 +163,11 @@ def test_a_payload_size_is_known_if_the_diagnosis_has_the_same_coefficients(firs
     assert problem.known_size == is_known and len(problem.size) == len(parts) == 4
 
 
-@pytest.mark.parametrize('target, words', [
+@pytest.mark.parametrize('target, message', [
     (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
     (Target('coulomb_friction', 'hip'), 'no joint hip')])
-def test_invalid_targets(target, words):
-    with pytest.raises(OptionError, match=words):
+def test_invalid_targets(target, message):
+    with pytest.raises(OptionError, match=message):
         plan(one_way(0), model(), [target], PlanOptions(15.0))
 
 
@@ -180,7 +180,7 @@ def test_a_joint_that_cannot_move():
 @pytest.mark.parametrize('verdict, p, low, high', [
     ('ambiguous', 1e-9, 1.0, 1.0), ('untestable', 1e-9, 1.0, 1.0), ('weak', 0.02, 2.0, 2.1),
     ('weak', 1.0, 0.0, 0.0), ('weak', 1e-12, 3.0, 3.0), ('established', 1e-9, np.inf, np.inf)])
-def test_observed_separation_of_open_and_settled_targets(verdict, p, low, high):
+def test_observed_separation_of_open_and_resolved_targets(verdict, p, low, high):
     finding = Finding('a', 'coulomb_friction', verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '', p)
     report = JointReport('', 0.1, 50.0, 1.0, 0.5, {'viscous_friction': 'one speed'})
     diagnosis = Diagnosis((finding,), {'a': report})

@@ -69,19 +69,19 @@ def test_links_that_touch_in_recorded_poses_are_excluded():
     assert check.overlapping == ('one_0 and three_0',) and not check.hits(folded())
 
 
-@pytest.mark.parametrize('urdf, words', [
+@pytest.mark.parametrize('urdf, message', [
     (planar(''), 'no collision geometry'),
     (planar().replace('elbow', 'knee'), 'no moving joint elbow'),
     (planar('<mesh filename="package://arm/link.stl"/>'), 'link.stl could not be found'),
     ('<robot', 'XML')])
-def test_the_reason_of_a_missing_check_is_one_line(urdf, words, tmp_path):
-    with pytest.raises(CollisionsUnchecked, match=words) as caught:
+def test_the_reason_of_a_missing_check_is_one_line(urdf, message, tmp_path):
+    with pytest.raises(CollisionsUnchecked, match=message) as caught:
         self_collision(urdf, NAMES, np.zeros((1, 3)), tmp_path)
     assert '\n' not in str(caught.value)
     path = tmp_path / 'arm.urdf'
     path.write_text(urdf)
     check, line = collision_check(path, NAMES, np.zeros((1, 3)))
-    assert check is None and line.startswith('not checked') and words in line
+    assert check is None and line.startswith('not checked') and message in line
 
 
 def test_a_plan_avoids_collisions():

@@ -112,10 +112,10 @@ def test_custom_start_and_limits():
     np.testing.assert_allclose(motion.q[[0, -1]], [start, start], atol=1e-9)
     assert np.abs(motion.q).max() <= 0.45 + 1e-9
     beyond = PlanOptions(low=np.full(3, 5.0), high=np.full(3, 6.0))
-    for wrong, words in ((PlanOptions(start=np.full(3, 9.0)), 'start pose is not admissible'),
-                         (PlanOptions(start=np.zeros(2)), '3 joints'),
-                         (beyond, 'no recorded pose')):
-        with pytest.raises(OptionError, match=words):
+    for wrong, message in ((PlanOptions(start=np.full(3, 9.0)), 'start pose is not admissible'),
+                           (PlanOptions(start=np.zeros(2)), '3 joints'),
+                           (beyond, 'no recorded pose')):
+        with pytest.raises(OptionError, match=message):
             plan(old, model(), [FRICTION], wrong)
 
 
@@ -134,8 +134,8 @@ def motion() -> Trajectory:
 
 
 def test_yaml_is_a_joint_trajectory_message(motion):
-    text = to_yaml(motion, ['elbow\nto and fro'])
-    assert text.startswith('# elbow to and fro\n')
+    text = to_yaml(motion, ['elbow\nback and forth'])
+    assert text.startswith('# elbow back and forth\n')
     message = yaml.safe_load(text)
     assert set(message) == {'joint_names', 'points'}
     assert message['joint_names'] == list(NAMES)

@@ -115,10 +115,10 @@ def test_friction_gives_the_line_of_its_added_variable_plot():
     motion = build_motion(samples, model)
     friction = _finding('coulomb_friction', 'shoulder')
     viscous = _finding('viscous_friction', 'shoulder')
-    found = added_variable(motion, model, friction, [viscous], rows)
-    assert found.joint == 'shoulder' and found.x.shape == rows.shape
+    plot = added_variable(motion, model, friction, [viscous], rows)
+    assert plot.joint == 'shoulder' and plot.x.shape == rows.shape
     # The explained torque has the size of the friction, with a small residual.
-    assert found.share > 0.85 and 0.2 * COULOMB < found.x.std() < COULOMB
+    assert plot.share > 0.85 and 0.2 * COULOMB < plot.x.std() < COULOMB
     nothing = added_variable(motion, model, _finding('coulomb_friction', 'elbow'), [], rows)
     assert nothing.share < 0.1
 
@@ -128,9 +128,9 @@ def test_an_unexplained_residual_is_plotted_over_the_angle():
     model = fit(samples).model
     rows = np.arange(0, len(samples), 5)
     motion = build_motion(samples, model)
-    found = added_variable(motion, model, _finding(None, 'elbow'), [], rows)
-    assert found.is_angle
-    np.testing.assert_array_equal(found.x, samples.q[rows, 1])
+    plot = added_variable(motion, model, _finding(None, 'elbow'), [], rows)
+    assert plot.is_angle
+    np.testing.assert_array_equal(plot.x, samples.q[rows, 1])
     unknown = replace(_finding('no_such_effect', 'elbow'))
     assert added_variable(motion, model, unknown, [], rows) is None
 

@@ -20,14 +20,14 @@ pytestmark = pytest.mark.slow
 
 # For every plot: the number of paints, and whether it is within the first screen.
 PAINTED = """() => {
-  const found = []
+  const counts = []
   const walk = (view) => {
     if (view.model.type == 'Figure')
-      found.push([view._render_count, view.el.getBoundingClientRect().top < innerHeight])
+      counts.push([view._render_count, view.el.getBoundingClientRect().top < innerHeight])
     for (const child of view.child_views || []) walk(child)
   }
   for (const view of Bokeh.index.roots) walk(view)
-  return found
+  return counts
 }"""
 # Number of own style sheets, of uses of shared sheets, and of shared sheets.
 SHEETS = """() => {
@@ -48,7 +48,7 @@ SHEETS = """() => {
 # For every glyph of the shared table: rows found by a box around everything, rows with a position,
 # and all rows.
 FOUND = """() => {
-  const found = []
+  const counts = []
   const walk = (view) => {
     for (const each of view.renderer_views ? view.renderer_views.values() : []) {
       const {glyph} = each
@@ -56,12 +56,12 @@ FOUND = """() => {
       const box = {x0: -1e9, x1: 1e9, y0: -1e9, y1: 1e9}
       let placed = 0
       for (const [k, x] of glyph.x.entries()) if (isFinite(x + glyph.y[k])) placed += 1
-      found.push([glyph.index.indices(box).count, placed, glyph.x.length])
+      counts.push([glyph.index.indices(box).count, placed, glyph.x.length])
     }
     for (const child of view.child_views || []) walk(child)
   }
   for (const view of Bokeh.index.roots) walk(view)
-  return found
+  return counts
 }"""
 
 
@@ -108,22 +108,22 @@ def test_elements_share_their_style_sheets(pages, watched):
 def test_a_box_around_everything_finds_all_points_and_no_breaks(pages, watched):
     with watched(pages[0].as_uri()) as tab:
         tab.open(pages[0].as_uri())
-        found = tab.page.evaluate(FOUND)
-        assert len(found) >= 8
-        for rows, placed, length in found:
+        plots = tab.page.evaluate(FOUND)
+        assert len(plots) >= 8
+        for rows, placed, length in plots:
             assert rows == placed < length
 
 
 @pytest.mark.parametrize('width, scheme', [(1280, 'light'), (400, 'dark')])
 def test_the_page_looks_the_same_without_the_speed_ups(pages, watched, width, scheme):
-    shown = []
+    drawings = []
     for page in pages:
         with watched(page.as_uri(), color_scheme=scheme) as tab:
             tab.page.set_viewport_size({'width': width, 'height': 860})
             tab.open(page.as_uri())
             tab.page.evaluate('document.fonts.ready')
             picture = tab.page.screenshot(full_page=True)
-            shown.append(np.asarray(Image.open(io.BytesIO(picture)).convert('RGB'), dtype=int))
-    assert shown[0].shape == shown[1].shape
+            drawings.append(np.asarray(Image.open(io.BytesIO(picture)).convert('RGB'), dtype=int))
+    assert drawings[0].shape == drawings[1].shape
     # Only the antialiasing of small squares differs.
-    assert np.abs(shown[0] - shown[1]).max() < 48
+    assert np.abs(drawings[0] - drawings[1]).max() < 48

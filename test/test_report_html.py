@@ -100,14 +100,14 @@ def test_compare_lists_the_errors_of_the_previous_model(folder, capsys):
     assert rmse < 0.5 * before < 0.5 * constant
 
 
-@pytest.mark.parametrize('bag, words', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
-def test_a_failure_is_reported_in_the_page(folder, capsys, bag, words):
+@pytest.mark.parametrize('bag, cause', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
+def test_a_failure_is_reported_in_the_page(folder, capsys, bag, cause):
     page = folder / 'failed.html'
     assert main(['compare', str(folder / bag), '--model', str(folder / 'arm.json'), '--html',
                  str(page)]) == 1
     message = capsys.readouterr().err.split(': ', 1)[1].strip()
     html = text_of(page)
-    assert words in html and '<h1' in html and 'Traceback' not in html
+    assert cause in html and '<h1' in html and 'Traceback' not in html
     assert message.split('<')[0].split('"')[0].split("'")[0][:40] in html
 
 
@@ -256,9 +256,9 @@ def test_the_arm_follows_the_slider_and_the_selection(large, watched):
             tab.page.keyboard.press('PageUp')
         status.filter(has_not_text='At 0.00 s').wait_for()
         assert tab.page.evaluate(_capsules) != capsules
-        found = re.search(r'At ([\d.]+) s: shoulder (-?[\d.]+) rad, residual (-?[\d.]+) N·m',
+        match = re.search(r'At ([\d.]+) s: shoulder (-?[\d.]+) rad, residual (-?[\d.]+) N·m',
                           status.inner_text())
-        time, angle, error = map(float, found.groups())
+        time, angle, error = map(float, match.groups())
         row = np.abs(contents.samples.t - time).argmin()
         assert angle == pytest.approx(contents.samples.q[row, 0], abs=6e-3)
         assert error == pytest.approx(contents.residual[row, 0], abs=1e-3)
@@ -292,12 +292,12 @@ def test_print_is_light_with_unbroken_plots_and_coloured_keys(diagnosed, watched
         tab.page.set_viewport_size({'width': 1900, 'height': 860})
         tab.open(diagnosed.as_uri())
         tab.page.emulate_media(media='print', color_scheme='dark')
-        found = tab.page.evaluate(_paper)
-        assert found['ground'] == '#ffffff' and found['keys'] == {'exact': found['count']}
+        colours = tab.page.evaluate(_paper)
+        assert colours['ground'] == '#ffffff' and colours['keys'] == {'exact': colours['count']}
         # Dark plots are inverted; none is broken across pages.
-        assert found['plots'] and all(
-            'invert(1)' in shown and whole == 'avoid' for shown, whole in found['plots'])
-        assert found['tools'] == ['none'] * len(found['tools']) != []
+        assert colours['plots'] and all(
+            'invert(1)' in shown and whole == 'avoid' for shown, whole in colours['plots'])
+        assert colours['tools'] == ['none'] * len(colours['tools']) != []
         assert tab.page.pdf().startswith(b'%PDF')
         assert tab.complaints == []
 
@@ -345,21 +345,21 @@ def test_the_headline_and_the_emphasised_row_name_the_same_joint(folder, watched
     sentence = headline(contents)
     assert sentence.startswith('The error is largest on shoulder')
     assert 'no error exceeds twice the training error' in sentence
-    found = found_on(contents)
-    assert named_joint(contents) == 'shoulder' and named_joint(found) == 'elbow'
-    row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', joints.section(found).lead)
+    findings = found_on(contents)
+    assert named_joint(contents) == 'shoulder' and named_joint(findings) == 'elbow'
+    row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', joints.section(findings).lead)
     assert row[1] == 'elbow'
     # An effect that changes no shown digit of the error is not reported as missing.
-    assert headline(found).startswith('Missing: Coulomb friction on joint elbow')
+    assert headline(findings).startswith('Missing: Coulomb friction on joint elbow')
     same = found_on(contents, before=0.0025, after=0.002499)
     assert headline(same).startswith('No missing effect changes the error')
     assert '0.25 % of the range' in headline(same)
     # Contradictions to the structure of gravity are listed as in the terminal.
     law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
                              'has a part that no gravity has', ('tool_force',))
-    broken = replace(found, diagnosis=replace(found.diagnosis, laws=(law,)))
-    words = effects.structure(broken.diagnosis)
-    assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words
+    broken = replace(findings, diagnosis=replace(findings.diagnosis, laws=(law,)))
+    message = effects.structure(broken.diagnosis)
+    assert structure_lines(broken.diagnosis)[0] in message and 'look for tool_force' in message
     # The name of an effect is escaped as well.
     evil = folder / 'effect.html'
     evil.write_text(report_html(found_on(contents, effect=EVIL[0])))
@@ -401,28 +401,28 @@ _selection = """() => {
 }"""
 _kinds = '() => [...Bokeh.documents[0]._all_models.values()].map(model => model.type)'
 _grounds = """() => {
-  const found = []
+  const styles = []
   for (const model of Bokeh.documents[0]._all_models.values())
-    if (model.type == 'Figure') found.push(model.background_fill_color)
-  return found
+    if (model.type == 'Figure') styles.push(model.background_fill_color)
+  return styles
 }"""
 _paper = """() => {
   const keys = [...document.querySelectorAll('.key i')].map(
     each => getComputedStyle(each).printColorAdjust)
-  const found = {ground: getComputedStyle(document.documentElement).getPropertyValue('--ground'),
+  const styles = {ground: getComputedStyle(document.documentElement).getPropertyValue('--ground'),
                  count: keys.length, keys: {}, plots: [], tools: []}
-  for (const each of keys) found.keys[each] = (found.keys[each] || 0) + 1
+  for (const each of keys) styles.keys[each] = (styles.keys[each] || 0) + 1
   const walk = (root) => {
     for (const element of root.querySelectorAll('*')) {
       const style = getComputedStyle(element)
-      if (element.classList.contains('bk-Figure')) found.plots.push(
+      if (element.classList.contains('bk-Figure')) styles.plots.push(
         [style.filter, style.breakInside])
-      if (element.classList.contains('bk-Toolbar')) found.tools.push(style.display)
+      if (element.classList.contains('bk-Toolbar')) styles.tools.push(style.display)
       if (element.shadowRoot) walk(element.shadowRoot)
     }
   }
   walk(document)
-  return found
+  return styles
 }"""
 _chosen_cells = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())

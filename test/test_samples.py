@@ -45,7 +45,7 @@ def test_a_single_run_contains_the_given_values():
     assert samples.q.dtype == np.float64 and samples.runs.dtype == np.int64
 
 
-@pytest.mark.parametrize('changes, words', [
+@pytest.mark.parametrize('changes, message', [
     ({'names': ()}, 'no joints'),
     ({'names': ('a', 'b', 'a')}, 'joint names repeat: a'),
     ({'names': ('a', 'b')}, r'q has shape \(5, 3\); expected \(5, 2\)'),
@@ -64,8 +64,8 @@ def test_a_single_run_contains_the_given_values():
     ({'t': np.array([0.0, 0.1, 0.1, 0.2, 0.3])}, r'time does not increase at sample 2 \(run r'),
     ({'t': np.array([0.0, 0.1, 0.2, 0.3, 0.2])}, 'time does not increase at sample 4'),
 ])
-def test_invalid_samples_are_refused_in_one_line(changes, words):
-    with pytest.raises(DataError, match=words) as caught:
+def test_invalid_samples_are_refused_in_one_line(changes, message):
+    with pytest.raises(DataError, match=message) as caught:
         edited(**changes)
     assert '\n' not in str(caught.value)
 

@@ -49,13 +49,13 @@ def test_a_verb_shows_untruncated_names_and_numbers(files, verb, width, monkeypa
     wide = capsys.readouterr().out
     monkeypatch.setenv('COLUMNS', str(width))
     assert main(argv) == 0
-    shown = capsys.readouterr().out
+    output = capsys.readouterr().out
     for joint in JOINTS:
-        assert joint in shown
+        assert joint in output
     seconds = re.compile(r'in \d+\.\d+ s')   # the time of a fit varies
-    numbers = [sorted(NUMBER.findall(seconds.sub('', text))) for text in (shown, wide)]
+    numbers = [sorted(NUMBER.findall(seconds.sub('', text))) for text in (output, wide)]
     assert numbers[0] == numbers[1]
-    table_lines = [line for line in shown.splitlines() if bag not in line]
+    table_lines = [line for line in output.splitlines() if bag not in line]
     assert max(map(cell_len, table_lines)) <= width
 
 
@@ -84,10 +84,10 @@ def test_in_a_terminal_of_60_columns(files):
             break
     assert child.wait(60) == 0
     os.close(master)
-    shown = re.sub(r'\x1b\[[0-9;?]*[A-Za-z]|\r', '', text.decode())
+    output = re.sub(r'\x1b\[[0-9;?]*[A-Za-z]|\r', '', text.decode())
     for joint in JOINTS:
-        assert joint in shown
-    assert len(NUMBER.findall(shown)) > 7 * 7
+        assert joint in output
+    assert len(NUMBER.findall(output)) > 7 * 7
 
 
 CELL = st.text('abcdefghij_0123456789', min_size=1, max_size=24)
@@ -102,18 +102,18 @@ def test_no_cell_is_truncated_at_any_width(data, width):
                               max_size=4))
     keys = data.draw(st.integers(1, columns))
     table = ScreenTable('title', headings, [[Text(c) for c in row] for row in rows], keys=keys)
-    shown = printed(table, width)
+    output = printed(table, width)
     for row in rows:
         for cell in row:
             # Only words wider than the screen may be folded.
-            assert cell in shown or len(cell) + 3 > width or len(max(headings, key=len)) > width
-    assert all(cell_len(line) <= width for line in shown.splitlines())
+            assert cell in output or len(cell) + 3 > width or len(max(headings, key=len)) > width
+    assert all(cell_len(line) <= width for line in output.splitlines())
 
 
 def test_a_cell_wider_than_the_screen_is_folded_not_truncated():
     name = 'very_long_name_' * 4
-    shown = printed(terminal.table('', ['joint', 'x'], [[name, '1.25']]), 30)
-    assert name in re.sub(r'\s', '', shown) and '1.25' in shown
+    output = printed(terminal.table('', ['joint', 'x'], [[name, '1.25']]), 30)
+    assert name in re.sub(r'\s', '', output) and '1.25' in output
 
 
 @given(st.lists(st.text('abc.1', min_size=1, max_size=12), min_size=1, max_size=30),

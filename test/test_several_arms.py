@@ -81,8 +81,8 @@ def test_two_arms_in_one_message(tmp_path, capsys):
     assert suggested == [','.join(names[:4]), ','.join(names[4:])]
     for verb in ('info', 'fit', 'diagnose'):
         assert main([verb, str(path)]) == 1
-        shown = capsys.readouterr().err
-        assert '2 arms' in shown and shown.count('\n') == 1
+        error = capsys.readouterr().err
+        assert '2 arms' in error and error.count('\n') == 1
     for joints in suggested:
         # Each suggestion can be read, and so can all joints together.
         assert read_bag(path, ReadOptions(joints=tuple(joints.split(',')))).samples.n_joints == 4
@@ -90,10 +90,10 @@ def test_two_arms_in_one_message(tmp_path, capsys):
 
 
 def test_two_arms_by_message(tmp_path):
-    left = messages(60)
-    right = [[stamp + 1, {**row, 'names': [f'other_{name}' for name in row['names']]}]
-             for stamp, row in messages(60)]
-    rows = [row for both in zip(left, right) for row in both]
+    first = messages(60)
+    second = [[stamp + 1, {**row, 'names': [f'other_{name}' for name in row['names']]}]
+              for stamp, row in messages(60)]
+    rows = [row for both in zip(first, second) for row in both]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
     for joints in refused(path, 'the joints of 2 arms; choose one'):
         result = read_bag(path, ReadOptions(joints=tuple(joints.split(','))))

@@ -17,8 +17,8 @@ def test_all_finite_agrees_with_numpy(values):
     st.lists(ANY, min_size=n, max_size=n),
     st.lists(st.floats(1e-6, 1e6), min_size=n, max_size=n))))
 def test_bounds_agree_with_numpy(given_both):
-    values, most = (np.array(part) for part in given_both)
-    assert Bounds(most).contain(values) == (np.abs(values) <= most).all()
+    values, highest = (np.array(part) for part in given_both)
+    assert Bounds(highest).contain(values) == (np.abs(values) <= highest).all()
 
 
 def test_huge_numbers_are_finite_and_nan_is_out_of_bounds():

@@ -229,8 +229,8 @@ def test_equal_supports_have_equal_weights():
     a = np.eye(20)[:, [0, 1, 1]]
     design, b = DenseDesign(a), a @ [0.0, 8.0, 0.0]
     best = support.select_support(design, b, np.array([1]), 1, ALL_OF_ONE)
-    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
-    assert ties == 1
+    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
+    assert averaged == 1
     np.testing.assert_array_equal(average.indices, [1, 2])
     np.testing.assert_allclose(average.x, [4.0, 4.0])
     # Each coefficient is 0 or 8 with variance 1 within a model: 1/2 + 16 in all.
@@ -241,17 +241,17 @@ def test_supports_are_weighted_by_their_scores():
     # chi^2 is 18 with s1 and 20 with c1: a weight ratio of e.
     design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(18.0)])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
+    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     share = 1 / (1 + np.exp(-1.0))
-    assert ties == 1
+    assert averaged == 1
     np.testing.assert_allclose(average.x, [share * np.sqrt(20), (1 - share) * np.sqrt(18)])
 
 
 def test_clearly_worse_supports_are_not_averaged():
     design, b = orthonormal([0.0, 10.0, 1.0])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
-    assert ties == 0
+    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
+    assert averaged == 0
     np.testing.assert_array_equal(average.x, best.x)
 
 

@@ -242,6 +242,6 @@ def test_the_options_reach_every_reader(tmp_path, capsys):
     path = str(bag(tmp_path / 'x.mcap', q=np.degrees(Q), tau=1000 * TAU))
     options = ['--degrees', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
     assert main(['info', path, *options]) == 0
-    shown = capsys.readouterr().out
-    assert ' a ' in shown and 'degrees?' not in shown and '3.50' in shown
+    output = capsys.readouterr().out
+    assert ' a ' in output and 'degrees?' not in output and '3.50' in output
     assert main(['info', path, '--rename', 'joint_1']) == 2

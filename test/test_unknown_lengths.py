@@ -1,4 +1,4 @@
-"""The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
+"""The dynamic torque of an arm of unknown lengths, against Pinocchio and by hand."""
 
 from dataclasses import replace
 
@@ -43,8 +43,8 @@ def test_lengths_and_inertias_are_all_that_motion_needs(seed, n):
     columns = motion_columns(chain_of(arm), np.ones(n), q, qd, qdd)[:, :, 1:]
     truth = of_motion(arm, q, qd, qdd)
     flat = columns.reshape(truth.size, -1)
-    found = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
-    assert np.linalg.norm(truth.ravel() - flat @ found) < 1e-8 * np.linalg.norm(truth)
+    solution = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
+    assert np.linalg.norm(truth.ravel() - flat @ solution) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_a_planar_arm_by_hand():
@@ -96,8 +96,8 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     truth = of_motion(arm, q, speed, rate).ravel()
     for one in (chain, mirrored(chain)):
         flat = chain_dynamics(one).columns(q, speed, rate).reshape(len(truth), -1)
-        found = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
-        assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
+        solution = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+        assert np.linalg.norm(truth - flat @ solution) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_two_vertical_axes_turn_each_its_own_way():
@@ -112,8 +112,8 @@ def test_two_vertical_axes_turn_each_its_own_way():
         assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
         for signs in every:
             flat = chain_dynamics(start, signs).columns(q, speed, rate).reshape(len(truth), -1)
-            left = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
-            share = np.linalg.norm(left) / np.linalg.norm(truth)
+            residual = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+            share = np.linalg.norm(residual) / np.linalg.norm(truth)
             assert (share < 1e-8) == (signs == right), (signs, share)
 
 
@@ -124,7 +124,7 @@ def test_a_horizontal_second_axis_has_no_way_of_its_own():
 
 
 def mirrored(chain):
-    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
+    """Return the mirror image of a chain: gravity upside down, and opposite moments."""
     axes = chain.axes.copy()
     axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
     return Chain(axes, -chain.moments)
@@ -181,11 +181,11 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    names = {f.effect for f in sure}
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    names = {f.effect for f in accepted}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
-    better = gc.add_effects(model, data, sure, all_samples=True)
+    better = gc.add_effects(model, data, accepted, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:

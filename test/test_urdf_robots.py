@@ -24,15 +24,15 @@ def pinocchio_torque(text: str, joints, q: np.ndarray, held: dict[str, float],
         last = model.getJointId(joints[-1])
         model.appendBodyToJoint(last, pin.Inertia(MASS, COM, np.zeros((3, 3))),
                                 pin.SE3.Identity())
-    data, found = model.createData(), []
+    data, torques = model.createData(), []
     rows = [model.joints[model.getJointId(name)].idx_v for name in joints]
     rest = {model.joints[model.getJointId(name)].idx_q: value for name, value in held.items()}
     for pose in q:
         full = pin.neutral(model)
         full[list(rest)] = list(rest.values())
         full[[model.joints[model.getJointId(name)].idx_q for name in joints]] = pose
-        found.append(pin.computeGeneralizedGravity(model, data, full)[rows])
-    return np.array(found)
+        torques.append(pin.computeGeneralizedGravity(model, data, full)[rows])
+    return np.array(torques)
 
 
 def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
@@ -83,7 +83,7 @@ VECTORS = strategies.tuples(*3 * [strategies.floats(-1.0, 1.0)])
 @given(strategies.lists(strategies.tuples(KINDS, VECTORS, VECTORS, VECTORS,
                                           strategies.floats(-1.0, 1.0)), min_size=1, max_size=8))
 def test_random_paths_agree_with_pinocchio(steps):
-    parts, wanted, held = [], [], {}
+    parts, names, held = [], [], {}
     for n, (kind, xyz, rpy, axis, value) in enumerate(steps):
         if np.linalg.norm(axis) < 0.1:
             axis = (0.0, 0.6, 0.8)
@@ -92,14 +92,14 @@ def test_random_paths_agree_with_pinocchio(steps):
             f'j{n}', f'l{n}', f'l{n + 1}', types.get(kind, kind),
             *(' '.join(map(str, vector)) for vector in (xyz, rpy, axis))))
         if kind == 'wanted':
-            wanted.append(f'j{n}')
+            names.append(f'j{n}')
         elif kind != 'fixed':
             held[f'j{n}'] = value
-    if not wanted:
+    if not names:
         return
     text = robots.robot(*parts, root='l0')
-    geometry = parse_urdf(text, wanted, held=HeldPositions(recorded=held))
-    assert set(held_joints(text, wanted)) >= {joint.name for joint in geometry.held}
+    geometry = parse_urdf(text, names, held=HeldPositions(recorded=held))
+    assert set(held_joints(text, names)) >= {joint.name for joint in geometry.held}
     check_axes(text, geometry, held)
 
 
@@ -149,17 +149,17 @@ def test_mimic_joints():
         parse_urdf(text('a'), ('a', 'b', 'c'))
     with pytest.raises(ModelMismatchError, match='follower mimics a; leave it out'):
         parse_urdf(text('a'), ('a', 'b', 'follower'))
-    with pytest.raises(DataError, match='mimics nobody, which is not there'):
-        parse_urdf(text('nobody'), ('a', 'b', 'c'))
+    with pytest.raises(DataError, match='mimics absent, which is not there'):
+        parse_urdf(text('absent'), ('a', 'b', 'c'))
     with pytest.raises(DataError, match='mimics itself'):
         parse_urdf(text('follower'), ('a', 'b', 'c'))
 
 
 def test_selection_of_the_arm_joints():
     recorded = sorted([*robots.PANDA_JOINTS, 'panda_finger_joint1', 'panda_finger_joint2'])
-    found = arm_joints(robots.PANDA, recorded)
-    assert found.joints == robots.PANDA_JOINTS
-    assert set(found.left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
+    joints = arm_joints(robots.PANDA, recorded)
+    assert joints.joints == robots.PANDA_JOINTS
+    assert set(joints.left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
     both = [f'{side}_{part}' for side in ('left', 'right') for part in robots.BAXTER_PARTS]
     with pytest.raises(ModelMismatchError, match='2 different branches: left_s0.*[|] right_s0.*'
                                                  '--joints left_s0,left_s1,left_e0'):

@@ -63,8 +63,8 @@ def watched():
 @pytest.fixture(scope='module')
 def server(folder):
     """Return address and process of a workbench for two recordings."""
-    with served(folder, 'run1.mcap', 'run2.mcap') as found:
-        yield found
+    with served(folder, 'run1.mcap', 'run2.mcap') as address_and_process:
+        yield address_and_process
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def served(folder, *argv):
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
         log.seek(0)
-        assert 'Traceback' not in (told := log.read()), told
+        assert 'Traceback' not in (logged := log.read()), logged
     finally:
         process.kill()
         process.wait(PATIENCE)
@@ -206,11 +206,11 @@ def test_work_continues_after_cancelling_or_a_killed_process(server, watched):
 
 def _workers(pid):
     """Return the worker processes of a server."""
-    found = []
+    workers = []
     for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
         if 'worker.serve' in Path(f'/proc/{child}/cmdline').read_text():
-            found.append(int(child))
-    return found
+            workers.append(int(child))
+    return workers
 
 
 def test_names_are_escaped_in_every_view(folder, watched):
@@ -311,34 +311,34 @@ def _saved(page, button, path):
 LONG = tuple(f'left_arm_of_the_second_robot/{name}_pitch_joint' for name in ('shoulder', 'elbow'))
 # Colour and marker of each line of the chart of errors.
 LINES = """() => {
-  const found = []
+  const results = []
   for (const document of Bokeh.documents)
     for (const model of document._all_models.values())
       if (model.type == 'LegendItem' && model.renderers.length == 2)
-        found.push([model.renderers[0].glyph.line_color.value,
+        results.push([model.renderers[0].glyph.line_color.value,
                     model.renderers[1].glyph.marker.value])
-  return found
+  return results
 }"""
 GROUNDS = """() => {
-  const found = []
+  const results = []
   for (const document of Bokeh.documents)
     for (const model of document._all_models.values())
-      if (model.type == 'Figure') found.push(model.background_fill_color)
-  return found
+      if (model.type == 'Figure') results.push(model.background_fill_color)
+  return results
 }"""
 # Width of the page, and buttons beyond the screen.
 WIDE = """() => {
-  const found = []
+  const results = []
   const walk = (root) => {
     for (const element of root.querySelectorAll('*')) {
       const box = element.getBoundingClientRect()
       if (element.localName == 'button' && box.right > innerWidth + 1)
-        found.push(element.textContent)
+        results.push(element.textContent)
       if (element.shadowRoot) walk(element.shadowRoot)
     }
   }
   walk(document)
-  return [document.documentElement.scrollWidth, found]
+  return [document.documentElement.scrollWidth, results]
 }"""
 
 
@@ -594,12 +594,12 @@ def test_a_request_for_the_page_starts_no_process(server):
     assert set(_workers(process.pid)) <= set(before)
 
 
-@pytest.mark.parametrize('argv, words', [
+@pytest.mark.parametrize('argv, message', [
     ([], 'name at least one recording'), (['run1.mcap', '--model', 'none.json'], 'none.json'),
     (['run1.mcap', '--host', '256.1.1.1'], '--port'),
 ])
-def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, words):
+def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, message):
     monkeypatch.chdir(folder)
     assert main(['workbench', *argv, '--port', '0', '--no-browser']) == 1
     error = capsys.readouterr().err
-    assert words in error and error.count('\n') == 1
+    assert message in error and error.count('\n') == 1

@@ -15,12 +15,12 @@ from ros_harness import running
 
 PATIENCE = 180.0
 STREAMED = """() => {
-  let most = 0
+  let longest = 0
   for (const document of Bokeh.documents)
     for (const model of document._all_models.values())
       if (model.type == 'ColumnDataSource' && model.get_column('p6') != null)
-        most = Math.max(most, model.get_column('t').length)
-  return most
+        longest = Math.max(longest, model.get_column('t').length)
+  return longest
 }"""
 
 
@@ -77,5 +77,5 @@ def test_a_silent_node_is_reported_with_stale_levels():
     assert 'SILENT' in age_html(0.1, 18.0) and 'no torque yet' in age_html(None, 0.5)
 
 
-def _has(tab, words):
-    return tab.page.get_by_role('row', name=re.compile(words)).count() > 0
+def _has(tab, message):
+    return tab.page.get_by_role('row', name=re.compile(message)).count() > 0

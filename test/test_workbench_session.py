@@ -105,8 +105,8 @@ def test_add_reduces_the_error_and_undo_restores_it(paths):
     do_next(session, runner, session.adding(BOTH))
     held = [stage.held_out['shoulder'] for stage in session.stages]
     assert held[1] < 0.5 * held[0]
-    found = session.stage.model.applied.effects[0].coefficients['F_c'].value
-    assert abs(found - COULOMB) < 0.1
+    coulomb = session.stage.model.applied.effects[0].coefficients['F_c'].value
+    assert abs(coulomb - COULOMB) < 0.1
     after = session.contents()
     assert after.comparison.joints['shoulder'].rmse < 0.5 * before.comparison.joints[
         'shoulder'].rmse == 0.5 * after.previous['shoulder']
@@ -170,13 +170,13 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(paths, tmp_p
     assert session.choice.all_samples
     assert 'samples are slow: all are fitted' in session.slow_warning()
     do_next(session, runner)
-    found = session.contents()
-    assert found.compared == '1200 samples used, including fast ones'
+    contents = session.contents()
+    assert contents.compared == '1200 samples used, fast ones too'
     assert '--all-samples' in session.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
     assert 'fast motion' in session.slow_warning()
     session.evaluate(replace(session.choice, all_samples=True))
-    assert found.comparison.joints['elbow'].n == 1200
+    assert contents.comparison.joints['elbow'].n == 1200
 
 
 _EFFECTS = ('coulomb_friction:shoulder', 'torque_offset:elbow', 'viscous_friction')
@@ -216,8 +216,8 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
     *makes, compare, _ = session.commands()
     with contextlib.chdir(tmp_path):
         for line in makes:
-            program, *words = shlex.split(line)
-            assert program == 'gravity_comp' and main(words) == 0, line
+            program, *arguments = shlex.split(line)
+            assert program == 'gravity_comp' and main(arguments) == 0, line
         same = json.loads(Path('arm.json').read_text())['model']
         assert main([*shlex.split(compare)[1:], '--json', 'errors.json']) == 0
     mine = json.loads(store.model_text(session.stage.model))['model']
@@ -239,18 +239,18 @@ def test_a_saved_session_is_restored(learned, tmp_path):
     store.save(place, name, session)
     assert (place / f'{name}.json').stat().st_mode & 0o077 == 0
     assert (place.stat().st_mode & 0o077) == 0
-    found, hashes = store.load(place, name)
-    assert found.paths == session.paths and found.choice == session.choice
-    assert [s.name for s in found.stages] == ['gravity', 'with friction']
-    assert found.commands() == session.commands()
-    assert isinstance(do_next(found, JobRunner()), Read)
-    assert store.changed_recordings(found, hashes) == []
-    np.testing.assert_array_equal(found.contents().predicted, session.contents().predicted)
-    assert isinstance(found.next_job(), Diagnose)
+    loaded, hashes = store.load(place, name)
+    assert loaded.paths == session.paths and loaded.choice == session.choice
+    assert [s.name for s in loaded.stages] == ['gravity', 'with friction']
+    assert loaded.commands() == session.commands()
+    assert isinstance(do_next(loaded, JobRunner()), Read)
+    assert store.changed_recordings(loaded, hashes) == []
+    np.testing.assert_array_equal(loaded.contents().predicted, session.contents().predicted)
+    assert isinstance(loaded.next_job(), Diagnose)
     saved, = store.listed(place)
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
     other = dict.fromkeys(hashes, 'f' * 64)
-    assert store.changed_recordings(found, other) == ['run1.mcap', 'run2.mcap']
+    assert store.changed_recordings(loaded, other) == ['run1.mcap', 'run2.mcap']
 
 
 def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(paths, tmp_path):
@@ -270,12 +270,12 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(paths, tmp_path)
         assert ineffective in html.unescape(status_html(one))
         assert 'does not decrease significantly' in ineffective
         one.undo()
-        shown = html.unescape(status_html(one))
-        assert uncertainty in shown and ineffective not in shown
+        output = html.unescape(status_html(one))
+        assert uncertainty in output and ineffective not in output
     finally:
         sessions.close()
-    found, _ = store.load(place, one.id)
-    assert [stage.warnings for stage in found.stages] == [
+    loaded, _ = store.load(place, one.id)
+    assert [stage.warnings for stage in loaded.stages] == [
         stage.warnings for stage in one.session.stages]
 
 
@@ -363,9 +363,9 @@ def test_jobs_run_in_the_background_and_can_be_cancelled(paths):
         worker.ask(Learn(choice))
         learned = until(worker, Finished)
         assert isinstance(learned.job, Learn) and learned.answer.model.joints == JOINTS
-        worker.ask(Add(choice, learned.answer.model, ('torque_gain:nobody',)))
+        worker.ask(Add(choice, learned.answer.model, ('torque_gain:absent',)))
         failed = until(worker, Failed)
-        assert 'nobody' in failed.reason and not failed.cancelled
+        assert 'absent' in failed.reason and not failed.cancelled
     finally:
         worker.close()
 

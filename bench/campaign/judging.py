@@ -97,8 +97,8 @@ def _drift(arm: str, rng: np.random.Generator) -> Case:
     period = 100.0 + _SESSION_PAUSE
     runs = tuple((k, GaugeDrift(joint, rise, warming, begun=k * period, lag=0.25))
                  for k in range(_SESSION_RUNS))
-    ties: tuple[Pair, ...] = (('friction_drift', joint), ('payload_change', None))
-    return Case('drift', arm, truths=(Truth('torque_drift', joint, ties),), in_run=runs,
+    alternatives: tuple[Pair, ...] = (('friction_drift', joint), ('payload_change', None))
+    return Case('drift', arm, truths=(Truth('torque_drift', joint, alternatives),), in_run=runs,
                 allowed=frozenset({('torque_offset', joint)}), runs=_SESSION_RUNS,
                 duration=100.0, pause=_SESSION_PAUSE)
 

@@ -10,7 +10,7 @@ from bench.cases.cases import Case, Pair, Truth
 
 
 # Verdicts that are findings; the others report an unresolved effect.
-SURE = ('established', 'likely')
+ACCEPTED = ('established', 'likely')
 # Effects of every simulated recording, since links have inertia; naming them is never false.
 ALWAYS_THERE = frozenset(('inertia', 'coriolis', 'rigid_body_dynamics'))
 
@@ -54,11 +54,11 @@ def score(case: Case, diagnosis: Mapping[str, Any], joints: Sequence[str]) -> Sc
     :param joints: the arm's joint names in order.
     """
     findings = [Finding.of(entry, joints) for entry in diagnosis['findings']]
-    sure = [finding for finding in findings if finding.sure]
+    accepted = [finding for finding in findings if finding.accepted]
     named = tuple(any(finding.names(truth) for finding in findings) for truth in case.truths)
-    false = tuple(str(finding) for finding in sure if not finding.is_among(case))
-    still_open = tuple(str(finding) for finding in findings if not finding.sure)
-    intervals = tuple(interval for truth in case.truths for finding in sure
+    false = tuple(str(finding) for finding in accepted if not finding.is_among(case))
+    still_open = tuple(str(finding) for finding in findings if not finding.accepted)
+    intervals = tuple(interval for truth in case.truths for finding in accepted
                       for interval in finding.intervals(truth))
     right = not false and _by_verdict(case, findings, named, diagnosis, joints)
     return Score(named, false, still_open, intervals, right)
@@ -89,8 +89,8 @@ class Finding:
         return f'{self.effect or "unexplained"}:{where} ({self.verdict}){alternatives}'
 
     @property
-    def sure(self) -> bool:
-        return self.verdict in SURE and self.effect is not None
+    def accepted(self) -> bool:
+        return self.verdict in ACCEPTED and self.effect is not None
 
     def is_among(self, case: Case) -> bool:
         """Return whether the effect is in the recording, expected or only allowed."""
@@ -101,7 +101,7 @@ class Finding:
 
     def names(self, truth: Truth) -> bool:
         """Return whether it names a truth, alone or as one of ambiguous alternatives."""
-        if self.effect is None or self.verdict not in (*SURE, 'ambiguous'):
+        if self.effect is None or self.verdict not in (*ACCEPTED, 'ambiguous'):
             return False
         pairs = [(self.effect, self.joint)]
         if self.verdict == 'ambiguous':
@@ -143,7 +143,7 @@ def _called_untestable(case: Case, findings: Sequence[Finding], diagnosis: Mappi
     names = {truth.effect for truth in case.truths}
     true_joints = {truth.joint for truth in case.truths}
     related = [f for f in findings if f.joint in true_joints and f.effect in names]
-    if any(f.sure for f in related):
+    if any(f.accepted for f in related):
         return False
     for finding in related:
         alternatives = {finding.effect, *(effect for effect, _ in finding.rivals)}

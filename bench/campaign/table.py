@@ -95,8 +95,8 @@ def markdown(results: Sequence[Result]) -> str:
     outcome = summary(results)
     every = outcome['all']
     lines = ['| required | reached | of |', '|---|---|---|',
-             f'| true effect or its ambiguous pair on the right joint, at least {NAMED:.0%} | '
-             f'{_percent(every["named"])} | {every["solvable"]} recordings |',
+             '| true effect, or one ambiguous with it, on the right joint, at least '
+             f'{NAMED:.0%} | {_percent(every["named"])} | {every["solvable"]} recordings |',
              f'| false alarms with nothing missing, at most {FALSE_ALARMS:.0%} | '
              f'{_percent(every["false_alarms"])} | {every["nothing_missing"]} recordings |',
              f'| truth inside the 95 % interval, {COVERED[0]:.0%} to {COVERED[1]:.0%} | '
@@ -109,7 +109,8 @@ def markdown(results: Sequence[Result]) -> str:
              f'{every["recordings"]} recordings |', '',
              f'Time of a diagnosis: median {_number(every["seconds_median"])} s, at most '
              f'{_number(every["seconds_max"])} s; peak memory {_number(every["peak_mb"])} MB.',
-             '', '| case | right | named | false | covered | error ratio | missed | false ones |',
+             '', '| case | right | named | with a false finding | intervals that cover '
+             '| error ratio | missed | false findings |',
              '|---|---|---|---|---|---|---|---|']
     for name, row in outcome['cases'].items():
         lines.append(

@@ -40,7 +40,7 @@ MAX_MOTION = 0.05
 MOVING, SUPPORTED = 30.0, 4.0
 WARN = 1
 WATCHED = ('learning', 'input', 'feed-forward', 'clock', 'model')
-Spoil = Callable[[FloatArray], FloatArray]
+Corruption = Callable[[FloatArray], FloatArray]
 
 
 class Rig:
@@ -74,19 +74,19 @@ class Rig:
         q, qd = self.path.at(self.begun)
         return (q, qd) if moves else (q, 0.0 * qd)
 
-    def run(self, seconds: float, moves: bool, controlled: bool, spoil: Spoil | None = None,
+    def run(self, seconds: float, moves: bool, controlled: bool, corrupt: Corruption | None = None,
             send: Callable[..., None] | None = None) -> float:
         """
         Simulate some seconds; return the largest distance of a joint from its start, rad.
 
         :param moves: whether the arm follows the path.
         :param controlled: whether the controller is on.
-        :param spoil: returns the reported effort from the measured one.
+        :param corrupt: returns the reported effort from the measured one.
         :param send: sends the joint state; None for an unchanged one.
         """
         start, distance = self.arm.q, 0.0
         for _ in range(round(seconds / (STEPS * STEP))):
-            self._exchange(spoil, send)
+            self._exchange(corrupt, send)
             for _ in range(STEPS):
                 if moves:
                     self.begun += STEP
@@ -104,14 +104,14 @@ class Rig:
                     break
         return distance
 
-    def _exchange(self, spoil: Spoil | None, send: Callable[..., None] | None) -> None:
+    def _exchange(self, corrupt: Corruption | None, send: Callable[..., None] | None) -> None:
         """Send the state of the arm, and receive the torque in reply."""
         probe = self.probe
         self._tick.clock.sec = int(self.t)
         self._tick.clock.nanosec = min(int((self.t % 1.0) * 1e9), 999_999_999)
         self._clock.publish(self._tick)
         q, qd, tau = self.arm.measured(getattr(self, 'tau', self.feed))
-        tau = tau if spoil is None else spoil(tau)
+        tau = tau if corrupt is None else corrupt(tau)
         count = len(probe.torques)
         if send is None:
             probe.send(self.arm.joints, self.t, q, qd, tau)
@@ -141,28 +141,28 @@ class Rig:
                     self.warned = self.t, f'{name}: {status.message}'
                     return
 
-    def finish_fits(self, spoil: Spoil | None) -> None:
+    def finish_fits(self, corrupt: Corruption | None) -> None:
         """Rest under the controller until no fit runs and warnings have been published."""
         quiet, end = 0, time.monotonic() + 60.0
         while quiet < 20 and time.monotonic() < end:
-            self.run(0.05, False, True, spoil)
+            self.run(0.05, False, True, corrupt)
             self.probe.spin(0.005)
             state = self.probe.values('learning').get('fit process')
             quiet = quiet + 1 if state == 'ready' else 0
 
 
-def spoiled(kind: Callable, rig: Rig) -> Spoil:
+def corrupted(kind: Callable, rig: Rig) -> Corruption:
     """Return broken effort sample by sample; a frozen sensor repeats the first sample."""
     path = np.array([rig.path.at(t)[0] for t in np.arange(75.0, 75.0 + MOVING, 0.5)])
     torque = rig.arm.gravity(path)
     largest = torque[np.argmax(np.abs(torque).max(axis=1))]
     first: list[FloatArray] = []
 
-    def spoil(tau: FloatArray) -> FloatArray:
+    def corrupt(tau: FloatArray) -> FloatArray:
         if not first:
             first.append(tau)
         return np.asarray(kind(np.array([first[0], largest, tau]), rig.rng)[-1])
-    return spoil
+    return corrupt
 
 
 def effort_fault(rig: Rig, kind: Callable | None, load: Load | None = None) -> tuple[float, str]:
@@ -170,11 +170,11 @@ def effort_fault(rig: Rig, kind: Callable | None, load: Load | None = None) -> t
     rig.carry(load, 75.0)
     rig.run(3.0, False, True)
     rig.watch()
-    spoil = None if kind is None else spoiled(kind, rig)
+    corrupt = None if kind is None else corrupted(kind, rig)
     rig.probe.call('payload_changed')
-    rig.run(MOVING, True, True, spoil)
-    rig.finish_fits(spoil)
-    moved = rig.run(SUPPORTED, False, False, spoil)
+    rig.run(MOVING, True, True, corrupt)
+    rig.finish_fits(corrupt)
+    moved = rig.run(SUPPORTED, False, False, corrupt)
     return moved, str(rig.probe.status['model'].message)
 
 

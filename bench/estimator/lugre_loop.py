@@ -4,9 +4,9 @@ Accuracy of the whole loop on arms with LuGre friction in every joint, relative 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.estimator.lugre_loop [--seeds 10] [--arms NAME ...]
 
 Five runs of 150 s at 50 Hz are fitted and diagnosed, and all established and likely effects are
-added (`ties`: the first of each ambiguous pair as well). Errors are RMSE of the torque on a sixth
-run. The oracle has the true rigid-body dynamics. Its friction, presliding bristles with the best
-slip distance, viscous friction and an offset, is fitted by least squares to the same five runs.
+added (`ambiguous`: the first of each ambiguous pair as well). Errors are RMSE of the torque on a
+sixth run. The oracle has the true rigid-body dynamics. Its friction, presliding bristles with the
+best slip distance, viscous friction and an offset, is fitted by least squares to the same runs.
 Arms and friction levels are those of the campaign's test case `friction`.
 """
 
@@ -41,10 +41,10 @@ def measure(arm: str, seed: int) -> dict[str, FloatArray]:
     begun = time.process_time()
     model = gc.fit(gc.Recording(train))
     findings = gc.diagnose(gc.Recording(train, gate=None), model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
     ambiguous = [f for f in findings if f.verdict == gc.Verdict.AMBIGUOUS and f.effect]
     errors = {'fit': error(model, test)}
-    for name, chosen in (('loop', sure), ('ties', [*sure, *ambiguous])):
+    for name, chosen in (('loop', accepted), ('ambiguous', [*accepted, *ambiguous])):
         targets = [target(f.effect, f.joint) for f in chosen if f.effect]
         added = gc.add_effects(model, gc.Recording(train), targets) if targets else model
         errors[name] = error(added, test)
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=10)
     parser.add_argument('--arms', nargs='+', default=list(ARMS))
     args = parser.parse_args()
-    worst: dict[str, list[float]] = {'fit': [], 'loop': [], 'ties': []}
+    worst: dict[str, list[float]] = {'fit': [], 'loop': [], 'ambiguous': []}
     for arm in args.arms:
         for seed in range(args.seeds):
             rows = measure(arm, seed)

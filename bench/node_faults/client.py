@@ -38,7 +38,7 @@ PARAMETERS: dict[str, object] = {
     'stale_after': 10.0, 'stale_action': 'hold', 'settle_time': 0.0, 'diagnostics_rate': 20.0,
     'formulation': 'auto'}
 
-Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
+Corruption = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
 def describe(probe, text: str) -> None:
@@ -74,17 +74,18 @@ class Player:
         """Attach a payload to the last link, or remove it."""
         self.arm = ARM if payload is None else with_payload(ARM, payload)
 
-    def move(self, n: int, spoil: Spoil = healthy, period: float = PERIOD, **change) -> None:
+    def move(self, n: int, corrupt: Corruption = healthy, period: float = PERIOD,
+             **change) -> None:
         """
         Send n joint states of slow motion.
 
-        :param spoil: returns the reported effort from the true torque.
+        :param corrupt: returns the reported effort from the true torque.
         :param change: replaced fields of each message: `velocity`, `offset` (rad added to all
             positions), `scale` (of positions), `stamp`.
         """
         part = eq17(n * STEP, 1.0 / STEP, self.t)
         tau = gravity_torque(self.arm, part.q) + NOISE * self.rng.standard_normal(part.q.shape)
-        effort = spoil(tau, self.rng)
+        effort = corrupt(tau, self.rng)
         due = time.monotonic()
         for k in range(n):
             t = self.t + STEP * k

@@ -56,7 +56,7 @@ def random_payload(seed: int, is_off_axis: bool) -> Payload:
     return Payload(MASSES[seed % len(MASSES)], (*side, rng.uniform(0.05, 0.2)))
 
 
-def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
+def real(seed: int, is_off_axis: bool, corrupt: Break = healthy) -> Fault:
     """Return a real payload, which must be learned within 20 s of motion."""
     payload = random_payload(seed, is_off_axis)
     centre = ', '.join(f'{x:.2f}' for x in payload.com)
@@ -68,16 +68,16 @@ def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
         player.probe.call('payload_changed')
         before = player.model_in_use()
         for _ in range(2):
-            player.move(50, spoil)
+            player.move(50, corrupt)
             player.finish_fits()
         after = player.model_in_use()
         message = player.probe.status['learning'].message
         if after == before:
             return f'no model: {message}'
-        if spoil is not healthy and 'outliers' not in message:
+        if corrupt is not healthy and 'outliers' not in message:
             return f'outliers are not reported: {message}'
         return ''
-    what = 'real payload' if spoil is healthy else 'intermittent brake, payload'
+    what = 'real payload' if corrupt is healthy else 'intermittent brake, payload'
     return Fault(f'{what} of {payload.mass:g} kg at {centre} m, seed {seed}', play, {})
 
 

@@ -25,16 +25,17 @@ def main() -> int:
                for line in Path(name).read_text().splitlines()]
     pairs = [(e['share'] * e['separation'], e['outcome'] in FOUND) for e in expectations(results)
              if 'share' in e and not e['untestable']]
-    log, found = np.log(np.maximum([s for s, _ in pairs], 1e-3)), np.array([f for _, f in pairs])
+    log = np.log(np.maximum([s for s, _ in pairs], 1e-3))
+    is_found = np.array([f for _, f in pairs])
 
     def cost(x: np.ndarray) -> float:
         z = (log - x[0]) / np.exp(x[1])
         # Weak prior: s_half = 8 and width = 0.7, both within a factor of e.
         prior = 0.5 * ((x[0] - np.log(8.0)) ** 2 + (x[1] - np.log(0.7)) ** 2)
-        return float(prior - special.log_ndtr(np.where(found, z, -z)).sum())
+        return float(prior - special.log_ndtr(np.where(is_found, z, -z)).sum())
 
     best = optimize.minimize(cost, np.log([8.0, 0.7]), method='Nelder-Mead').x
-    print(f'{len(pairs)} motions, {int(found.sum())} found: s_half {np.exp(best[0]):.2f}, '
+    print(f'{len(pairs)} motions, {int(is_found.sum())} found: s_half {np.exp(best[0]):.2f}, '
           f'width {np.exp(best[1]):.2f}')
     return 0
 

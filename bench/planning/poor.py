@@ -55,7 +55,7 @@ def _one_posture(arm: Arm, joint: int, middle: FloatArray, seed: int) -> motions
                   None)
 
 
-def _settled(reach: float) -> Callable[[Arm, int, FloatArray, int], motions.Path]:
+def _one_final_posture(reach: float) -> Callable[[Arm, int, FloatArray, int], motions.Path]:
     """Return motion of the other joints first, then of one joint at their final posture."""
     def make(arm: Arm, joint: int, middle: FloatArray, seed: int) -> motions.Path:
         moving = np.arange(arm.n_joints) == joint
@@ -98,7 +98,7 @@ def _one_way(t: FloatArray) -> _Path:
 
 
 def _few_reversals(t: FloatArray) -> _Path:
-    """Return two strokes to and fro of 1 rad."""
+    """Return two strokes back and forth of 1 rad."""
     w, size = 2 * np.pi / 30.0, 0.5
     return -size * np.cos(w * t), size * w * np.sin(w * t), size * w ** 2 * np.cos(w * t)
 
@@ -110,7 +110,7 @@ def _few_narrow(t: FloatArray) -> _Path:
 
 
 def _one_speed(t: FloatArray) -> _Path:
-    """Return strokes to and fro at 0.1 rad/s, with reversals of 0.4 s."""
+    """Return strokes back and forth at 0.1 rad/s, with reversals of 0.4 s."""
     period, speed, reversal = 16.0, 0.1, 0.4
 
     def velocity(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -135,4 +135,4 @@ KINDS: dict[str, Callable[[Arm, int, FloatArray, int], motions.Path]] = {
     'one_way': _with_own(_one_way), 'narrow': _of_all(_NARROW),
     'one_speed': _with_own(_one_speed), 'one_posture': _one_posture,
     'few_reversals': _with_own(_few_reversals), 'joint_narrow': _with_own(_few_narrow),
-    'settled': _settled(_WIDE), 'settled_narrow': _settled(_NARROW)}
+    'settled': _one_final_posture(_WIDE), 'settled_narrow': _one_final_posture(_NARROW)}

@@ -89,7 +89,7 @@ def scenes(args: argparse.Namespace) -> list[Scene]:
 def run(scene: Scene, ways: list[str]) -> dict[str, Any]:
     """Return the results before and after additional motion of each kind."""
     result: dict[str, Any] = {'name': scene.name, 'arm': scene.arm, 'effect': scene.effect,
-                              'poor': scene.poor, 'tie': scene.kind.is_tie, 'ways': {}}
+                              'poor': scene.poor, 'tie': scene.kind.is_ambiguous, 'ways': {}}
     try:
         case = Case(scene)
     except GravityCompError as problem:
@@ -115,7 +115,7 @@ class Case:
         slow = slow_samples(self.old).samples
         self.model: GravityModel = fit(slow, FitOptions('chain', geometry=axes)).model
         self.first = diagnose(self.old, self.model)
-        self.targets = [scene.truth] if scene.kind.is_tie or scene.small else None
+        self.targets = [scene.truth] if scene.kind.is_ambiguous or scene.small else None
 
     def after(self, way: str) -> dict[str, Any]:
         """Return the result after additional motion."""

@@ -51,7 +51,7 @@ class Kind:
     equivalent: tuple[str, ...] = ()
 
     @property
-    def is_tie(self) -> bool:
+    def is_ambiguous(self) -> bool:
         return self.poor != POOR
 
 

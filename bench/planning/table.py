@@ -1,5 +1,5 @@
 """
-Tables of `bench.planning.run`: settled cases by motion, and calibration of the stated chance.
+Tables of `bench.planning.run`: resolved cases by motion, and calibration of the stated chance.
 
     python -m bench.planning.table results.jsonl [more.jsonl ...]
 """
@@ -29,13 +29,13 @@ def main() -> int:
     """Print the tables of some files."""
     results = [json.loads(line) for name in sys.argv[1:]
                for line in Path(name).read_text().splitlines()]
-    print(settled(results), calibration(results), sep='\n\n')
+    print(resolved(results), calibration(results), sep='\n\n')
     return 0
 
 
-def settled(results: Sequence[dict[str, Any]]) -> str:
+def resolved(results: Sequence[dict[str, Any]]) -> str:
     """
-    Return the counts of settled cases by poor recording or ambiguous pair.
+    Return the counts of resolved cases by poor recording or ambiguous pair.
 
     The last row counts the cases whose diagnosis reports the effect as open.
     """
@@ -46,11 +46,11 @@ def settled(results: Sequence[dict[str, Any]]) -> str:
     rows = [(name, [r for r in results if _group(r) == name]) for name in groups]
     reported = [r for r in results if r.get('left') in OPEN]
     for name, cases in [*rows, ('all', list(results)), ('all reported open', reported)]:
-        instability = [r for r in cases if r['ways']]
-        counts = [sum(_is_right(r, way) for r in instability) for way in ways]
-        counts.append(sum(_is_right(r, advised(r)) for r in instability))
+        open_cases = [r for r in cases if r['ways']]
+        counts = [sum(_is_right(r, way) for r in open_cases) for way in ways]
+        counts.append(sum(_is_right(r, advised(r)) for r in open_cases))
         at_first = sum(r.get('before') == 'right' for r in cases)
-        lines.append(f'| {name} | {len(cases)} | {at_first} | {len(instability)} | '
+        lines.append(f'| {name} | {len(cases)} | {at_first} | {len(open_cases)} | '
                      + ' | '.join(map(str, counts)) + ' |')
     return '\n'.join(lines)
 
@@ -84,8 +84,8 @@ def calibration(results: Sequence[dict[str, Any]]) -> str:
     for low, high in zip(_BINS, _BINS[1:]):
         here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         if here:
-            stated, found = np.mean(here, axis=0)
-            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {found:.0%} |')
+            stated, rate = np.mean(here, axis=0)
+            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {rate:.0%} |')
     return '\n'.join(lines)
 
 

@@ -33,10 +33,10 @@ HOUR = ('--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--dura
         '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1')
 
 
-def _synth(*words: str) -> Callable[[Path], None]:
+def _synth(*arguments: str) -> Callable[[Path], None]:
     """Return a function that simulates a recording with `synth`."""
     def make(path: Path) -> None:
-        _command('synth', '-o', str(path), *words)
+        _command('synth', '-o', str(path), *arguments)
     return make
 
 
@@ -108,8 +108,8 @@ CASES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
 }
 
 
-def _command(*words: str) -> None:
-    subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', *words], check=True,
+def _command(*arguments: str) -> None:
+    subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', *arguments], check=True,
                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
@@ -125,7 +125,7 @@ def _peak() -> float:
         resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e3
 
 
-def measure(words: Sequence[str]) -> dict[str, float]:
+def measure(arguments: Sequence[str]) -> dict[str, float]:
     """Run a command in this process; return its processor seconds and peak memory."""
     from importlib import import_module
     for name in _IMPORTS:
@@ -134,14 +134,15 @@ def measure(words: Sequence[str]) -> dict[str, float]:
     imports = _used()
     with (Path(os.devnull).open('w') as devnull, redirect_stdout(devnull),
           redirect_stderr(devnull)):
-        status = run(list(words))
+        status = run(list(arguments))
     return {'status': status or 0, 'imports': imports, 'seconds': _used() - imports,
             'megabytes': _peak()}
 
 
-def _measured(folder: Path, words: Sequence[str]) -> dict[str, float]:
+def _measured(folder: Path, arguments: Sequence[str]) -> dict[str, float]:
     """Run a command in a new process; return the result of `measure`."""
-    child = subprocess.run([sys.executable, str(Path(__file__).resolve()), '--measure', *words],
+    program = [sys.executable, str(Path(__file__).resolve())]
+    child = subprocess.run([*program, '--measure', *arguments],
                            cwd=folder, stdout=subprocess.PIPE, check=True)
     return json.loads(child.stdout)
 
@@ -177,9 +178,9 @@ def main() -> int:
         print('| | processor time | limit | imports | memory | limit |')
         print('|---|---|---|---|---|---|')
         for case in args.cases or CASES:
-            verb, words, seconds, megabytes = CASES[case]
-            _prepare(folder, set(words))
-            used = _measured(folder, (verb, *words))
+            verb, arguments, seconds, megabytes = CASES[case]
+            _prepare(folder, set(arguments))
+            used = _measured(folder, (verb, *arguments))
             limit = f'{seconds:g} s' if seconds else ''
             failed = f' (exit {used["status"]})' if used['status'] else ''
             print(f'| {case}{failed} | {used["seconds"]:.2f} s | {limit} | '

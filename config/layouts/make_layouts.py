@@ -26,7 +26,7 @@ Curve = tuple[str, str, str]
 
 
 def torque_curves(measured: str) -> tuple[Curve, ...]:
-    """Return topic, label and colour of what goes into a joint's plot."""
+    """Return topic, label and colour of each curve in a joint's plot."""
     return ((measured, 'measured', MEASURED_COLOUR),
             (PREDICTION, 'predicted', PREDICTED_COLOUR),
             (TORQUES, 'feed-forward', FED_COLOUR))

@@ -56,7 +56,7 @@ def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
     """
     if samples.n_samples == 0:
         limit = options.max_speed
-        shown = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
-        raise DataError(f'none of the {total} samples is slow (every joint under {shown} rad/s)',
+        limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
+        raise DataError(f'none of the {total} samples is slow (every joint under {limits} rad/s)',
                         Hint.SLOW_MOTION)
     return Gated(samples, total, dict(dropped), False)

@@ -47,7 +47,7 @@ class LearnOptions:
         """Return the options of the estimator for these axes."""
         default = FitOptions().formulation
         if axes.geometry is not None and axes.from_user:
-            # A description in the recordings may be wrong: there the data decide.
+            # With a description from the recordings, which may be wrong, the data select it.
             default = 'chain'
         return FitOptions(formulation=self.formulation or default, geometry=axes.geometry)
 

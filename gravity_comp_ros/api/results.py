@@ -71,7 +71,7 @@ class Diagnosis(Displayable):
                     for f in self.findings[:1] if f.why)
 
 
-EXPECTED = ('to settle', 'chance now', 'chance then', 'coefficient, 95 %',
+EXPECTED = ('to resolve', 'chance now', 'chance then', 'coefficient, 95 %',
             'closest alternative')
 
 
@@ -141,15 +141,15 @@ def is_found(finding: Finding) -> bool:
 def coefficients(finding: Finding, limit: int = 3) -> str:
     """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
+    values = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
     more = len(items) - limit
-    return shown + (f' and {more} more' if more > 0 else '') or '–'
+    return values + (f' and {more} more' if more > 0 else '') or '–'
 
 
 def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
     """Return one line per violated structure test of serial-arm gravity, with its explanation."""
-    return [f'{law.words}; ' + ('the effects above explain it' if law.holds_with_effects else
-                                f'not explained; look for {", ".join(law.suspects)}')
+    return [f'{law.sentence}; ' + ('the effects above explain it' if law.holds_with_effects else
+                                   f'not explained; look for {", ".join(law.suspects)}')
             for law in diagnosis.laws]
 
 

@@ -27,7 +27,7 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.regression import recorded_accelerations
-from gravity_comp_ros.estimation.subset_stability import instability
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
@@ -90,7 +90,7 @@ def _convergence_warning(samples: JointSamples, result: FitResult, options: FitO
         part_qdd = None if qdd is None else qdd[rows_of(samples, part)]
         return fit_gravity(part, options, qdd=part_qdd).model
 
-    change = instability(result.model, samples, noise, fit_part)
+    change = convergence_objection(result.model, samples, noise, fit_part)
     return '' if change is None else f'{change}. Record more motion'
 
 

@@ -57,21 +57,21 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
-        ties = ambiguous_additions(model, recording, result.added)
+        ambiguous = ambiguous_additions(model, recording, result.added)
     reports = recording.reports
     holdout = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
         if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, result.model)
     if args.json != '-':
-        _show(args, result, reports, ties, holdout)
+        _show(args, result, reports, ambiguous, holdout)
     terminal.warn(*reading.scale_warnings(model, reports), *refitting.warnings(result))
     if args.json:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
              **result.to_json(), 'warnings': refitting.warnings(result),
-             'ties': [{'effect': tie.effect, 'joint': tie.joint, 'rivals': tie.rivals,
-                       'settled_by': tie.next_step} for tie in ties],
+             'ties': [{'effect': finding.effect, 'joint': finding.joint, 'rivals': finding.rivals,
+                       'settled_by': finding.next_step} for finding in ambiguous],
              'on_holdout': {name: asdict(error) for name, error in holdout.items()}
              if args.holdout else None,
              'bags': [r.to_json() for r in reports]}, args.json)
@@ -79,17 +79,17 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
 
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-          ties: Sequence[Finding], holdout: dict[str, HeldOutError]) -> None:
+          ambiguous: Sequence[Finding], holdout: dict[str, HeldOutError]) -> None:
     terminal.say(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
     if holdout:
         terminal.show('', held_out.table(holdout))
-    for tie in ties:
+    for finding in ambiguous:
+        name, alternatives = target(finding.effect or '', finding.joint), ', '.join(finding.rivals)
         terminal.say(
-            f'{target(tie.effect or "", tie.joint)} is ambiguous: {", ".join(tie.rivals)} '
-            f'explains these recordings equally well. Keep only one of them. Motion that '
-            f'distinguishes them: {tie.next_step}')
+            f'{name} is ambiguous: {alternatives} explains these recordings equally well. Keep '
+            f'only one of them. Motion that distinguishes them: {finding.next_step}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return

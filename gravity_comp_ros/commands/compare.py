@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
     if args.previous is not None and args.html is None:
         args.parser.error('--previous requires --html')
     model = load_model(args.model)
-    shown = named_joints('--joints: the model', model.joints, args.joints or model.joints,
-                         'shown')
+    selected = named_joints('--joints: the model', model.joints, args.joints or model.joints,
+                            'shown')
     # The model requires all of its joints; --joints only selects those to show.
     args.joints = model.joints
     with terminal.progress() as report:
@@ -45,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     samples = compared.slow
     few = _few(args, samples)
     comparison = compare_model(model, compared)
-    joints = {name: comparison.joints[name] for name in shown}
+    joints = {name: comparison.joints[name] for name in selected}
     if args.html:
         html.write(args, html.contents(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
-            recording.reports, None, *_previous(args, model, compared), shown=shown,
+            recording.reports, None, *_previous(args, model, compared), displayed=selected,
             next_command=_diagnose_command(args)))
     if args.json != '-':
         terminal.say(*reading.lines(recording))
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         document = comparison.to_json()
         terminal.emit_json(
-            {**document, 'joints': {name: document['joints'][name] for name in shown},
+            {**document, 'joints': {name: document['joints'][name] for name in selected},
              'model': args.model.name, 'fitted_to': fitted, **recording.to_json()}, args.json)
     return 0
 

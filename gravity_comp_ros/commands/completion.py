@@ -12,11 +12,11 @@ from gravity_comp_ros.commands.verbs import VERBS
 def run(args: argparse.Namespace) -> int:
     """Print the script."""
     import shtab
-    print(shtab.complete(everything(), args.shell))
+    print(shtab.complete(full_parser(), args.shell))
     return 0
 
 
-def everything() -> argparse.ArgumentParser:
+def full_parser() -> argparse.ArgumentParser:
     """Return one parser with all verbs, for the completion script only."""
     import shtab
     root = argparse.ArgumentParser(prog='gravity_comp', description='learn gravity torques')

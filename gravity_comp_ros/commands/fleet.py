@@ -76,6 +76,6 @@ def _show(what: str, outcome: Outcome) -> None:
 
 
 def _findings(findings: Sequence[Finding]) -> str:
-    shown = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
+    items = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
              if f.verdict in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
-    return ', '.join(shown) or 'nothing missing'
+    return ', '.join(items) or 'nothing missing'

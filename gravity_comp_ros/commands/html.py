@@ -45,7 +45,7 @@ def with_error_page(verb: Callable[[argparse.Namespace], int]
 def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
              comparison: Comparison, compared: str, reports: tuple[ReadReport, ...],
              diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
-             previous_name: str = '', shown: tuple[str, ...] = (),
+             previous_name: str = '', displayed: tuple[str, ...] = (),
              notes: tuple[str, ...] = (), next_command: str = '') -> Contents:
     """Return the contents of a report; `samples` are all samples of the recordings."""
     from gravity_comp_ros.report.arm import find_arm
@@ -54,7 +54,7 @@ def contents(args: argparse.Namespace, model: GravityModel, samples: JointSample
     origin = Origin(args.command, now(),
                     args.model.name if args.model else None, notes)
     return Contents(samples, predict_torque(model, samples), model, comparison, compared, reports,
-                    origin, diagnosis, previous or {}, previous_name, shown, next_command,
+                    origin, diagnosis, previous or {}, previous_name, displayed, next_command,
                     find_arm(args.bags, model.joints, args.urdf))
 
 

@@ -20,10 +20,10 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
     :param model: the model, if the verb takes one; it determines the joints, so --joints is
         omitted.
     """
-    words = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
+    line = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
     if model is not None:
-        words += ['--model', str(model)]
-    return shlex.join([*words, *reading_words(args, joints=model is None), *more])
+        line += ['--model', str(model)]
+    return shlex.join([*line, *reading_options(args, joints=model is None), *more])
 
 
 def new_model() -> str:
@@ -37,22 +37,22 @@ def new_name(stem: str, ending: str) -> str:
     return next((name for name in names if not Path(name).exists()), names[0])
 
 
-def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:
+def reading_options(args: argparse.Namespace, joints: bool) -> list[str]:
     """Return the given options of `arguments.add_reading`, --joints only if `joints` is set."""
-    words = []
+    options = []
     if args.topic:
-        words += ['--topic', args.topic]
+        options += ['--topic', args.topic]
     if joints and args.joints:
-        words += ['--joints', ','.join(args.joints)]
+        options += ['--joints', ','.join(args.joints)]
     scales = [f'{joint}={scale:g}' for part in args.effort_scale for joint, scale in part.items()]
     if scales:
-        words += ['--effort-scale', ','.join(scales)]
+        options += ['--effort-scale', ','.join(scales)]
     if args.effort_unit != 'Nm':
-        words += ['--effort-unit', args.effort_unit]
+        options += ['--effort-unit', args.effort_unit]
     if args.rename:
-        words += ['--rename', ','.join(f'{old}={new}' for old, new in args.rename)]
-    words += ['--degrees'] * args.degrees + ['--differentiate'] * args.differentiate
-    return words
+        options += ['--rename', ','.join(f'{old}={new}' for old, new in args.rename)]
+    options += ['--degrees'] * args.degrees + ['--differentiate'] * args.differentiate
+    return options
 
 
 def show(text: str, *commands: str) -> None:

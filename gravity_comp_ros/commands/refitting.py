@@ -48,7 +48,7 @@ def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Gravity
 
 
 def fitted_sentence(result: Refit) -> str:
-    """Return how many samples were fitted."""
+    """Return a sentence with the number of fitted samples."""
     kind = '' if result.all_speeds else 'slow '
     hint = '' if result.all_speeds else ' (--all-samples includes fast samples)'
     return f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}'

@@ -143,8 +143,8 @@ def wrapped(line: Text, width: int, indent: int = 4) -> list[Text]:
         return [line]
     breaks: list[int] = []
     for word in _WORD.finditer(line.plain):
-        begin, left = (breaks[-1], lead + indent) if breaks else (lead, lead)
-        if word.start() > begin and left + cell_len(line.plain[begin:word.end()]) > width:
+        begin, column = (breaks[-1], lead + indent) if breaks else (lead, lead)
+        if word.start() > begin and column + cell_len(line.plain[begin:word.end()]) > width:
             breaks.append(word.start())
     first, *rest = line.divide(breaks)
     for part in (first, *rest):

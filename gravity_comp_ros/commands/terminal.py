@@ -37,9 +37,9 @@ _PROGRESS_DELAY = 2.0
 
 def safe(text: object) -> str:
     """Return `text` as rich markup that shows it literally, on one line."""
-    shown = escape(printable(text))
+    literal = escape(printable(text))
     # A trailing backslash would escape the markup that follows.
-    return shown + ' ' if shown.endswith('\\') else shown
+    return literal + ' ' if literal.endswith('\\') else literal
 
 
 def console(stderr: bool = False) -> Console:
@@ -105,9 +105,9 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
     :param folds: columns whose text may be broken into lines; default: those in `left`.
     :param keys: number of leading columns that identify a row.
     """
-    shown = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
+    cells = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
-    return ScreenTable(title, columns, shown, left, left if folds is None else folds, keys)
+    return ScreenTable(title, columns, cells, left, left if folds is None else folds, keys)
 
 
 @contextmanager

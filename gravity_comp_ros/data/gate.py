@@ -172,7 +172,7 @@ class BlockGate:
 
     def offer(self, t: FloatArray, qd: FloatArray) -> BoolArray:
         """
-        Return which samples of the next block pass, shape (M,).
+        Return a mask (M,) of the samples of the next block that pass.
 
         :param t: times (M,) in s, all later than those before.
         :param qd: velocities (M, N) in rad/s.

@@ -93,7 +93,7 @@ class _Findings:
 
     def _with_parent(self, finding: Finding, candidate: Candidate,
                      findings: Sequence[Finding]) -> Finding:
-        """Return a finding as weak if it corrects another effect that is itself undecided."""
+        """Return a finding as weak if it corrects another effect that is itself unresolved."""
         corrects = candidate.effect.corrects
         given = any((name, candidate.joint) in self.criteria.given for name in corrects)
         if finding.verdict not in FOUND or not corrects or given:
@@ -104,7 +104,7 @@ class _Findings:
             return finding
         names = ' or '.join(str(f.effect) for f in parents)
         return replace(finding, verdict=Verdict.WEAK,
-                       why=f'{finding.why}; it corrects {names}, which is undecided')
+                       why=f'{finding.why}; it corrects {names}, which is unresolved')
 
     def _finding(self, number: int) -> Finding:
         candidate, metrics = self.chosen[number], self.metrics
@@ -221,10 +221,10 @@ def _report(metrics: ErrorMetrics, n: int, noise: float, chosen: Sequence[Candid
     after = fits.errors(n, chosen)
     rmse, share = metrics.rmse(after, n), metrics.nrmse_of(after, n)
     unexplained = rmse > _NOISE_RATIO * noise and share > _MIN_REMAINING
-    words = [f'{f.effect} ({f.verdict})' if f.effect else 'unexplained torque' for f in here]
+    parts = [f'{f.effect} ({f.verdict})' if f.effect else 'unexplained torque' for f in here]
     if unexplained:
-        words.append(f'{rmse:.3g} N·m ({share:.1%} of the torque range) remain unexplained')
-    return JointReport(', '.join(words) or 'no missing effect detectable in this recording',
+        parts.append(f'{rmse:.3g} N·m ({share:.1%} of the torque range) remain unexplained')
+    return JointReport(', '.join(parts) or 'no missing effect detectable in this recording',
                        noise, effective_sample_size(fits, metrics.motion, n, chosen),
                        metrics.rmse(fits.errors(n, []), n), rmse, untestable,
                        share if unexplained else 0.0)

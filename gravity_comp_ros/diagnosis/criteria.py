@@ -138,12 +138,12 @@ class Criteria:
         if self.gain_of(trial, before, after, rest).p >= self.options.alpha:
             return False
         shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
-        if trial.joint is None and self._hides_nuisance_term(int(np.argmax(shares))):
+        if trial.joint is None and self._absorbs_nuisance_term(int(np.argmax(shares))):
             # On that joint it may be a substitute, so another joint must show it.
             shares.remove(max(shares))
         return max(shares, default=0.0) >= self.options.min_rare_share
 
-    def _hides_nuisance_term(self, joint: int) -> bool:
+    def _absorbs_nuisance_term(self, joint: int) -> bool:
         """Return whether gravity absorbs a spring or an offset of a joint in this motion."""
         if ('joint_spring', joint) in self.fits.layout.untestable:
             return True

@@ -97,8 +97,8 @@ def gather(samples: JointSamples, model: GravityModel | None = None,
 
 def _rows(samples: JointSamples) -> int:
     """Return the number of rows of a fit: every k-th sample, evenly spaced."""
-    wanted = _ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2
-    return max(1, -(-samples.n_samples // max(1, round(samples.n_samples / wanted))))
+    n_rows = _ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2
+    return max(1, -(-samples.n_samples // max(1, round(samples.n_samples / n_rows))))
 
 
 def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),

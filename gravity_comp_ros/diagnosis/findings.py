@@ -43,7 +43,7 @@ class Finding:
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
     torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
     `runs_better` the share of runs that it improves. `rivals` are alternative explanations.
-    `next_step` is the motion that decides an open question, '' for an effect to add. `verdict`
+    `next_step` is the motion that resolves an open finding, '' for an effect to add. `verdict`
     is a `Verdict`, which compares and prints as its text.
     """
 
@@ -117,7 +117,7 @@ class Diagnosis:
     laws: tuple[StructureViolation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `diagnose --json` prints."""
+        """Return the document of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
                 'untestable': dict(self.untestable),

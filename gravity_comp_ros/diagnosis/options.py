@@ -17,8 +17,8 @@ class SelectionOptions:
 
     - `alpha`: family-wise error rate.
     - `min_share`: minimum reduction of a joint's held-out error; `min_rare_share`: the same for a
-      rare effect. A rare effect of the whole arm must reach it on a joint of whose offset and
-      spring gravity leaves at least `min_unabsorbed_nuisance` unabsorbed.
+      rare effect. A rare effect of the whole arm must reach it on a joint where
+      gravity does not absorb a share of at least `min_unabsorbed_nuisance` of offset and spring.
     - `evident_share`: Coulomb or viscous friction or an offset with this reduction of the error
       is not corrected for the other joints and effects tested, and a t-test of its coefficient is
       accepted as well. Chance reduces the error by a few percent, and a short recording has few

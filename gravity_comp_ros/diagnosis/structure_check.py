@@ -36,14 +36,14 @@ class StructureViolation:
     holds_with_effects: bool
     p: float
     share: float
-    words: str
+    sentence: str
     suspects: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as `diagnose --json` prints it."""
         return {'law': self.law, 'joint': self.joint, 'holds': False,
                 'holds_with_effects': self.holds_with_effects, 'p': self.p,
-                'share': self.share, 'why': self.words, 'suspects': list(self.suspects)}
+                'share': self.share, 'why': self.sentence, 'suspects': list(self.suspects)}
 
 
 def check_structure(fits: Fits, chosen: Sequence[Candidate],
@@ -62,11 +62,11 @@ def check_structure(fits: Fits, chosen: Sequence[Candidate],
         without, with_suspects = gains
         if _is_satisfied(without):
             continue
-        words = (f'{test.violation} on joint {names[joint]}: {without.share:.0%} of the held-out '
-                 f'error')
+        sentence = f'{test.violation} on joint {names[joint]}: {without.share:.0%} of the ' \
+            'held-out error'
         violations.append(StructureViolation(
             test.name, names[joint], _is_satisfied(with_suspects), without.p, without.share,
-            words, test.suspects))
+            sentence, test.suspects))
     return tuple(violations)
 
 

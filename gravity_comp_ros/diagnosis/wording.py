@@ -14,11 +14,11 @@ _MAX_COEFFICIENTS = 2
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the diagnosis in one sentence."""
-    found = [f for f in diagnosis.findings if f.verdict in FOUND]
-    if found:
-        if len(found) == 1:
-            return f'Missing: {sentence(found[0])}.'
-        return f'{len(found)} effects are missing. The strongest is {sentence(found[0])}.'
+    findings = [f for f in diagnosis.findings if f.verdict in FOUND]
+    if findings:
+        if len(findings) == 1:
+            return f'Missing: {sentence(findings[0])}.'
+        return f'{len(findings)} effects are missing. The strongest is {sentence(findings[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
     name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
@@ -43,12 +43,13 @@ def sentence(finding: Finding) -> str:
     before, after = before_and_after(finding)
     verb = 'reduces' if finding.nrmse_after < finding.nrmse_before else 'changes'
     change = f'it {verb} the held-out error from {before} to {after} of the torque range'
-    rivals = ', '.join(finding.rivals)
+    alternatives = ', '.join(finding.rivals)
     if finding.verdict == 'untestable':
-        return f'{what} cannot be distinguished from {rivals} in this motion' if rivals else \
-            f'{what} cannot be tested with this motion'
+        if alternatives:
+            return f'{what} cannot be distinguished from {alternatives} in this motion'
+        return f'{what} cannot be tested with this motion'
     if finding.verdict == 'ambiguous':
-        return f'{what}, explained equally well by {rivals}; {change}'
+        return f'{what}, explained equally well by {alternatives}; {change}'
     if finding.verdict == 'weak':
         return f'possibly {what}, with weak evidence; {change}'
     return f'{what}; {change}'
@@ -71,16 +72,16 @@ def title(effect: str) -> str:
     known = all_effects().get(effect)
     if known is None:
         return effect
-    words = known.title
-    first = words.split(' ')[0]
+    full = known.title
+    first = full.split(' ')[0]
     # Proper names keep their capital.
-    return words if first in ('Coulomb', 'Stribeck') else words[0].lower() + words[1:]
+    return full if first in ('Coulomb', 'Stribeck') else full[0].lower() + full[1:]
 
 
-def sizes(coefficients: Mapping[str, Estimate], most: int = _MAX_COEFFICIENTS) -> str:
-    """Return coefficients with their intervals, '' for more than `most` coefficients."""
+def sizes(coefficients: Mapping[str, Estimate], limit: int = _MAX_COEFFICIENTS) -> str:
+    """Return coefficients with their intervals, '' for more than `limit` coefficients."""
     items = dict(coefficients)
-    if not items or len(items) > most:
+    if not items or len(items) > limit:
         return ''
     if len(items) == 1:
         return plus_minus(next(iter(items.values())))
@@ -115,10 +116,10 @@ def before_and_after(finding: Finding) -> tuple[str, str]:
 
 
 def _differing(before: float, after: float) -> tuple[str, str]:
-    shown = percent(before), percent(after)
-    if shown[0] == shown[1] and before != after:
-        shown = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
-    return shown
+    texts = percent(before), percent(after)
+    if texts[0] == texts[1] and before != after:
+        texts = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
+    return texts
 
 
 def change(finding: Finding) -> str:

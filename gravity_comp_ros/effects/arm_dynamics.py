@@ -196,8 +196,8 @@ def axis_sign_options(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
     """
     count = 0
     if chain.n_joints > 1 and len(q) > 0 and is_level(chain.torque(q)):
-        count, most = 1, min(chain.n_joints - 1, len(SIGN_SETTINGS))
-        while count < most and abs(chain.axes[count][2, 2]) > _PARALLEL:
+        count, maximum = 1, min(chain.n_joints - 1, len(SIGN_SETTINGS))
+        while count < maximum and abs(chain.axes[count][2, 2]) > _PARALLEL:
             count += 1
     return list(product((1.0, -1.0), repeat=count))
 

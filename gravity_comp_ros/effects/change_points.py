@@ -44,7 +44,7 @@ def change_factor(motion: Motion, setting: Setting) -> FloatArray:
 
 
 def _before(samples: JointSamples, setting: Setting) -> BoolArray:
-    """Return which samples (M,) are before `time` s in run number `run`, from 1."""
+    """Return a mask (M,) of the samples before `time` s in run number `run`, from 1."""
     runs = samples.runs + 1
     return np.asarray((runs < setting['run'])
                       | ((runs == setting['run']) & (run_time(samples) < setting['time'])))

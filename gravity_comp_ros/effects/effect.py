@@ -190,10 +190,10 @@ class Effect(Regressor):
         their torque does not exceed the measured one.
         """
         values = np.asarray(values)
-        least = float(values.min(initial=0.0))
+        minimum = float(values.min(initial=0.0))
         largest = float(np.abs(values).max(initial=0.0))
-        if self.why_not_negative and least < 0.0:
-            return f'the coefficient is negative ({least:.3g}): {self.why_not_negative}'
+        if self.why_not_negative and minimum < 0.0:
+            return f'the coefficient is negative ({minimum:.3g}): {self.why_not_negative}'
         if largest > self.largest:
             size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()
             return f'{size} is too large: {self.why_not_larger}'

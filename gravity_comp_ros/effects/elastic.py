@@ -196,9 +196,9 @@ class EndStop(Effect):
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         low, span = _range(motion, joint)
         end = low + span if setting['side'] > 0 else low
-        depth, most = setting['start'] - end, max(_STOP_DEPTHS) * span
+        depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
         return [{**setting, 'start': end + factor * depth} for factor in (0.7, 0.85, 1.15, 1.3)
-                if abs(factor * depth) <= most]
+                if abs(factor * depth) <= deepest]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := _insufficient_travel(motion, joint):

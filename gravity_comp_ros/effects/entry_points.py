@@ -47,8 +47,8 @@ class GuardedEffect(Effect):
         try:
             return self.effect.untestable(motion, joint) or _fault(self.effect, motion, joint)
         except Exception as error:  # noqa: B902
-            words = printable(error) or type(error).__name__
-            return f'the plug-in of {self.name} fails: {words}'
+            message = printable(error) or type(error).__name__
+            return f'the plug-in of {self.name} fails: {message}'
 
     def alternative(self) -> AlternativeModel | None:
         other = self.effect.alternative()

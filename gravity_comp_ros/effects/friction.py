@@ -11,7 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
+from gravity_comp_ros.effects.motion_direction import direction, find_shape, min_widths, Shape
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
@@ -194,10 +194,10 @@ def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, F
 def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, float]:
     """Return the setting of a coupling with the shape of its direction."""
     samples, partner = motion.samples, int(setting['partner']) - 1
-    least = float(least_widths(samples, [joint, partner]).max())
+    minimum = float(min_widths(samples, [joint, partner]).max())
     residual = samples.tau[:, joint] - motion.gravity[:, joint]
     shape = find_shape(samples, *_shared(motion, joint, setting), motion.qdd[:, joint],
-                       residual, least)
+                       residual, minimum)
     return {**setting, 'width': shape.width, 'hold': shape.hold}
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
-from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
+from gravity_comp_ros.effects.motion_direction import direction, find_shape, min_widths, Shape
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -121,10 +121,10 @@ def build_motion(samples: JointSamples, model: GravityModel,
     if not len(samples):
         raise DataError('effects cannot be computed: there are no samples')
     gravity = model.predict(samples.q)
-    residual, least = samples.tau - gravity, least_widths(samples)
+    residual, narrowest = samples.tau - gravity, min_widths(samples)
     qdd = accelerations(samples, options)
     shapes = [find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n], residual[:, n],
-                         float(least[n])) for n in range(samples.n_joints)]
+                         float(narrowest[n])) for n in range(samples.n_joints)]
     return Motion(samples, qdd, gravity, None, np.array([shape.width for shape in shapes]), model,
                   np.array([shape.hold for shape in shapes]))
 

@@ -25,7 +25,7 @@ from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # Minimum width in rad/s, the accuracy of encoders and drives.
-LEAST_WIDTH = 0.002
+MIN_WIDTH = 0.002
 # Distances in rad over which friction that persists at rest reverses.
 HOLDS = (5e-5, 1e-4, 2e-4, 5e-4)
 # Minimum width relative to the speed noise, and maximum relative to the 95 % quantile of speeds.
@@ -59,9 +59,9 @@ def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape
     return _held(samples, _path(samples, q), shape.hold)
 
 
-def least_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
+def min_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
     """Return the minimum width in rad/s for the speed noise of all or some joints."""
-    return np.maximum(LEAST_WIDTH, _NOISE_WIDTHS * speed_noise(samples, joints))
+    return np.maximum(MIN_WIDTH, _NOISE_WIDTHS * speed_noise(samples, joints))
 
 
 def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
@@ -81,7 +81,7 @@ def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> F
 
 
 def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatArray,
-               residual: FloatArray, least_width: float) -> Shape:
+               residual: FloatArray, min_width: float) -> Shape:
     """
     Return the shape of the direction of one joint, or of a sum of joints.
 
@@ -90,9 +90,9 @@ def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatA
     :param residual: torque (M,) minus gravity, N·m; it affects the shape only.
     """
     fit = _Fit(qd, qdd, residual)
-    width, error = _best_width(fit, qd, least_width)
+    width, error = _best_width(fit, qd, min_width)
     if error > (1.0 - _MIN_FRICTION) * fit.baseline:
-        return Shape(least_width)
+        return Shape(min_width)
     hold, hold_error = _best_hold(fit, samples, _path(samples, q))
     return Shape(width, hold if hold_error < (1.0 - _MIN_IMPROVEMENT) * error else 0.0)
 
@@ -138,14 +138,14 @@ class _Fit:
         return np.asarray(values - self.basis @ (self.basis.T @ values))
 
 
-def _best_width(fit: _Fit, qd: FloatArray, least: float) -> tuple[float, float]:
+def _best_width(fit: _Fit, qd: FloatArray, minimum: float) -> tuple[float, float]:
     """Return the width with the smallest error, and that error."""
     widest = _MAX_WIDTH * float(np.quantile(np.abs(qd), 0.95))
     if fit.baseline == 0.0:
-        return least, 1.0
-    if widest <= least:
-        return least, fit.error(np.tanh(qd / least))
-    grid = np.geomspace(least, widest, _GRID)
+        return minimum, 1.0
+    if widest <= minimum:
+        return minimum, fit.error(np.tanh(qd / minimum))
+    grid = np.geomspace(minimum, widest, _GRID)
     errors = [fit.error(np.tanh(qd / width)) for width in grid]
     best = int(np.argmin(errors))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])

@@ -104,8 +104,8 @@ class MotionProblem:
             for number, share in enumerate(shares):
                 fit = _ridge(gram - part_gram, right - part_right, self._prior(share))
                 errors[number] += ((self.tau[part] - self.x[part] @ fit) ** 2).sum(axis=0)
-        least = max(_MIN_ERROR * float((self.tau ** 2).max(initial=0.0)), 1e-24)
-        return np.asarray(np.log(np.maximum(errors / m, least)).mean(axis=1))
+        minimum = max(_MIN_ERROR * float((self.tau ** 2).max(initial=0.0)), 1e-24)
+        return np.asarray(np.log(np.maximum(errors / m, minimum)).mean(axis=1))
 
     def _prior(self, share: float) -> FloatArray:
         """Return the prior information (K,) in samples of unit weight."""

@@ -233,10 +233,10 @@ def _tool_features(n_joints: int) -> list[tuple[int, int]]:
     """
     pairs = []
     for joint in range(max(0, n_joints - _EXACT_JOINTS - 1), n_joints):
-        most = n_joints if joint >= n_joints - _EXACT_JOINTS else 2
+        max_factors = n_joints if joint >= n_joints - _EXACT_JOINTS else 2
         after = n_joints - 1 - joint
         for tail in product(range(3), repeat=after):
-            if sum(factor != dictionary.ONE for factor in tail) <= most:
+            if sum(factor != dictionary.ONE for factor in tail) <= max_factors:
                 factors = np.array([[dictionary.ONE] * (joint + 1) + list(tail)])
                 pairs.append((joint, int(dictionary.index_of(factors)[0])))
     return pairs

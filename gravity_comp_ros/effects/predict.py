@@ -122,8 +122,8 @@ def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
     """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
     rows = np.zeros(part.n_samples, dtype=np.int64)
     for run in np.unique(part.runs):
-        here, wanted = np.flatnonzero(samples.runs == run), part.runs == run
-        rows[wanted] = here[np.searchsorted(samples.t[here], part.t[wanted])]
+        here, targets = np.flatnonzero(samples.runs == run), part.runs == run
+        rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
     return rows
 
 

@@ -62,8 +62,8 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     return path
 
 
-def _reversals(path: FloatArray, least: float) -> list[tuple[int, float]]:
-    """Return the samples at which a path (M,) has reversed by more than `least`, and its sign."""
+def _reversals(path: FloatArray, minimum: float) -> list[tuple[int, float]]:
+    """Return the samples at which a path (M,) reversed by more than `minimum`, with its sign."""
     steps = np.diff(path)
     moves = np.flatnonzero(steps)
     # The last sample of each stretch in one direction.
@@ -72,9 +72,9 @@ def _reversals(path: FloatArray, least: float) -> list[tuple[int, float]]:
     sign, high, low = 0.0, float(path[0]), float(path[0])
     for k, value in zip(ends.tolist(), path[ends].tolist()):
         high, low = max(high, value), min(low, value)
-        if sign <= 0.0 and value > low + least:
+        if sign <= 0.0 and value > low + minimum:
             sign, high = 1.0, value
-        elif sign >= 0.0 and value < high - least:
+        elif sign >= 0.0 and value < high - minimum:
             sign, low = -1.0, value
         else:
             continue
@@ -115,7 +115,7 @@ def noise_of_fourth_differences(differences: FloatArray) -> FloatArray:
 
 
 def evenly_spaced(t: FloatArray) -> BoolArray:
-    """Return which of the M - 4 windows of five samples are evenly spaced; all if few are."""
+    """Return a mask of the evenly spaced ones of M - 4 windows of five samples; all if few are."""
     steps = np.diff(t)
     if len(steps) < 4:
         return np.zeros(0, dtype=bool)

@@ -49,7 +49,7 @@ def requests(texts: Iterable[str], joints: tuple[str, ...]) -> list[Request]:
     targets = [request.target for request in parsed]
     twice = sorted({name for name in targets if targets.count(name) > 1})
     if twice:
-        raise OptionError(f'{printable(", ".join(twice))} is asked for twice')
+        raise OptionError(f'{printable(", ".join(twice))} is requested twice')
     return parsed
 
 

@@ -140,17 +140,17 @@ def _best_share(problem: MotionProblem, dynamics: ChainDynamics, q: FloatArray
     errors = problem.held_out_errors(_SHARES)
     for number in range(int(errors.argmin()), len(_SHARES)):
         coefficients = problem.fit(_SHARES[number]).dynamics
-        least, largest = _eigenvalue_range(dynamics, coefficients, q)
-        if least >= -_MARGIN * _NEGATIVE * largest:
+        lowest, highest = _eigenvalue_range(dynamics, coefficients, q)
+        if lowest >= -_MARGIN * _NEGATIVE * highest:
             break
     return float(errors[number]), _SHARES[number]
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:
     """Return the reason if the mass matrix is not positive definite at poses of q (M, N)."""
-    least, largest = _eigenvalue_range(dynamics, values, q)
-    if least < -_NEGATIVE * largest:
-        return (f'the mass matrix has a negative eigenvalue ({least:.2g} kg·m^2), and kinetic '
+    lowest, highest = _eigenvalue_range(dynamics, values, q)
+    if lowest < -_NEGATIVE * highest:
+        return (f'the mass matrix has a negative eigenvalue ({lowest:.2g} kg·m^2), and kinetic '
                 f'energy is positive')
     return None
 

@@ -114,7 +114,7 @@ def _dynamics_term(motion: Motion, present: Sequence[Term | AppliedEffect]) -> t
 
 def _nominal_axes(model: GravityModel, present: Sequence[Term | AppliedEffect],
                   known: FloatArray | None) -> Geometry | None:
-    """Return the known axes (N, 3, 3) if no effect describes the torque of motion."""
+    """Return the known axes (N, 3, 3) if no effect describes the dynamic torque."""
     if known is None or model.geometry is None or _names(present) & set(MOTION_EFFECTS):
         return None
     return replace(model.geometry, rotations=known)

@@ -64,8 +64,8 @@ class FitOptions:
             raise OptionError(f'unknown formulation {self.formulation!r}; choose from '
                               f'{", ".join(CHOICES)}')
         if self.geometry is not None and self.formulation not in ('chain', 'auto'):
-            raise OptionError(f'known axes are of no use to {self.formulation}; choose chain or '
-                              f'auto')
+            raise OptionError(f'formulation {self.formulation} does not use known axes; choose '
+                              f'chain or auto')
 
     def known_axes(self, samples: JointSamples) -> FloatArray | None:
         """
@@ -167,7 +167,7 @@ def _fitted_geometry(geometry: Geometry, samples: JointSamples, qdd: FloatArray)
     """
     Return the geometry with the vertical and the zero angles fitted to the torque.
 
-    Zero angles are not fitted to fast motion: they would absorb the torque of motion that the
+    Zero angles are not fitted to fast motion: they would absorb the dynamic torque that the
     nominal arm does not model.
     """
     geometry = with_estimated_vertical(geometry, samples)
@@ -179,12 +179,12 @@ def _fitted_geometry(geometry: Geometry, samples: JointSamples, qdd: FloatArray)
 
 def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,
               qdd: FloatArray | None) -> Estimate:
-    """Return gravity, fitted with the torque of motion of the nominal arm subtracted."""
+    """Return gravity, fitted with the dynamic torque of the nominal arm subtracted."""
     estimate = estimate_gravity(
         build_regression(samples, qdd=qdd, geometry=options.geometry), options, old)
     if not estimate.choice.warning:
         return estimate
-    # The axes were rejected, so the torque of motion computed from them was wrong as well.
+    # The axes were rejected, so the dynamic torque computed from them was wrong as well.
     return estimate_gravity(build_regression(samples, qdd=qdd), options, old)
 
 

@@ -187,7 +187,7 @@ def _solver_json(fit: SparseFit) -> dict[str, Any]:
     return {'lambda': solution.lam, 'iterations': solution.iterations,
             'rounds': fit.rounds, 'working_set': solution.working_set,
             'l1_support': len(solution.indices), 'support': len(fit.indices),
-            'ties': fit.ties, 'inflation': fit.inflation,
+            'ties': fit.n_averaged, 'inflation': fit.inflation,
             'converged': solution.converged,
             **asdict(solution.certificate)}
 
@@ -214,10 +214,10 @@ def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None
         lines += _structure(model, chain) + _uncertainty(samples, model, chain)
     if not all(fit.lasso.converged for fit in fits):
         lines.append('ADMM did not reach its tolerance; its residuals are in the report')
-    ties = sum(fit.ties for fit in fits)
-    if ties:
-        lines.append(f'{counted(ties, "feature")} not identifiable: nearly collinear with another '
-                     f'one on this motion; their average is used. Record a wider motion')
+    ambiguous = sum(fit.n_averaged for fit in fits)
+    if ambiguous:
+        lines.append(f'{counted(ambiguous, "feature")} not identifiable: nearly collinear with '
+                     f'another one on this motion; their average is used. Record a wider motion')
     return lines
 
 

@@ -31,7 +31,7 @@ class FitWithEffects:
         return self.fit.model
 
 
-def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence[Request],
+def fit_with_effects(samples: JointSamples, slow: JointSamples, effects: Sequence[Request],
                      options: FitOptions = FitOptions(), speeds: RefitOptions = RefitOptions(),
                      use: BoolArray | None = None, progress: Progress | None = None
                      ) -> FitWithEffects:
@@ -48,4 +48,4 @@ def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence
     :raises DataError: if an effect is not identifiable from the recording.
     """
     first = fit_gravity(slow, options, progress, recorded_accelerations(samples, slow))
-    return FitWithEffects(first, refit(samples, first.model, wanted, speeds, use, progress))
+    return FitWithEffects(first, refit(samples, first.model, effects, speeds, use, progress))

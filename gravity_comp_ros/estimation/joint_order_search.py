@@ -27,7 +27,7 @@ _QUICK = SolveOptions(max_steps=20, tolerance=1e-3)
 _NOISE_SHARE = 0.05
 # Maximum ratio of squared residuals for which an order is better than the last one, and for which
 # it replaces the recorded one.
-_BETTER, _MUCH_BETTER = 0.9, 0.5
+_BETTER, _CLEARLY_BETTER = 0.9, 0.5
 # Maximum number of trials: an arm of seven joints takes 70.
 _MAX_TRIALS = 200
 
@@ -45,7 +45,7 @@ def joint_order_from_torques(samples: JointSamples) -> tuple[str, ...] | None:
     recorded_cost = _cost(problem, tuple(range(samples.n_joints)))
     size = (samples.tau - samples.tau.mean(axis=0)).std(axis=0)
     order, cost = _local_minimum(problem, tuple(np.argsort(-size).tolist()))
-    if cost > _MUCH_BETTER * recorded_cost:
+    if cost > _CLEARLY_BETTER * recorded_cost:
         return None
     return tuple(samples.names[k] for k in order)
 

@@ -1,8 +1,8 @@
 """
-Nominal torque of motion of an arm with known axes, subtracted before gravity is fitted.
+Nominal dynamic torque of an arm with known axes, subtracted before gravity is fitted.
 
 A nominal arm on the axes of a description, with the first moments of gravity, has nearly the
-inertias of the real arm (`models.kinematic.nominal_arm`). If its torque of motion is not
+inertias of the real arm (`models.kinematic.nominal_arm`). If its dynamic torque is not
 subtracted, inertia appears as a tilt of the base, because the first joint has no other gravity
 torque. An acceleration of 0.1 rad/s^2 corresponds to a degree.
 """
@@ -20,7 +20,7 @@ from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Effects that describe the torque of motion; with one of them it is not subtracted.
+# Effects that describe the dynamic torque; with one of them it is not subtracted.
 MOTION_EFFECTS = ('rigid_body_dynamics', 'inertia', 'coriolis')
 # Maximum number of samples that first moments are fitted to, and of rows of one regressor.
 _MAX_MOMENT_SAMPLES, _MAX_ROWS = 300, 4096
@@ -30,7 +30,7 @@ _MIN_EXCITATION = 1e-3
 
 def without_motion(samples: JointSamples, geometry: Geometry, qdd: FloatArray) -> JointSamples:
     """
-    Return the samples without the torque of motion of the nominal arm.
+    Return the samples without the dynamic torque of the nominal arm.
 
     :param geometry: the axes of the samples' joints, in their order.
     :param qdd: accelerations (M, N), rad/s^2.
@@ -44,7 +44,7 @@ def without_motion(samples: JointSamples, geometry: Geometry, qdd: FloatArray) -
 def motion_torque(samples: JointSamples, geometry: Geometry, moments: FloatArray,
                   qdd: FloatArray) -> FloatArray:
     """
-    Return the torque of motion (M, N) in N·m of the nominal arm with given first moments.
+    Return the dynamic torque (M, N) in N·m of the nominal arm with given first moments.
 
     :param geometry: the axes of the samples' joints, in their order.
     :param moments: (N, 2) in kg·m, as `nominal_parameters` takes them.

@@ -1,7 +1,7 @@
 """
 Regressor columns of nuisance terms: friction, offset and inertia of each joint.
 
-This module decides which terms the motion can identify and which ones the fit keeps. A term is
+This module selects the terms that the motion identifies and that the fit keeps. A term is
 kept if its coefficient differs significantly from 0 in a joint fit with gravity and all other
 terms. An insignificant free column would only increase the variance of gravity.
 """
@@ -15,7 +15,7 @@ from gravity_comp_ros.data.condense import Condensation
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
-    direction, find_shape, least_widths, Shape)
+    direction, find_shape, min_widths, Shape)
 from gravity_comp_ros.models.noise import floor, of_second_differences
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
@@ -97,7 +97,7 @@ class NuisanceColumns:
 
 def initial_shapes(samples: JointSamples) -> tuple[Shape, ...]:
     """Return friction shapes before any fit, as wide as the noise of the speed requires."""
-    return tuple(Shape(float(width)) for width in least_widths(samples))
+    return tuple(Shape(float(width)) for width in min_widths(samples))
 
 
 def fitted_shapes(samples: JointSamples, qdd: FloatArray,
@@ -107,7 +107,7 @@ def fitted_shapes(samples: JointSamples, qdd: FloatArray,
 
     :param qdd: accelerations (M, N), rad/s^2.
     """
-    widths = least_widths(samples)
+    widths = min_widths(samples)
     return tuple(find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n],
                             residual[:, n], float(widths[n]))
                  for n in range(samples.n_joints))

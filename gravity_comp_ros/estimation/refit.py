@@ -70,7 +70,7 @@ class RefitOptions:
         return cls() if max_speed is None else cls(max_speed, force=True)
 
 
-def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
+def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request],
           options: RefitOptions = RefitOptions(), use: BoolArray | None = None,
           progress: Progress | None = None) -> Refit:
     """
@@ -82,18 +82,18 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     :raises DataError: if an effect is in the model already or not identifiable, or samples are
         too few.
     :raises FitError: if the result predicts the samples worse than the model before.
-    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
-        effect that is not installed here.
+    :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
+        of the model is not installed.
     """
     report = progress or (lambda word, share: None)
     samples = samples.joints(model.joints)
     picked = evenly_picked(samples.n_samples, _MAX_SAMPLES)
     samples, use = samples.select(picked), None if use is None else use[picked]
     report('motion', 0.0)
-    base = _base(samples, model, wanted)
+    base = _base(samples, model, effects)
     motion = build_motion(samples, base)
-    new, skipped = _new_terms(motion, model, wanted)
-    if wanted and not new:
+    new, skipped = _new_terms(motion, model, effects)
+    if effects and not new:
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
     old, kept = _old_terms(motion, model)
     work, all_speeds = _problem(motion, base, kept, (*old, *new), use, options)
@@ -102,9 +102,9 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     fit_options, known = _formulation(base, chosen[-1])
     fitted = fit_with_terms(motion, work.rows, base, chosen[-1], kept, fit_options, known)
     implausible = _implausible(work, fitted.model, chosen[-1])
-    optional = {r.target for r in wanted if not r.named} & set(implausible)
+    optional = {r.target for r in effects if not r.named} & set(implausible)
     if optional and len(optional) < len(new):
-        rest = [r for r in wanted if r.target not in optional]
+        rest = [r for r in effects if r.target not in optional]
         result = refit(samples, model, rest, options, use, progress)
         left_out = {name: implausible[name] for name in sorted(optional)}
         return replace(result, skipped={**result.skipped, **left_out})
@@ -217,13 +217,13 @@ def _check_not_worse(before: GravityModel, after: GravityModel, motion: Motion,
 
 
 def _base(samples: JointSamples, model: GravityModel,
-          wanted: Sequence[Request]) -> GravityModel:
+          effects: Sequence[Request]) -> GravityModel:
     """
     Return the model to add to.
 
     Rigid-body dynamics requires the axes of a chain; a base tilt requires a level model.
     """
-    names = {request.effect.name for request in wanted}
+    names = {request.effect.name for request in effects}
     if _DYNAMICS in names and model.chain is None and model.geometry is None:
         chain = fit(samples, FitOptions('chain')).model
         model = replace(chain, applied=model.applied, history=model.history,
@@ -237,10 +237,10 @@ def _base(samples: JointSamples, model: GravityModel,
 
 
 def _new_terms(motion: Motion, model: GravityModel,
-               wanted: Sequence[Request]) -> tuple[list[Term], dict[str, str]]:
+               effects: Sequence[Request]) -> tuple[list[Term], dict[str, str]]:
     """Return the identifiable wanted effects, and the reasons for omitting the others."""
     terms, skipped = [], {}
-    for request in wanted:
+    for request in effects:
         joint = 0 if request.joint is None else model.joints.index(request.joint)
         present = model.applied.has(request.effect.name, request.joint)
         reason = ('it is in the model already' if present

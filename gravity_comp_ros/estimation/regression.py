@@ -125,7 +125,7 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     :param condensation: of the samples; None computes it.
     :param excluded: kinds and joint numbers of nuisance terms that effects replace.
     :param effect_std: (K,) as in `Regression`.
-    :param geometry: known axes: the torque of motion of a nominal arm is subtracted first.
+    :param geometry: known axes: the dynamic torque of a nominal arm is subtracted first.
     """
     condensation = condensation or condense(samples)
     qdd = accelerations(samples) if qdd is None else qdd

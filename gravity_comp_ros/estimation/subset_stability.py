@@ -26,8 +26,8 @@ _POSES = 300
 _MAX_SHARE, _MAX_NOISE = 0.1, 3.0
 
 
-def instability(model: GravityModel, train: JointSamples, noise: FloatArray,
-                fit_again: Callable[[JointSamples], GravityModel]) -> str | None:
+def convergence_objection(model: GravityModel, train: JointSamples, noise: FloatArray,
+                          fit_again: Callable[[JointSamples], GravityModel]) -> str | None:
     """
     Return a sentence on a large change of the model with the samples, None if it is stable.
 

@@ -98,7 +98,7 @@ class Comparison(Displayable):
         yield from (f'{self.worst} {region.words}' for region in self.joints[self.worst].where[:2])
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `compare --json` prints."""
+        """Return the document of `compare --json`."""
         return {'joints': {name: asdict(joint) for name, joint in self.joints.items()},
                 'worst_joint': self.worst, 'share_outside_trained_range': self.share_outside,
                 'band': None if self.band is None else asdict(self.band)}
@@ -116,8 +116,8 @@ def compare(model: GravityModel, samples: JointSamples,
         samples in between (acceleration, friction with memory).
     :param predicted: the prediction (M, N) in N·m of a model with effects for `recorded`; None
         computes it.
-    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
-        effect that is not installed here.
+    :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
+        of the model is not installed.
     :raises DataError: if there are no samples.
     """
     samples = samples.joints(model.joints)

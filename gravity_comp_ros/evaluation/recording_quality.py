@@ -1,4 +1,4 @@
-"""Quality of a recording: facts of each joint, and remarks on what is not identifiable."""
+"""Quality of a recording: facts of each joint, and remarks on unidentifiable terms."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class RecordingFacts:
 
     `slow_share` is the share of samples in which every joint is slow; `kept` the number of them
     after the gate has reduced the rate. `at_rest` is True if every velocity is 0, as in a series
-    of poses. `remarks` are sentences on what is not identifiable and why. `reversed_joints` are
+    of poses. `remarks` are sentences on unidentifiable terms, with reasons. `reversed_joints` are
     those whose effort should be read with the opposite sign.
     """
 

@@ -2,9 +2,9 @@
 Regions of a large residual: conditions under which a joint's error is larger than elsewhere.
 
 The samples are divided along one condition at a time (own position, direction, speed, load, time,
-run, inside or outside the trained range). Regions with a large mean square error are described in
-words. Residuals are autocorrelated, so a region must be worse in most of its visits, not only on
-average over its samples.
+run, inside or outside the trained range). Regions with a large mean square error are reported.
+Residuals are autocorrelated, so a region must be worse in most of its visits, not only on average
+over its samples.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def _region(samples: JointSamples, residual: FloatArray,
     ratio = rmse / max(elsewhere, 1e-12)
     if ratio < _MIN_RATIO or not _is_repeated(samples, residual, mask, elsewhere):
         return None
-    words = f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)'
-    return ResidualRegion(axis, low, high, n, rmse, float(residual[mask].mean()), ratio, words)
+    sentence = f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)'
+    return ResidualRegion(axis, low, high, n, rmse, float(residual[mask].mean()), ratio, sentence)
 
 
 def _is_repeated(samples: JointSamples, residual: FloatArray, mask: BoolArray,

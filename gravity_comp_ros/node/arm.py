@@ -89,7 +89,7 @@ class Arm:
 
     @property
     def is_limited(self) -> bool:
-        """Whether there is a torque limit, or `unlimited_torque` is set."""
+        """Return whether there is a torque limit, or `unlimited_torque` is set."""
         return bool(self.feed.options.max_torque) or self._settings.unlimited_torque
 
     def _limit(self) -> None:
@@ -180,11 +180,11 @@ class Arm:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the model in use has predicted as many samples as it was trained on."""
+        """Return whether the model in use has predicted as many samples as it was trained on."""
         return self._watch is None or self._watch.is_confirmed
 
     def missing_for_fit(self) -> str | None:
-        """Return what is missing for a fit, None if nothing is."""
+        """Return the missing data of a fit, None if it has enough."""
         missing = self.epoch.missing_for_fit()
         faults = {reason: self.gate_counts[reason] for reason in (OFF, FROZEN)
                   if self.gate_counts[reason]}
@@ -203,7 +203,7 @@ class Arm:
                                f'{names} is constant')
 
     def new_faults(self) -> str:
-        """Return the counts of broken effort since the last call, in words; empty if none."""
+        """Return the counts of broken effort since the last call as text; empty if none."""
         new = self.gate_counts - self._reported_gate
         self._reported_gate = self.gate_counts.copy()
         return ', '.join(f'{reason} {new[reason]}' for reason in (OFF, FROZEN) if new[reason])

@@ -44,8 +44,8 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
 
     :param expected: noise of earlier epochs (N,), N·m.
     """
-    least = MIN_NOISE_FRACTION * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
-    return np.maximum(np.maximum(expected, least), _sample_noise(samples, samples.tau - predicted))
+    floor = MIN_NOISE_FRACTION * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
+    return np.maximum(np.maximum(expected, floor), _sample_noise(samples, samples.tau - predicted))
 
 
 def _sample_noise(samples: JointSamples, residual: FloatArray) -> FloatArray:

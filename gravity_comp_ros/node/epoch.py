@@ -152,22 +152,22 @@ class Epoch:
         """Return the coverage of the training samples."""
         return self._train.coverage()
 
-    def lacking(self) -> tuple[str, ...]:
+    def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `min_span`."""
         return self.coverage().joints_below_span(self._options.min_span)
 
     def missing_for_fit(self) -> str | None:
-        """Return what is missing for a fit, None if nothing is."""
+        """Return the missing data of a fit, None if it has enough."""
         if self.n_samples == 0:
             return 'no slow samples yet: move the arm slowly through its range'
         options = self._options
         few_suffice = self.has_base and not self.had_broken_effort
-        least = options.min_samples if few_suffice else options.first_samples
-        if self.n_train < least or self.n_held_out < options.block:
+        minimum = options.min_samples if few_suffice else options.first_samples
+        if self.n_train < minimum or self.n_held_out < options.block:
             why = ' after broken effort' if self.had_broken_effort else ''
             return (f'{self.n_train} training and {self.n_held_out} held-out samples; '
-                    f'{least} and {options.block} are needed{why}: keep moving slowly')
-        if len(self.lacking()) == len(self._train.names):
+                    f'{minimum} and {options.block} are needed{why}: keep moving slowly')
+        if len(self.short_of_range()) == len(self._train.names):
             return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
                     'slowly through its range')
         return None
@@ -193,14 +193,14 @@ class Epoch:
         self._closing = False
 
     def describe(self) -> str:
-        """Return the state of the epoch in words and numbers."""
-        lacking = self.lacking()
+        """Return the state of the epoch as text."""
+        missing = self.short_of_range()
         text = f'epoch {self.number} {"open" if self.is_open else "closed"}, ' \
             f'{self.n_samples} of {self._options.full_samples} samples ' \
             f'({self.n_held_out} held out)'
-        if self.is_open and lacking:
-            text += f', too little range on {", ".join(lacking)}'
+        if self.is_open and missing:
+            text += f', too little range on {", ".join(missing)}'
         return f'{text}; {self.note}' if self.note else text
 
     def _is_full(self) -> bool:
-        return self.n_samples >= self._options.full_samples and not self.lacking()
+        return self.n_samples >= self._options.full_samples and not self.short_of_range()

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
-from gravity_comp_ros.estimation.subset_stability import instability
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.base_chain import BaseChains, changed_by_payload, without_friction
@@ -32,7 +32,7 @@ import numpy as np
 # Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
 # the change of an old model requires a fraction of them (docs/node.md).
 MIN_FULL_FIT_SAMPLES = 100
-# How a model was fitted, as in replies and diagnostics.
+# Kind of a fit, as in replies and diagnostics.
 CHANGE, FULL_FIT = 'change of the old model', 'full fit'
 SPARSE = f'{FULL_FIT}, potential'
 # Margin of the held-out error by which a sparse potential must beat a chain.
@@ -87,7 +87,7 @@ def _tested(verdict: Verdict, job: FitJob, chain: GravityModel | None,
         return verdict.not_yet(echo)
     if (broken := _broken_effort(job, chain, change, model, prediction)) is not None:
         return verdict.refused(broken)
-    if verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
+    if verdict.better and how != CHANGE and (why := _not_converged(model, job)) is not None:
         return verdict.not_yet(why)
     return verdict
 
@@ -142,7 +142,7 @@ def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, 
 
 
 def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
-    """Return the held-out RMSE of each candidate over all joints, in words."""
+    """Return the held-out RMSE of each candidate over all joints as text."""
     texts = []
     for how, model in candidates:
         prediction = predicted(model, job)
@@ -199,11 +199,11 @@ def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidat
     yield SPARSE, full_fit(job, FitOptions('potential'))
 
 
-def _unsettled(model: GravityModel, job: FitJob) -> str | None:
+def _not_converged(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
-    return instability(model, job.train, residual_noise(model),
-                       lambda early: full_fit(replace(job, train=early), options))
+    return convergence_objection(model, job.train, residual_noise(model),
+                                 lambda early: full_fit(replace(job, train=early), options))
 
 
 def _broken_effort(job: FitJob, chain: GravityModel | None, change: GravityModel | None,

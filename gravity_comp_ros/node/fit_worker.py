@@ -51,7 +51,7 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
 
 def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
     """
-    Return the findings of a diagnosis, and the motion that resolves its open questions, in words.
+    Return the findings of a diagnosis, and the motion that resolves the open ones, as text.
 
     :raises DataError: if there are too few samples.
     """
@@ -66,7 +66,7 @@ def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
 
 
 def _next_motion(job: DiagnosisJob, diagnosis: Diagnosis) -> str:
-    """Return the motion that resolves what is open, in words; empty if there is none."""
+    """Return the motion that resolves open findings as text; empty if there is none."""
     if job.model is None:
         return ''
     try:
@@ -74,5 +74,5 @@ def _next_motion(job: DiagnosisJob, diagnosis: Diagnosis) -> str:
     except GravityCompError:
         return ''
     parts = '; '.join(part.sentence for part in planned.parts)
-    return (f'to resolve what is open, move for {planned.trajectory.duration:.0f} s: {parts} '
+    return (f'to resolve open findings, move for {planned.trajectory.duration:.0f} s: {parts} '
             f'(`gravity_comp plan` on a recording writes that motion)')

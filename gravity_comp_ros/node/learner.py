@@ -46,7 +46,7 @@ class Learner:
         # The model in use when the epoch began, whose change by a payload is fitted.
         self.base: GravityModel | None = None
         self._last_fit = 'none'
-        # Outliers of the last fit, in words.
+        # Outliers of the last fit, as text.
         self._outliers = ''
         self._kept_old = self._compensated = self._broken = False
 
@@ -250,10 +250,10 @@ class Learner:
         """Return the figures of learning for diagnostics."""
         epoch, fits = arm.epoch, self.fits
         return Learning(
-            epoch.describe(), epoch.n_samples, epoch.n_held_out, epoch.lacking(), arm.gate_counts,
-            fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
-            self._kept_old, self._compensated, self._broken, arm.new_faults(),
-            self._outliers)
+            epoch.describe(), epoch.n_samples, epoch.n_held_out, epoch.short_of_range(),
+            arm.gate_counts, fits.state, fits.restarts, fits.pid, fits.last_failure,
+            self._last_fit, self._kept_old, self._compensated, self._broken,
+            arm.new_faults(), self._outliers)
 
     def close(self) -> None:
         """End the fit process, and reply to pending calls."""

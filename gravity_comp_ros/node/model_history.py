@@ -12,7 +12,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 
 @dataclass(frozen=True)
 class Entry:
-    """A model with its origin in words, the time of its first use (s), and its epoch."""
+    """A model with its origin, the time of its first use (s), and its epoch."""
 
     model: GravityModel
     origin: str
@@ -20,7 +20,7 @@ class Entry:
     epoch: int = 0
 
     def describe(self) -> str:
-        """Return a description of the model in words and numbers."""
+        """Return a one-line description of the model."""
         coverage = self.model.coverage
         return (f'{self.model.formulation} model of {self.model.n_joints} joints, '
                 f'{int(self.model.n_features().sum())} features, {coverage.n_samples} samples, '

@@ -26,7 +26,7 @@ MAX_SHARE = 0.3
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     """
-    Return which torques (M, N) are outliers of a change of the chain's moments.
+    Return a mask (M, N) of the torques that are outliers of a change of the chain's moments.
 
     :param gravity: samples after the change whose torque is gravity.
     :param chain: of the arm before the change.
@@ -36,7 +36,7 @@ def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
 
 def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
     """
-    Return which torques (M, N) are outliers of a model that was fitted to them.
+    Return a mask (M, N) of the torques that are outliers of a model that was fitted to them.
 
     At rest friction can have any value, so a joint at rest has no outliers.
 

@@ -10,9 +10,9 @@ body on the last link is added. Both are normal distributions of mean 0,
 where A and B are columns of torque, each scaled by the prior standard deviation of its
 coefficient. The criteria are the difference of the log evidence, and the prediction of a part of
 the window from the rest of it, which fails for a short contact. Two more explanations distinguish
-a lasting push from a weight. The first adds a horizontal force, which turns with the arm
-differently from a weight. In the second the torque b of the body varies with time, as the force
-of a hand does,
+a lasting push from a weight. The first adds a horizontal force, whose torque depends on the pose
+in another way than that of a weight. In the second the torque b of the body varies with time, as
+the force of a hand does,
 
     S_2 = S_1 + s^2 (b b.T) * K,    K_ij = exp(-|t_i - t_j| / T),
 

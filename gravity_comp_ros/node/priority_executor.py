@@ -157,10 +157,10 @@ class InputFirstExecutor(SingleThreadedExecutor):
             self._wait_set.add_subscription(handle)
             self._wait_set.wait(int(timeout * 1e9))
             for count in range(BURST):
-                taken = handle.take_message(subscription.msg_type, False)
-                if taken is None:
+                message = handle.take_message(subscription.msg_type, False)
+                if message is None:
                     return count > 0
-                subscription.callback(taken[0])
+                subscription.callback(message[0])
         self.full_bursts += 1
         return True
 

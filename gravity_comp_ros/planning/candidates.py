@@ -38,7 +38,7 @@ _TOUR_WIDTH, _TOUR_SHARES, _POSTURES, _TOURS = 1.2, (1.0, 0.6), 40, 16
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Segments from `base` back to it; `what` describes the motion of the joints in words."""
+    """Segments from `base` back to it; `what` describes the motion of the joints."""
 
     what: str
     joints: tuple[int, ...]
@@ -112,7 +112,7 @@ def travel(space: Workspace, a: FloatArray, b: FloatArray, limits: Limits) -> li
 
 def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str, FloatArray]]:
     """
-    Return base poses in reach of a straight line from the start, with words that follow `what`.
+    Return base poses in reach of a straight line from the start, with a suffix of `what`.
 
     These are the start, those of largest and smallest load, and others far from them.
     """
@@ -125,10 +125,10 @@ def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str,
     poses = np.array([pose for pose in near if space.admits_line(space.start, pose)])
     load = np.abs(model.predict(np.vstack([space.start, poses]))[:, joint])
     bases = [('', space.start)]
-    for words, pick in ((' at its largest load', np.argmax(load)),
-                        (' at its smallest load', np.argmin(load))):
+    for suffix, pick in ((' at its largest load', np.argmax(load)),
+                         (' at its smallest load', np.argmin(load))):
         if pick:
-            bases.append((words, poses[pick - 1]))
+            bases.append((suffix, poses[pick - 1]))
     while len(bases) < _MAX_BASES:
         apart = np.min([np.abs(poses - base).max(axis=1) for _, base in bases], axis=0)
         if apart.max() < 0.1:
@@ -139,7 +139,7 @@ def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str,
 
 @dataclass(frozen=True, eq=False)
 class _PartBuilder:
-    """Builder of parts from a base pose, which `posture` describes in words."""
+    """Builder of parts from a base pose, which `posture` describes."""
 
     space: Workspace
     limits: Limits
@@ -155,11 +155,11 @@ class _PartBuilder:
             return []
         parts = []
         for speed in (share * self.limits.speed for share in _SPEEDS):
-            parts.append(self._to_and_fro(f'to and fro at {speed:.2g} rad/s', (joint,), axis,
+            parts.append(self._repetition(f'back and forth at {speed:.2g} rad/s', (joint,), axis,
                                           *self._stroke(down, up, speed), speed))
         slow = 2.0 * (up + down) / self.nominal
         if slow < self.limits.speed:
-            parts.append(self._to_and_fro('slowly through its range', (joint,), axis, -down, up,
+            parts.append(self._repetition('slowly through its range', (joint,), axis, -down, up,
                                           slow))
         parts.append(self._steps(joint, axis, down, up))
         if min(up, down) > _MIN_STROKE:
@@ -174,7 +174,7 @@ class _PartBuilder:
         up, down = self._extents(axis, _MAX_STROKE)
         if up + down <= 0.5 * self.nominal * self.limits.speed:
             return []
-        return self._short([self._to_and_fro('once through its whole range', (joint,), axis, -down,
+        return self._short([self._repetition('once through its whole range', (joint,), axis, -down,
                                              up, self.limits.speed)], 2.0)
 
     def of_two_joints(self, joints: tuple[int, int]) -> list[Part]:
@@ -185,7 +185,7 @@ class _PartBuilder:
             axis = self._axis(joints[0]) + sign * self._axis(joints[1])
             up, down = self._extents(axis, _MAX_STROKE_OF_SEVERAL)
             if up + down >= _MIN_STROKE:
-                parts.append(self._to_and_fro(f'both in {how}', joints, axis,
+                parts.append(self._repetition(f'both in {how}', joints, axis,
                                               *self._stroke(down, up, speed), speed))
         return self._short(parts)
 
@@ -229,7 +229,7 @@ class _PartBuilder:
         longest = factor * _MAX_OVERTIME * self.nominal
         return [part for part in parts if part.duration <= longest]
 
-    def _to_and_fro(self, what: str, joints: tuple[int, ...], axis: FloatArray, low: float,
+    def _repetition(self, what: str, joints: tuple[int, ...], axis: FloatArray, low: float,
                     high: float, speed: float) -> Part:
         """Return repeated strokes between two points of an axis."""
         limits = self.limits.slower(speed)

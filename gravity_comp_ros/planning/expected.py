@@ -1,4 +1,4 @@
-"""Planned motion, its parts in words, and the expected result of each target."""
+"""Planned motion, descriptions of its parts, and the expected result of each target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PlannedPart:
-    """A part of the motion from `start` to `end` in s; `what` describes it in words."""
+    """A part of the motion from `start` to `end` in s; `what` describes it."""
 
     start: float
     end: float
@@ -52,7 +52,7 @@ class Expectation:
 
     @property
     def is_likely(self) -> bool:
-        """Return whether the motion settles the target with a chance of at least one half."""
+        """Return whether the motion resolves the target with a chance of at least one half."""
         return self.chance >= 0.5
 
     def to_json(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ GRAVITY = 'gravity'
 @dataclass(frozen=True)
 class Target:
     """
-    An effect to settle on a joint; None for an effect of the whole arm.
+    An effect to resolve on a joint; None for an effect of the whole arm.
 
     `alternatives` are effects that fit the recordings equally well, each NAME or NAME:JOINT.
     Common confounders of the effect are added to them.
@@ -56,7 +56,7 @@ class PlanOptions:
     start: FloatArray | None = None
 
     @property
-    def goes_beyond(self) -> bool:
+    def exceeds_recorded_range(self) -> bool:
         """Return whether the motion may exceed the recorded range."""
         return self.low is not None
 

@@ -15,7 +15,7 @@ from gravity_comp_ros.planning.options import Target
 # No finding, with recordings that excite the effect.
 ABSENT = 'absent'
 UNTESTABLE = 'untestable'
-SETTLED = (*map(str, FOUND), ABSENT)
+RESOLVED = (*map(str, FOUND), ABSENT)
 
 
 def finding_of(target: Target, diagnosis: Diagnosis | None) -> Finding | None:
@@ -50,18 +50,18 @@ class Outcome:
     unit: str
 
     @property
-    def settled(self) -> bool:
-        return self.verdict in SETTLED
+    def resolved(self) -> bool:
+        return self.verdict in RESOLVED
 
     @property
     def as_expected(self) -> bool:
-        """Return whether the more probable of settled and open occurred."""
-        return self.settled == (self.chance >= 0.5)
+        """Return whether the more probable of resolved and open occurred."""
+        return self.resolved == (self.chance >= 0.5)
 
     def to_json(self) -> dict[str, Any]:
         """Return one object of `plan` of `diagnose --json`."""
         return {'effect': self.target.effect, 'joint': self.target.joint, 'chance': self.chance,
-                'verdict': self.verdict, 'settled': self.settled,
+                'verdict': self.verdict, 'settled': self.resolved,
                 'as_expected': self.as_expected, 'half_width': self.half_width,
                 'found_half_width': self.found_half_width}
 
@@ -109,7 +109,7 @@ def _outcome(one: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
 
 
 def summary(results: list[Outcome]) -> str:
-    """Return the number of settled targets, and the expected number."""
-    settled = sum(one.settled for one in results)
-    return (f'{settled} of {len(results)} targets of the plan are settled; expected by the stated '
-            f'chances: {sum(one.chance for one in results):.1f}')
+    """Return the number of resolved targets, and the expected number."""
+    resolved = sum(one.resolved for one in results)
+    return (f'{resolved} of {len(results)} targets of the plan are resolved; expected by the '
+            f'stated chances: {sum(one.chance for one in results):.1f}')

@@ -1,4 +1,4 @@
-"""Plan of a motion that settles open targets: candidates, selection, expected results."""
+"""Plan of a motion that resolves open targets: candidates, selection, expected results."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
 
     :param samples: all samples of earlier recordings, fast ones included.
     :param model: gravity with an energy (chain or potential).
-    :param targets: effects to settle; None for the open findings of the diagnosis.
+    :param targets: effects to resolve; None for the open findings of the diagnosis.
     :param diagnosis: of the same samples; computed if it is needed and not given.
     :param obstacles: collision check of poses.
     :raises OptionError: if nothing is open, a target is unknown, or no admissible motion excites
         any target.
     """
-    report = progress or (lambda words, share: None)
+    report = progress or (lambda stage, share: None)
     task = _design_task(samples, model, targets, options, diagnosis, report, obstacles)
     report('plan', 0.5)
     chosen = task.selector.select()
@@ -136,7 +136,7 @@ class _DesignTask:
 
     def planned_parts(self, times: Sequence[tuple[float, float]],
                       chosen: Sequence[Part]) -> tuple[PlannedPart, ...]:
-        """Return the parts in words; equal consecutive parts are one."""
+        """Return descriptions of the parts; equal consecutive parts are one."""
         names = [target.name for target in self.targets] + [GRAVITY]
         joints = self.context.model.joints
         parts: list[PlannedPart] = []
@@ -165,14 +165,14 @@ def _design_task(samples: JointSamples, model: GravityModel, targets: Sequence[T
         uncertainty = gravity_uncertainty(model, samples.q, samples.tau, white_noise(samples),
                                           gravity_named)
     if targets is None and diagnosis is not None:
-        targets = open_targets(diagnosis, context.recorded, options.goes_beyond)
+        targets = open_targets(diagnosis, context.recorded, options.exceeds_recorded_range)
         if uncertainty is not None:
             targets = targets[:MAX_TARGETS - 1]
     targets = [target for target in targets or () if target.effect != GRAVITY]
     if gravity_named and uncertainty is None:
         raise OptionError('plan: this model has no uncertainty of its gravity; fit it again')
     if not targets and uncertainty is None:
-        raise OptionError('plan: no target is open; name the effects to settle')
+        raise OptionError('plan: no target is open; name the effects to resolve')
     targets = [with_ambiguous_findings(target, diagnosis) for target in targets]
     limits = _limits(options, targets, samples)
     report('plan', 0.2)
@@ -276,9 +276,9 @@ def _absorbed(after: EffectScore) -> str:
 
 def _unlikely(expected: Expectation) -> str:
     if expected.untestable:
-        return (f'{expected.target.name}: no part within these limits settles it: '
+        return (f'{expected.target.name}: no part within these limits resolves it: '
                 f'{expected.untestable}')
     against = (f' against {expected.closest_alternative}' if expected.closest_alternative else '')
-    return (f'{expected.target.name}: the chance that this motion settles it{against} is only '
-            f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may settle '
+    return (f'{expected.target.name}: the chance that this motion resolves it{against} is only '
+            f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may resolve '
             f'it')

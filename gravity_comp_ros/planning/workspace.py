@@ -55,7 +55,7 @@ class Workspace:
             (self.distance(q) <= self.reach + _ROUNDING).all())
 
     def distance(self, q: FloatArray) -> FloatArray:
-        """Return how far each pose (M, N) is from the nearest recorded one, (M,) in rad."""
+        """Return the distance of each pose (M, N) from the nearest recorded one, (M,) in rad."""
         return np.asarray(self._tree.query(q, p=np.inf)[0])
 
     @cached_property

@@ -85,9 +85,9 @@ def decode_string(data: bytes) -> str:
 
 
 def _topic(storage: Storage) -> str | None:
-    found = {topic.name for topic in storage.topics
-             if topic.type == STRING and topic.encoding == 'cdr' and topic.count
-             and topic.name.endswith(TOPIC)}
-    if TOPIC in found:
+    topics = {topic.name for topic in storage.topics
+              if topic.type == STRING and topic.encoding == 'cdr' and topic.count
+              and topic.name.endswith(TOPIC)}
+    if TOPIC in topics:
         return TOPIC
-    return found.pop() if len(found) == 1 else None
+    return topics.pop() if len(topics) == 1 else None

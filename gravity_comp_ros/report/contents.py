@@ -36,9 +36,9 @@ class Contents:
 
     `samples` are all recorded samples of the model's joints; `predicted` (M, N) is their torque
     in N·m. `comparison` may use a part of them (slow motion), described by `compared`. `previous`
-    has the RMSE by joint in N·m of another model, `previous_name`, on the same part. `shown` are
-    the joints of the report, all if empty. `next_command` is the command line of the next step,
-    if any. `arm` requires a robot description.
+    has the RMSE by joint in N·m of another model, `previous_name`, on the same part. `displayed`
+    are the joints of the report, all if empty. `next_command` is the command line of the next
+    step, if any. `arm` requires a robot description.
     """
 
     samples: JointSamples
@@ -51,14 +51,14 @@ class Contents:
     diagnosis: Diagnosis | None = None
     previous: Mapping[str, float] = field(default_factory=dict)
     previous_name: str = ''
-    shown: tuple[str, ...] = ()
+    displayed: tuple[str, ...] = ()
     next_command: str = ''
     arm: Arm | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Return the joints to show."""
-        return self.shown or self.model.joints
+        return self.displayed or self.model.joints
 
     @property
     def numbers(self) -> list[int]:
@@ -82,7 +82,7 @@ class Contents:
 
     @cached_property
     def outside(self) -> BoolArray:
-        """Return which poses (M,) are outside the trained range."""
+        """Return a mask (M,) of the poses outside the trained range."""
         return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
 
     @property

@@ -14,11 +14,11 @@ def text(value: object) -> str:
     return escape(printable(value), quote=True)
 
 
-def units(words: str) -> str:
+def units(content: str) -> str:
     """Return a line with superscript powers: kg·m², not kg·m^2."""
     for plain, raised in (('^2', '²'), ('^3', '³')):
-        words = words.replace(plain, raised)
-    return words
+        content = content.replace(plain, raised)
+    return content
 
 
 def paragraph(value: object, kind: str = '') -> str:
@@ -56,9 +56,9 @@ def folded(summary: str, html: str) -> str:
 
 def command(line: str) -> str:
     """Return a command line with a copy button."""
-    shown = '\n'.join(text(part) for part in line.splitlines())
-    return (f'<div class="command"><pre tabindex="0">{shown}</pre>'
-            f'<button type="button" class="copy" data-copy="{shown}">Copy</button></div>')
+    content = '\n'.join(text(part) for part in line.splitlines())
+    return (f'<div class="command"><pre tabindex="0">{content}</pre>'
+            f'<button type="button" class="copy" data-copy="{content}">Copy</button></div>')
 
 
 def key(colours: Sequence[tuple[str, str]]) -> str:

@@ -12,45 +12,45 @@ const MAX_SHEETS = 1000
 if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.prototype) {
   // Most sheets are empty or identical in every plot: each text is one sheet for all elements.
   const {install, uninstall, _update} = sheet, {empty} = component, shared = new Map()
-  const made = (text) => {
-    let found = shared.get(text)
-    if (!found) {
+  const sharedSheet = (text) => {
+    let known = shared.get(text)
+    if (!known) {
       if (shared.size >= MAX_SHEETS) shared.clear()
-      shared.set(text, found = new CSSStyleSheet())
-      found.replaceSync(text)
+      shared.set(text, known = new CSSStyleSheet())
+      known.replaceSync(text)
     }
-    return found
+    return known
   }
   const put = (root) => {
-    root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [made(each.text)] : [])
+    root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [sharedSheet(each.text)] : [])
   }
 
   // During a layout, styles are applied only before sizes are read: otherwise the browser
   // recomputes them several times for every plot.
   const late = new Set()
   let laying = false
-  const dress = (root) => laying ? late.add(root) : put(root)
-  const settle = () => {
+  const restyle = (root) => laying ? late.add(root) : put(root)
+  const applyStyles = () => {
     for (const root of late) put(root)
     late.clear()
   }
-  const asking = (view, name) => {
+  const applyingStyles = (view, name) => {
     const asks = view[name]
     if (asks) view[name] = function () {
-      settle()
+      applyStyles()
       return asks.call(this)
     }
   }
   const {invalidate_layout} = layout
   if (invalidate_layout && layout.update_bbox) {
-    asking(layout, 'update_bbox')
-    asking(toolbar, '_after_render')
+    applyingStyles(layout, 'update_bbox')
+    applyingStyles(toolbar, '_after_render')
     layout.invalidate_layout = function () {
       if (laying) return invalidate_layout.call(this)
       laying = true
       try { invalidate_layout.call(this) } finally {
         laying = false
-        settle()
+        applyStyles()
       }
     }
     // A canvas gets its size in the layout of its plot and requires none before.
@@ -61,7 +61,7 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
   sheet._update = function (text) {
     if (text === this.text) return
     this.text = text
-    if (this.root) dress(this.root)
+    if (this.root) restyle(this.root)
     else if (this.plain) _update.call(this, text)
   }
   sheet.install = function (root) {
@@ -73,12 +73,12 @@ if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.proto
     this.root = root
     root.sheets ||= []
     root.sheets.push(this)
-    if (this.text) root.adoptedStyleSheets.push(made(this.text))
+    if (this.text) root.adoptedStyleSheets.push(sharedSheet(this.text))
   }
   sheet.uninstall = sheet.remove = function () {
     if (!this.root) return uninstall.call(this)
     this.root.sheets = this.root.sheets.filter(each => each !== this)
-    dress(this.root)
+    restyle(this.root)
     this.root = null
   }
   component.empty = function () {

@@ -25,11 +25,11 @@ Columns = dict[str, NDArray[Any]]
 _SYNCHRONISE_SELECTION = """
 if (cb_obj !== to && String(from.selected.indices) == from.matched) return
 const number = from.get_column('k'), other = to.get_column('k')
-const wanted = new Set(from.selected.indices.map(row => number[row])), found = []
-if (wanted.size)
-  for (let row = 0; row < other.length; row++) if (wanted.has(other[row])) found.push(row)
-to.matched = String(found)
-to.selected.indices = found
+const selected = new Set(from.selected.indices.map(row => number[row])), matches = []
+if (selected.size)
+  for (let row = 0; row < other.length; row++) if (selected.has(other[row])) matches.push(row)
+to.matched = String(matches)
+to.selected.indices = matches
 """
 # Draws a short window from the embedded fine rows; they are decoded at first use.
 _ZOOM = """

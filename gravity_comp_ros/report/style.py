@@ -66,9 +66,9 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
 
     :param x: label of the x axis with its unit; likewise `y`; empty for none.
     """
-    shown = canvas_text(short(title, _MAX_TITLE))
+    label = canvas_text(short(title, _MAX_TITLE))
     fig = figure(height=height, sizing_mode='stretch_width', tools=tools, min_width=120,
-                 title=shown or None, x_axis_label=canvas_text(x) or None,
+                 title=label or None, x_axis_label=canvas_text(x) or None,
                  y_axis_label=canvas_text(y) or None, **more)
     fig.toolbar.logo = None
     # The tools are visible; a menu would add a tenth to the drawing time of a plot.
@@ -84,11 +84,11 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
     box = fig.select_one(BoxSelectTool)
     if box is not None:
         fig.toolbar.active_drag = box
-    dress(fig, style)
+    restyle(fig, style)
     return fig
 
 
-def dress(fig: figure, style: Style) -> None:
+def restyle(fig: figure, style: Style) -> None:
     """Apply colours and font sizes to a figure."""
     fig.background_fill_color = fig.border_fill_color = style.background
     fig.outline_line_color = style.grid

@@ -44,7 +44,7 @@ class MultisineOptions:
     repeats after `period` s; each joint is a sum of `n_sines` harmonics of 1/period up to
     `band` Hz. It starts at rest and reaches full amplitude after `ramp` s.
 
-    :raises OptionError: if a value is not positive or the band contains no harmonic.
+    :raises OptionError: if a value is not positive or no harmonic is in the band.
     """
 
     max_speed: float = 0.1

@@ -63,7 +63,7 @@ class Choice:
         axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
         return LearnOptions(self.formulation, axes, ordered)
 
-    def learning_words(self) -> list[str]:
+    def fit_options(self) -> list[str]:
         """Return the arguments of a command with the same fit."""
         axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
             '--urdf', self.urdf]
@@ -87,23 +87,23 @@ class Choice:
         return Recording(concatenate(runs).joints(self.joints), self.gate(),
                          tuple(reports[number] for number in self.runs))
 
-    def reading_words(self, topic: str | None, joints: bool = True) -> list[str]:
+    def reading_options(self, topic: str | None, joints: bool = True) -> list[str]:
         """Return the arguments of a command with the same reading options."""
-        words = [] if topic is None else ['--topic', topic]
+        command = [] if topic is None else ['--topic', topic]
         if joints:
-            words += ['--joints', ','.join(self.joints)]
+            command += ['--joints', ','.join(self.joints)]
         options = self.reading(topic)
         for joint, scale in options.effort_scale.items():
-            words += ['--effort-scale', f'{joint}={scale!r}']
-        return words + (['--differentiate'] if self.differentiate else [])
+            command += ['--effort-scale', f'{joint}={scale!r}']
+        return command + (['--differentiate'] if self.differentiate else [])
 
-    def gate_words(self) -> list[str]:
+    def gate_options(self) -> list[str]:
         """Return the arguments of a command with the same gate."""
         if self.all_samples:
             return ['--all-samples']
         return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
 
 
-def line(*words: str) -> str:
-    """Return a command line of these words, quoted for the shell."""
-    return shlex.join(words)
+def line(*arguments: str) -> str:
+    """Return a command line of these arguments, quoted for the shell."""
+    return shlex.join(arguments)

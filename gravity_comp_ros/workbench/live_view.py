@@ -41,7 +41,7 @@ class LiveView:
         self._joints: tuple[str, ...] = ()
         self._seen, self._polls = 0, 0
 
-    def dress(self, style: Style) -> None:
+    def restyle(self, style: Style) -> None:
         """Change the style of the plots."""
         self.style, self._joints, self._seen = style, (), 0
 
@@ -154,8 +154,8 @@ def _residual(k: int, source: ColumnDataSource, time: DataRange1d, style: Style)
 
 
 def _event_list(events: Sequence[tuple[str, str]]) -> str:
-    shown = [f'{time}  {text}' for time, text in list(events)[-_MAX_EVENTS:][::-1]]
-    return '<h3>Events</h3>' + (markup.bullets(shown) or markup.paragraph('None yet.', 'quiet'))
+    lines = [f'{time}  {text}' for time, text in list(events)[-_MAX_EVENTS:][::-1]]
+    return '<h3>Events</h3>' + (markup.bullets(lines) or markup.paragraph('None yet.', 'quiet'))
 
 
 def _set_text(element: Div, text: str) -> None:

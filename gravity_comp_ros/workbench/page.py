@@ -183,7 +183,7 @@ class Page:
         self.style = DARK if self.style is LIGHT else LIGHT
         self.dark.label = 'Light' if self.style is DARK else 'Dark'
         if self.live is not None:
-            self.live.dress(self.style)
+            self.live.restyle(self.style)
         if self.opened is not None:
             self._refresh()
 

@@ -14,7 +14,7 @@ INSIDE = """
 .bk-clearfix { min-width: 0; max-width: 100% }
 .bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
   white-space: normal; overflow-wrap: anywhere }
-/* A long label wraps beside its box, not below it. */
+/* A long label wraps next to its box, not below it. */
 label:has(> input[type=checkbox]) { display: flex; align-items: baseline }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }

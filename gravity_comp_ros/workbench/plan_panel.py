@@ -34,7 +34,7 @@ def request_controls(opened: OpenSession, actions: PlanActions) -> list[UIElemen
         return []
     chosen = widgets.select(
         'Next recording resolves', [(_ALL, 'all open findings'), *(
-            (name, name) for name in open_effects(diagnosis))], _ALL, name='to-settle')
+            (name, name) for name in open_effects(diagnosis))], _ALL, name='to-resolve')
     ask = widgets.button('Plan a motion', lambda: actions.plan(
         (str(chosen.value),) if chosen.value else None), name='plan', disabled=opened.worker.busy)
     chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}

@@ -185,7 +185,7 @@ class Session(SessionState):
 
     def _fitted_to(self, stage: Stage) -> str:
         runs = ', '.join(self.paths[run].name for run in stage.choice.runs)
-        gate = ' '.join(stage.choice.gate_words()).replace('--', '') or 'slow samples'
+        gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
         return f'{runs}; {gate}'
 
     def models(self) -> list[tuple[str, str, GravityModel]]:

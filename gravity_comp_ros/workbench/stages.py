@@ -65,9 +65,9 @@ def command_lines(stages: list[Stage], number: int, bags: tuple[Path, ...],
 def reports(choice: Choice, bags: tuple[Path, ...], topic: str | None) -> list[str]:
     """Return command lines for the comparison and the diagnosis of the page."""
     files = _files(choice, bags)
-    reading = choice.reading_words(topic, joints=False)
+    reading = choice.reading_options(topic, joints=False)
     return [line('gravity_comp', 'compare', *files, '--model', MODEL_FILE, *reading,
-                 *choice.gate_words()),
+                 *choice.gate_options()),
             line('gravity_comp', 'diagnose', *files, '--model', MODEL_FILE, *reading, '--html',
                  'report.html')]
 
@@ -76,8 +76,8 @@ def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...]
                 topic: str | None) -> str:
     """Return the command line that adds effects."""
     return line('gravity_comp', 'add', ','.join(effects), '--model', MODEL_FILE,
-                *_files(choice, bags), *choice.reading_words(topic, joints=False),
-                *choice.gate_words())
+                *_files(choice, bags), *choice.reading_options(topic, joints=False),
+                *choice.gate_options())
 
 
 def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
@@ -85,8 +85,8 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
         return line('cp', str(stage.given.resolve()), MODEL_FILE)
     if stage.parent is None:
         choice = stage.choice
-        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.learning_words(),
-                    *choice.reading_words(topic), *choice.gate_words(), '-o', MODEL_FILE)
+        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
+                    *choice.reading_options(topic), *choice.gate_options(), '-o', MODEL_FILE)
     if not stage.effects:
         return line('gravity_comp', 'add', '--undo', '--model', MODEL_FILE)
     return add_command(stage.effects, stage.choice, bags, topic)

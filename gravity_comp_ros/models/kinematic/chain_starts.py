@@ -61,7 +61,7 @@ class SearchOptions:
         if self.starts < 1:
             raise OptionError(f'chain: starts is {self.starts}; it must be at least 1')
         if self.rivals < 0:
-            raise OptionError(f'chain: rivals is {self.rivals}; it must be at least 0')
+            raise OptionError(f'chain: `rivals` is {self.rivals}; it must be at least 0')
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
 
 def structure(problem: ChainProblem, solution: Solution) -> float:
     """
-    Return how much more of a residual than of white noise the dictionary explains.
+    Return the structure of a residual: the excess of its part in the dictionary over white noise.
 
     The statistic is the logarithm of sum_k (A_k . r)^2 / |A_k|^2 over all 3^N features of an
     energy, each joint in units of its own residual. The result is its difference from the mean

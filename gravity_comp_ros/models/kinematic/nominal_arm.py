@@ -65,7 +65,7 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
     """
     Return parameters (P, 10 N) of 1 kg each, masses (P,), and unreached moments (N, 2).
 
-    :param weights: of the moments, (2 N, 2 N); None weighs all alike.
+    :param weights: of the moments, (2 N, 2 N); None for equal weights.
     """
     parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
                                  for link, places in enumerate(_points(geometry))])

@@ -45,7 +45,7 @@ def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray
     Return d tau / d parameters, (M, N, 10 N), parameters of link 1 first (`PARAMETERS`).
 
     :param q: (M, N) rad; `qd` in rad/s and `qdd` in rad/s^2.
-    :param gravity: downwards along the base's z, m/s^2; 0 for the torque of motion alone.
+    :param gravity: downwards along the base's z, m/s^2; 0 for the dynamic torque alone.
     """
     m, n = q.shape
     links = _links(geometry, q, qd, qdd, gravity)

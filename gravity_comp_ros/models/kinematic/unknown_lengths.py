@@ -1,5 +1,5 @@
 """
-Torque of motion of a serial arm with known axes and moments (from gravity) and unknown lengths.
+Dynamic torque of a serial arm with known axes and moments (from gravity) and unknown lengths.
 
 Let p_i be the origin of frame i in link i-1, and h_j the first moment about the origin of frame j
 of link j and all links beyond it. Origins can be shifted along their own axes so that h_j is
@@ -61,7 +61,7 @@ def product_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray
     """
     Return d tau / d products (M, N, 2) of two parallel vertical first axes, per kg·m^2.
 
-    The moment h_2 about the second axis has no gravity torque. The torque of motion contains its
+    The moment h_2 about the second axis has no gravity torque. The dynamic torque contains its
     product with the length p_2 between the two axes: one component along their common normal and
     one perpendicular to it.
     """

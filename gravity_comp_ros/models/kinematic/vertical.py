@@ -34,8 +34,8 @@ _MIN_REDUCTION, _MIN_LOG_LIKELIHOOD = 0.3, 12.0
 _DAMPING = 1e-4
 # Minimum torque of a joint, as a share of the largest.
 _MIN_TORQUE = 1e-2
-# The arm is mounted the other way up if that lowers the share of moments that non-negative masses
-# do not reach below this multiple. The share of three real arms is 1 to 8 %, and 72 to 99 % when
+# The arm is mounted upside down if that lowers the share of moments that non-negative masses do
+# not reach below this multiple. The share of three real arms is 1 to 8 %, and 72 to 99 % when
 # inverted; of randomly drawn arms 10 to 30 % and 30 to 80 %. One of 180 poor recordings of
 # upright arms was inverted.
 _INVERTED = 0.7

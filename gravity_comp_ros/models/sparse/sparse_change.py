@@ -11,7 +11,7 @@ L1 proposes S: the jump that minimises 1/2 |J.T s d - r|^2 + lambda |d|_1 by ADM
 8-14). Then parameters leave and join S one by one while that raises the evidence p(r | S, s),
 which penalises unnecessary jumps. The number of jumps is unknown: every number up to K has the
 same prior probability, and so has every support of that size, so a change of all parameters costs
-no more than one of a few.
+at most as much as one of a few.
 
 A single support would underestimate the uncertainty where the data do not determine S. So the
 final mean and covariance are averages over supports and sizes drawn from their posterior (Gibbs

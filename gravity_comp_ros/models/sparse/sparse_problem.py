@@ -189,7 +189,7 @@ class SparseFit:
     """
     Coefficients `x` (K,) of features `indices` with their covariance (K, K).
 
-    `ties` is the number of equivalent supports that were averaged.
+    `n_averaged` is the number of equivalent supports that were averaged.
     """
 
     indices: IntArray
@@ -199,7 +199,7 @@ class SparseFit:
     lasso: LassoSolution
     inflation: float
     rounds: int
-    ties: int
+    n_averaged: int
 
 
 def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
@@ -243,10 +243,10 @@ def finish(problem: SparseProblem, fit: SupportFit, inflation: float,
     finals = [support.select_support(design, b, start, problem.n_joints, problem.usable, gram)
               for start in (fit.refit.indices, solution.indices)]
     best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
-    average, ties = support.average_equivalents(design, b, best, problem.n_joints,
-                                                problem.usable, gram)
+    average, averaged = support.average_equivalents(design, b, best, problem.n_joints,
+                                                    problem.usable, gram)
     return SparseFit(average.indices, average.x, average.covariance, fit.noise, solution,
-                     inflation, fit.rounds, ties)
+                     inflation, fit.rounds, averaged)
 
 
 def propose(design: Design, b: FloatArray, problem: SparseProblem,

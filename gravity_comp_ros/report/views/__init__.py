@@ -1,1 +1,1 @@
-"""One view a file: each turns contents into a titled part of the page."""
+"""Views of a report, one per file: functions from contents to a titled section of the page."""

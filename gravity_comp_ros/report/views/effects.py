@@ -39,10 +39,10 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead = markup.paragraph(
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
         'it, relative to the range of the measured torque.', 'quiet')
-    shown = findings[:_MAX_BARS]
-    lead += findings_table(findings) + bar_key(_bars(shown, style))
+    bars = findings[:_MAX_BARS]
+    lead += findings_table(findings) + bar_key(_bars(bars, style))
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
-    parts: list[UIElement] = [gridplot([[_bar_plot(shown, style)]],
+    parts: list[UIElement] = [gridplot([[_bar_plot(bars, style)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
     plots = _added_variable_plots(contents, table, style)
     explanation = ''

@@ -23,20 +23,20 @@ _TOOLS = 'tap,box_select,reset,save'
 # Selected cells mark their samples, and selected samples their cells. Callbacks run
 # asynchronously, so each side stores the last selection it received and does not return it.
 _CELLS_TO_SAMPLES = """
-const chosen = cells.selected.indices, found = []
+const chosen = cells.selected.indices, matches = []
 if (String(chosen) == cells.received) return
 if (chosen.length) {
   const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
   const place = (joint) => samples.get_column('c' + joint)
-  const wanted = chosen.map(k => [place(first[k]), a[k], place(second[k]), b[k]])
+  const rows = chosen.map(k => [place(first[k]), a[k], place(second[k]), b[k]])
   for (let row = 0; row < samples.get_column('t').length; row++)
-    if (wanted.some(([p, a, q, b]) => p[row] == a && q[row] == b)) found.push(row)
+    if (rows.some(([p, a, q, b]) => p[row] == a && q[row] == b)) matches.push(row)
 }
-samples.received = String(found)
-samples.selected.indices = found
+samples.received = String(matches)
+samples.selected.indices = matches
 """
 _SAMPLES_TO_CELLS = """
-const chosen = samples.selected.indices, found = []
+const chosen = samples.selected.indices, matches = []
 if (String(chosen) == samples.received) return
 if (chosen.length) {
   const seen = new Set(), place = []
@@ -47,16 +47,16 @@ if (chosen.length) {
       for (let j = i; j < n; j++)
         seen.add(((i * n + j) * size + place[i][row]) * size + place[j][row])
   for (let k = 0; k < first.length; k++)
-    if (seen.has(((first[k] * n + second[k]) * size + a[k]) * size + b[k])) found.push(k)
+    if (seen.has(((first[k] * n + second[k]) * size + a[k]) * size + b[k])) matches.push(k)
 }
-cells.received = String(found)
-cells.selected.indices = found
+cells.received = String(matches)
+cells.selected.indices = matches
 """
 _SHOW_JOINT = """
-const rms = cells.get_column('e' + this.value), shown = cells.get_column('shown')
+const rms = cells.get_column('e' + this.value), values = cells.get_column('shown')
 let high = 0
 for (let k = 0; k < rms.length; k++) {
-  shown[k] = rms[k]
+  values[k] = rms[k]
   high = Math.max(high, rms[k])
 }
 colours.high = high
@@ -98,12 +98,12 @@ def _cells(grid: PairGrid, contents: Contents) -> ColumnDataSource:
     n, size = len(contents.joints), grid.cells
     width = (1.0 - _GAP) / size
     own = grid.first == grid.second
-    left = grid.first + _GAP / 2 + grid.column * width
+    edges = grid.first + _GAP / 2 + grid.column * width
     # Cells on the diagonal are bars over the height of the block.
     top_down = np.where(own, 0, grid.row) * width
     low = (n - 1 - grid.second) + _GAP / 2 + top_down
     high = np.where(own, n - grid.second - _GAP / 2, low + width)
-    data = {'left': left, 'right': left + width, 'bottom': low, 'top': high,
+    data = {'left': edges, 'right': edges + width, 'bottom': low, 'top': high,
             'i': grid.first, 'j': grid.second, 'a': grid.column, 'b': grid.row,
             'count': grid.count, 'shown': grid.rms[:, contents.joints.index(contents.worst)],
             'x': 0.5 * (grid.edges[grid.first, grid.column]
