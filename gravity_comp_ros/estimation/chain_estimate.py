@@ -27,6 +27,10 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 # Maximum number of selections of nuisance terms: a wrong minimum may hide significant terms, so
 # they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
+# Maximum number of searches, each from other random axes, while the residual is not white.
+_MAX_SEARCHES = 3
+# A search with a log residual within this of the best one is at the same minimum.
+_SAME_MINIMUM = 0.02
 # Maximum number of samples of the search, and of the tests of nuisance terms.
 _MAX_SEARCH_SAMPLES, _MAX_TEST_SAMPLES = 250, 600
 
@@ -56,6 +60,10 @@ class ChainEstimate:
         """Return the residual (m, N) in N·m of gravity and linear terms."""
         return residual_of(self.fit, self.regression)
 
+    def log_residual(self) -> float:
+        """Return the mean logarithm of the joints' median residual."""
+        return _log_residual(self.fit, self.regression)
+
 
 def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
     """Return the residual (m, N) in N·m of a fit, its linear terms included."""
@@ -72,9 +80,29 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     :param warm: whether `start` is the only start, and no alternative chains are searched.
     :raises FitError: if there are no samples.
     """
+    estimate = _estimate(regression, known, start, warm, 0)
+    if known is not None or warm:
+        return estimate
+    for seed in range(1, _MAX_SEARCHES):
+        if estimate.fit.clean:
+            break
+        # The minimum may be a wrong one. That is certain only if a better one is found.
+        other = _estimate(regression, known, start, warm, seed)
+        gain = estimate.log_residual() - other.log_residual()
+        starts = estimate.fit.starts + other.fit.starts
+        estimate = other if other.fit.clean or gain > 0.0 else estimate
+        estimate = replace(estimate, fit=replace(estimate.fit, starts=starts))
+        if abs(gain) < _SAME_MINIMUM:
+            break
+    return estimate
+
+
+def _estimate(regression: Regression, known: FloatArray | None, start: Chain | None, warm: bool,
+              seed: int) -> ChainEstimate:
+    """Return the estimate of one search, from random axes drawn from `seed`."""
     chain, starts = start, 1
     if chain is None or known is not None or not warm:
-        first = _search(regression.thinned(_MAX_SEARCH_SAMPLES), known, start)
+        first = _search(regression.thinned(_MAX_SEARCH_SAMPLES), known, start, seed)
         chain, starts = first.chain, first.starts
     regression = _refined(regression, chain)
     all_terms, selected = regression, None
@@ -93,7 +121,8 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     return ChainEstimate(replace(fit, starts=starts), regression)
 
 
-def _search(regression: Regression, known: FloatArray | None, start: Chain | None) -> ChainFit:
+def _search(regression: Regression, known: FloatArray | None, start: Chain | None,
+            seed: int) -> ChainFit:
     """
     Return the chain of a search, or of known axes (N, 3, 3).
 
@@ -103,10 +132,11 @@ def _search(regression: Regression, known: FloatArray | None, start: Chain | Non
     samples, terms = regression.samples, regression.linear_terms()
     if known is not None:
         return fit_chain(samples, _ROUGH, None, known, terms)
-    fit = rough_fit(samples, _ROUGH, start, terms)
+    options = replace(_ROUGH, seed=seed)
+    fit = rough_fit(samples, options, start, terms)
     if fit.clean or terms.columns is None:
         return fit
-    free = rough_fit(samples, _ROUGH, start, replace(terms, spread=None))
+    free = rough_fit(samples, options, start, replace(terms, spread=None))
     other = rough_fit(samples, None, free.chain, terms)
     return min((fit, replace(other, starts=free.starts)),
                key=lambda each: _log_residual(each, regression))

@@ -9,6 +9,10 @@ change is sparse. The axes move only within their uncertainty.
 An axis without an identified direction (that of a last link without a moment of its own) becomes
 identifiable with a payload on it. Its candidates are each axis of the frame before it, and any
 direction; the evidence selects one.
+
+The direction of an outer axis whose links have a small moment may be wrong, although its standard
+deviation is small: the fit was at one of several minima. The outermost axes are therefore also
+tried without what was known of them, at a price.
 """
 
 from __future__ import annotations
@@ -28,6 +32,11 @@ from scipy.special import softmax
 _MIN_UNIDENTIFIED_STD = 0.3
 # Maximum number of unidentified axes tried together; each one multiplies the trials.
 _MAX_UNIDENTIFIED = 2
+# Minimum standard deviation, in rad, of an outer axis that may be at a wrong minimum.
+_MIN_UNCERTAIN_STD = 0.04
+# Log evidence that such an axis must gain over what was known of it: about the logarithm of the
+# number of directions that are tried.
+_PRICE_OF_RESET = 4.0
 _DIRECTIONS = ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 _MAX_ROUNDS = 8
 # Maximum rotation of an axis in one round, in rad.
@@ -38,8 +47,9 @@ _CONVERGED = 0.05
 _MIN_RELATIVE_NORM = 1e-3
 # Minimum chi^2 gain, in addition to the BIC price, of a change of all moments over a sparse one.
 _MIN_DENSE_GAIN = 40.0
-# Maximum number of trials that are solved fully: those with the most initial evidence.
-_MAX_TRIALS = 5
+# Maximum number of trials that are solved fully, with the old axes and with reset ones: those
+# with the most initial evidence.
+_MAX_TRIALS, _MAX_RESET_TRIALS = 5, 8
 # Number of poses at which the predictions of the trials are compared.
 _POSES = 100
 # Minimum evidence of a trial that may be selected, as a share of that of the most probable one.
@@ -107,23 +117,42 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
     :param path: change of the moments (2N,) by an earlier payload (`payload_path`). Another
         payload changes them in proportion to its mass, except those that depend on its centre.
     """
-    trials = _trials(chain, covariance) if start is None else [start]
-    if len(trials) > _MAX_TRIALS:
-        scores = np.array([_initial_evidence(*trial, new) for trial in trials])
-        trials = [trials[k] for k in np.argsort(-scores)[:_MAX_TRIALS]]
+    if start is None:
+        trials = [*_most_probable(_trials(chain, covariance), new, _MAX_TRIALS),
+                  *_most_probable(_reset_trials(chain, covariance), new, _MAX_RESET_TRIALS)]
+    else:
+        trials = [_Trial(*start)]
     along = None
     if path is not None and np.abs(path).max() > 0.0:
         along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
-    hypotheses = [_Hypothesis(*trial, new, along) for trial in trials]
+    hypotheses = [_Hypothesis(trial, new, along) for trial in trials]
     best = hypotheses[_central(hypotheses, box)].averaged()
     return _dense_or_sparse(chain, covariance, new, best)
 
 
-def _initial_evidence(chain: Chain, prior: FloatArray, new: NewSamples) -> float:
-    """Return the log evidence of a change of all moments, linearised at a chain."""
-    n = chain.n_joints
-    return full_evidence(ChangeProblem(new.columns(chain), new.residual(chain), prior,
-                                       np.arange(2 * n, 4 * n), new.max_residual(chain)))
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A chain before the change, the covariance (4N, 4N) of a step from it, and its price."""
+
+    chain: Chain
+    prior: FloatArray
+    price: float = 0.0
+
+
+def _most_probable(trials: list[_Trial], new: NewSamples, count: int) -> list[_Trial]:
+    """Return at most `count` trials, by the evidence of a change of all moments, linearised."""
+    if len(trials) <= count:
+        return trials
+    evidence = [_initial_evidence(trial, new) for trial in trials]
+    return [trials[k] for k in np.argsort(-np.array(evidence))[:count]]
+
+
+def _initial_evidence(trial: _Trial, new: NewSamples) -> float:
+    """Return the log evidence of a change of all moments, linearised at the chain of a trial."""
+    n = trial.chain.n_joints
+    return full_evidence(ChangeProblem(
+        new.columns(trial.chain), new.residual(trial.chain), trial.prior,
+        np.arange(2 * n, 4 * n), new.max_residual(trial.chain)))
 
 
 def _central(hypotheses: list[_Hypothesis], box: FloatArray) -> int:
@@ -169,36 +198,70 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
     return ChainChange(dense, spread, replace(best.change, support=support), best.start)
 
 
-def _trials(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, FloatArray]]:
+def _trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
-    std = np.sqrt(np.diag(covariance)[:2 * chain.n_joints].reshape(-1, 2))
     has_moment = np.abs(chain.moments).max(axis=1) > 0.0
     unidentified = [j for j in range(1, chain.n_joints)
-                    if std[j].min() > _MIN_UNIDENTIFIED_STD
+                    if _axis_std(chain, covariance)[j].min() > _MIN_UNIDENTIFIED_STD
                     and not has_moment[j]][-_MAX_UNIDENTIFIED:]
-    trials = [(chain, covariance)]
-    for directions in product(_DIRECTIONS, repeat=len(unidentified)) if unidentified else []:
+    return [_Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
+
+
+def _reset_trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
+    """
+    Return the chain with its uncertain outer axes along every frame axis, their moments reset.
+
+    A joint's direction and moments are relative to the frame before it, so all joints beyond the
+    first reset one are reset too.
+    """
+    n = chain.n_joints
+    outer = range(max(n - _MAX_UNIDENTIFIED, 1), n)
+    uncertain = [j for j in outer
+                 if _axis_std(chain, covariance)[j].max() > _MIN_UNCERTAIN_STD]
+    reset = list(range(uncertain[0], n)) if uncertain else []
+    moment_std = float(np.abs(chain.moments[reset]).max(initial=0.0))
+    if moment_std == 0.0:
+        # Without moments they are the unidentified axes of `_trials`.
+        return []
+    moments, prior = chain.moments.copy(), covariance.copy()
+    moments[reset] = 0.0
+    numbers = [2 * n + 2 * j + k for j in reset for k in range(2)]
+    prior[numbers], prior[:, numbers] = 0.0, 0.0
+    prior[numbers, numbers] = moment_std ** 2
+    return _along_frame_axes(Chain(chain.axes, moments), prior, reset, _PRICE_OF_RESET)
+
+
+def _axis_std(chain: Chain, covariance: FloatArray) -> FloatArray:
+    """Return the standard deviations (N, 2) in rad of the two angles of each axis."""
+    return np.asarray(np.sqrt(np.diag(covariance)[:2 * chain.n_joints].reshape(-1, 2)))
+
+
+def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],
+                      price: float = 0.0) -> list[_Trial]:
+    """Return trials with the axes of `joints` along each frame axis, exactly and nearly."""
+    trials = []
+    for directions in product(_DIRECTIONS, repeat=len(joints)) if joints else []:
         axes, prior = chain.axes.copy(), covariance.copy()
-        for j, direction in zip(unidentified, directions):
+        for j, direction in zip(joints, directions):
             axes[j] = aligned(np.array(direction, dtype=np.float64))
             rows = slice(2 * j, 2 * j + 2)
             prior[rows], prior[:, rows] = 0.0, 0.0
-        start = Chain(axes, chain.moments)
         right_angled = prior.copy()
-        for j in unidentified:
+        for j in joints:
             diagonal = [2 * j, 2 * j + 1]
             prior[diagonal, diagonal] = 1.0
             right_angled[diagonal, diagonal] = TOLERANCE ** 2
-        trials += [(start, right_angled), (start, prior)]
+        start = Chain(axes, chain.moments)
+        trials += [_Trial(start, right_angled, price), _Trial(start, prior, price)]
     return trials
 
 
 class _Hypothesis:
     """A trial with its most probable sparse change, linearised at the changed chain."""
 
-    def __init__(self, chain: Chain, prior: FloatArray, new: NewSamples,
-                 along: FloatArray | None = None) -> None:
-        self.chain, self.prior, self.new, self.along = chain, prior, new, along
+    def __init__(self, trial: _Trial, new: NewSamples, along: FloatArray | None = None) -> None:
+        chain = trial.chain
+        self.chain, self.prior, self.new, self.along = chain, trial.prior, new, along
         self.step = np.zeros(4 * chain.n_joints)
         self.moved, self.residual = chain, new.residual(chain)
         # A moment acts with its full size in some pose: its prior std is the change of torques.
@@ -216,7 +279,8 @@ class _Hypothesis:
         mean = self._kept(change)
         linear = problem.residual - mean @ problem.columns
         true = new.residual(chain.moved(mean))
-        self.log_evidence = change.log_evidence - 0.5 * float(true @ true - linear @ linear)
+        misfit = 0.5 * float(true @ true - linear @ linear)
+        self.log_evidence = change.log_evidence - misfit - trial.price
 
     def averaged(self) -> ChainChange:
         """
