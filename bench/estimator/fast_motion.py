@@ -64,9 +64,10 @@ def measured(arm: Arm, samples: JointSamples) -> list[str]:
 
 
 def recorded(arm: Arm, seed: int, speed: float, band: float, friction: float,
-             seconds: float, minimum_friction: float = _MIN_FRICTION) -> JointSamples:
-    """Return motion of all joints over 0.6 of their range, up to `speed` rad/s and `band` Hz."""
-    motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, np.full(arm.n_joints, speed),
+             seconds: float, minimum_friction: float = _MIN_FRICTION, share: float = 0.6
+             ) -> JointSamples:
+    """Return motion over a share of all joint ranges, up to `speed` rad/s and `band` Hz."""
+    motion = motions.multisine(share * arm.lower, share * arm.upper, np.full(arm.n_joints, speed),
                                seed, motions.MultisineOptions(band, seconds), seconds, _RATE)
     levels = np.maximum(friction * np.ptp(gravity_torque(arm, poses(arm)), axis=0),
                         minimum_friction)
