@@ -171,7 +171,7 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(paths, tmp_p
     assert 'samples are slow: all are fitted' in session.slow_warning()
     do_next(session, runner)
     contents = session.contents()
-    assert contents.compared == '1200 samples used, fast ones too'
+    assert contents.compared == '1200 samples used, including fast ones'
     assert '--all-samples' in session.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
     assert 'fast motion' in session.slow_warning()
@@ -268,7 +268,7 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(paths, tmp_path)
         assert not one.error
         ineffective, = one.session.stage.warnings
         assert ineffective in html.unescape(status_html(one))
-        assert 'does not fall by more than chance' in ineffective
+        assert 'does not decrease significantly' in ineffective
         one.undo()
         output = html.unescape(status_html(one))
         assert uncertainty in output and ineffective not in output

@@ -64,8 +64,8 @@ class FitOptions:
             raise OptionError(f'unknown formulation {self.formulation!r}; choose from '
                               f'{", ".join(CHOICES)}')
         if self.geometry is not None and self.formulation not in ('chain', 'auto'):
-            raise OptionError(f'known axes are of no use to {self.formulation}; choose chain or '
-                              f'auto')
+            raise OptionError(f'formulation {self.formulation} does not use known axes; choose '
+                              f'chain or auto')
 
     def known_axes(self, samples: JointSamples) -> FloatArray | None:
         """
