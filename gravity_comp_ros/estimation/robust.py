@@ -86,5 +86,5 @@ def excluded_samples(samples: JointSamples, weights: FloatArray) -> Mapping[str,
         if rows.size:
             excluded[name] = ExcludedSamples(rows.size, float(samples.t[rows[0]]),
                                       float(samples.t[rows[-1]]),
-                                      samples.run_labels[samples.runs[rows[0]]])
-    return excluded
+                                             samples.run_labels[samples.runs[rows[0]]])
+                                             return excluded
