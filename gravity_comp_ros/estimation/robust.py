@@ -85,6 +85,6 @@ def excluded_samples(samples: JointSamples, weights: FloatArray) -> Mapping[str,
         rows = np.flatnonzero(weights[:, n] == 0.0)
         if rows.size:
             excluded[name] = ExcludedSamples(rows.size, float(samples.t[rows[0]]),
-                                      float(samples.t[rows[-1]]),
+                                             float(samples.t[rows[-1]]),
                                              samples.run_labels[samples.runs[rows[0]]])
-                                             return excluded
+    return excluded
