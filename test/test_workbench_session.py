@@ -43,10 +43,10 @@ from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
-from living import lives
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, two_links
+from running_process import is_running
 from tornado.ioloop import IOLoop
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -396,7 +396,7 @@ def test_the_worker_ends_with_its_parent_process(paths):
                           timeout=PATIENCE, env={**os.environ, 'PYTHONPATH': str(ROOT)})
     pid = int(done.stdout)
     end = time.monotonic() + PATIENCE
-    while lives(pid):
+    while is_running(pid):
         assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.05)
 
