@@ -27,7 +27,7 @@ def table(demo):
 def test_demo_succeeds_quietly(demo):
     assert demo.returncode == 0, demo.stdout + demo.stderr
     assert demo.stderr == ''
-    assert 'Worst joint while stale: iiwa_joint_2' in demo.stdout
+    assert 'Worst joint with the stale model: iiwa_joint_2' in demo.stdout
 
 
 def test_every_joint_is_in_the_table(table):
