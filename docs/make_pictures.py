@@ -45,7 +45,7 @@ def _report(folder: Path) -> None:
         _opened(tab, page.as_uri())
         tab.page.screenshot(path=PICTURES / 'report-narrow.png')
     with watched(page.as_uri()) as tab:
-        # As tall as its largest part: what is scrolled has its tools in the middle.
+        # As tall as the largest part, since scrolled screenshots show the tools in the middle.
         tab.page.set_viewport_size({'width': 1280, 'height': 2000})
         _opened(tab, page.as_uri())
         for part in ('residuals', 'arm', 'pairs', 'effects'):

@@ -1,4 +1,4 @@
-"""Fits of the chain: accuracy outside the motion, kinds of arms, wrong minima, alternatives."""
+"""Fits of the chain: accuracy outside the motion, kinds of arms, local minima, alternatives."""
 
 from bench.cases import generated
 from gravity_comp_ros.errors import OptionError

@@ -181,7 +181,7 @@ def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
     assert load_model(path).provenance['options']['known_axes']
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
     assert 'axes from the URDF' in capsys.readouterr().out
-    assert 'formulation potential does not use' in refused(
+    assert 'potential does not use a robot description' in refused(
         capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
     # A recording may list the joints in any order; the model uses the order of the arm.
     names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]

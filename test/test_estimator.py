@@ -112,7 +112,7 @@ def test_a_brake_engagement_is_excluded_and_reported(samples):
     excluded = fitted.report.set_aside
     assert excluded['iiwa_joint_4'].n == 10 and excluded['iiwa_joint_2'].n >= 1
     assert excluded['iiwa_joint_4'].first == pytest.approx(samples.t[200])
-    assert any('set aside as outliers: 10 samples of iiwa_joint_4' in line
+    assert any('excluded as outliers: 10 samples of iiwa_joint_4' in line
                for line in fitted.report.warnings)
 
 

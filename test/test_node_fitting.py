@@ -15,10 +15,10 @@ from gravity_comp_ros.node.fit_job import run_fit
 from gravity_comp_ros.node.fit_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
 from gravity_comp_ros.node.fit_worker import run_diagnosis
-from living import lives
 import numpy as np
 import pytest
 from rough_links import two_links
+from running_process import is_running
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -157,7 +157,7 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
     parent.kill()
     parent.communicate()
     end = time.monotonic() + 10.0
-    while lives(pid):
+    while is_running(pid):
         assert time.monotonic() < end
         time.sleep(0.005)
 

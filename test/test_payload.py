@@ -158,5 +158,5 @@ def test_axes_of_other_joints_are_refused(old):
     other = Geometry(tuple('abcdefg'), IIWA.rotations, IIWA.origins, 'l', np.eye(3))
     with pytest.raises(ModelMismatchError, match='model is of'):
         update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=other)
-    with pytest.raises(OptionError, match='formulation potential does not use'):
+    with pytest.raises(OptionError, match='potential does not use known axes'):
         FitOptions('potential', geometry=IIWA)

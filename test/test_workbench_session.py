@@ -43,10 +43,10 @@ from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
-from living import lives
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, two_links
+from running_process import is_running
 from tornado.ioloop import IOLoop
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -171,7 +171,7 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(paths, tmp_p
     assert 'samples are slow: all are fitted' in session.slow_warning()
     do_next(session, runner)
     contents = session.contents()
-    assert contents.compared == '1200 samples used, fast ones too'
+    assert contents.compared == '1200 samples used, including fast ones'
     assert '--all-samples' in session.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
     assert 'fast motion' in session.slow_warning()
@@ -396,7 +396,7 @@ def test_the_worker_ends_with_its_parent_process(paths):
                           timeout=PATIENCE, env={**os.environ, 'PYTHONPATH': str(ROOT)})
     pid = int(done.stdout)
     end = time.monotonic() + PATIENCE
-    while lives(pid):
+    while is_running(pid):
         assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.05)
 

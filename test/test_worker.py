@@ -8,8 +8,8 @@ import time
 
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess
-from living import lives
 import pytest
+from running_process import is_running
 
 TIMEOUT = 30.0
 
@@ -86,6 +86,6 @@ def test_the_process_ends_with_its_parent_during_a_job():
                           timeout=TIMEOUT, check=True,
                           env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
     end = time.monotonic() + TIMEOUT
-    while lives(int(done.stdout)):
+    while is_running(int(done.stdout)):
         assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.01)

@@ -24,7 +24,7 @@ import numpy as np
 _ROBUST_ROUNDS = 3
 _ROUGH = SearchOptions(starts=24, rivals=0)
 _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
-# Maximum number of selections of nuisance terms: a wrong minimum may hide significant terms, so
+# Maximum number of selections of nuisance terms: a local minimum may hide significant terms, so
 # they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
 # Maximum number of searches, each from other random axes, while the residual is not white.
@@ -127,7 +127,7 @@ def _search(regression: Regression, known: FloatArray | None, start: Chain | Non
     Return the chain of a search, or of known axes (N, 3, 3).
 
     If its residual is not white, a second search without priors of the nuisance terms follows;
-    it has different wrong minima. Both results are compared with priors.
+    it has different local minima. Both results are compared with priors.
     """
     samples, terms = regression.samples, regression.linear_terms()
     if known is not None:

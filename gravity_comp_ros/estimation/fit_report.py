@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.formulation_choice import Choice
 from gravity_comp_ros.estimation.regression import Regression
-from gravity_comp_ros.estimation.robust import set_aside, SetAside
+from gravity_comp_ros.estimation.robust import excluded_samples, ExcludedSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import (
     least_certain_joint, std_over_poses)
@@ -73,7 +73,7 @@ class FitDetails:
     noise: Mapping[str, float]
     relative_noise: Mapping[str, float]
     nuisance: tuple[NuisanceTerm, ...]
-    set_aside: Mapping[str, SetAside]
+    set_aside: Mapping[str, ExcludedSamples]
     solver: tuple[SparseFit, ...]
     dropped_joints: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -115,7 +115,7 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
     fits = [] if isinstance(gravity, ChainEstimate) else gravity.fits
     noises = [chain.noise] if chain else [each.noise for each in fits]
     dropped = tuple(name for name, still in zip(samples.names, at_rest(samples.q)) if still)
-    excluded = set_aside(regression.samples, regression.robust_weights)
+    excluded = excluded_samples(regression.samples, regression.robust_weights)
     tilt, zeros = 0.0, {}
     if chain and choice.known_axes and described is not None:
         tilt = base_tilt_angle(described.rotations, chain.chain.axes)
@@ -200,7 +200,7 @@ def _chain_json(chain: ChainFit) -> dict[str, Any]:
 
 def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None,
               fits: list[SparseFit], dropped: tuple[str, ...],
-              excluded: Mapping[str, SetAside]) -> list[str]:
+              excluded: Mapping[str, ExcludedSamples]) -> list[str]:
     lines = []
     if dropped:
         lines.append(f'{", ".join(dropped)} never moved: the model is valid only at that angle')
@@ -208,7 +208,7 @@ def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None
         lines.append('no torque differs from noise: the model is 0 everywhere. If gravity does '
                      'load the arm, record more poses')
     for name, lost in excluded.items():
-        lines.append(f'set aside as outliers: {counted(lost.n, "sample")} of {name}, from '
+        lines.append(f'excluded as outliers: {counted(lost.n, "sample")} of {name}, from '
                      f'{lost.first:.1f} to {lost.last:.1f} s of {lost.label}')
     if chain:
         lines += _structure(model, chain) + _uncertainty(samples, model, chain)

@@ -2,7 +2,7 @@
 Choice between chain and potential by their error on held-out samples.
 
 The chain has far fewer parameters, so it extrapolates better on a serial arm of rigid links. It
-is wrong for other mechanisms (a balancer, a linkage), or if its search ends in a wrong minimum.
+is wrong for other mechanisms (a balancer, a linkage), or if its search ends in a local minimum.
 The chain is chosen if its residual is white, or if the residual of the potential is no smaller on
 the same samples. Otherwise both are compared by cross-validation.
 """

@@ -27,7 +27,7 @@ _MAX_ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class SetAside:
+class ExcludedSamples:
     """Excluded samples of one joint: their number, first and last time in s, and run label."""
 
     n: int
@@ -78,13 +78,13 @@ def _ridge(rows: FloatArray, target: FloatArray, weights: FloatArray, ratio: flo
     return np.asarray(np.linalg.solve(gram, rows @ (weights * target)))
 
 
-def set_aside(samples: JointSamples, weights: FloatArray) -> Mapping[str, SetAside]:
+def excluded_samples(samples: JointSamples, weights: FloatArray) -> Mapping[str, ExcludedSamples]:
     """Return the samples without weight, by name of each joint that has any."""
     excluded = {}
     for n, name in enumerate(samples.names):
         rows = np.flatnonzero(weights[:, n] == 0.0)
         if rows.size:
-            excluded[name] = SetAside(rows.size, float(samples.t[rows[0]]),
-                                      float(samples.t[rows[-1]]),
-                                      samples.run_labels[samples.runs[rows[0]]])
+            excluded[name] = ExcludedSamples(rows.size, float(samples.t[rows[0]]),
+                                             float(samples.t[rows[-1]]),
+                                             samples.run_labels[samples.runs[rows[0]]])
     return excluded

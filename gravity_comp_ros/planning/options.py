@@ -56,7 +56,7 @@ class PlanOptions:
     start: FloatArray | None = None
 
     @property
-    def exceeds_recorded_range(self) -> bool:
+    def goes_beyond(self) -> bool:
         """Return whether the motion may exceed the recorded range."""
         return self.low is not None
 

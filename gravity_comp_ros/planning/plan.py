@@ -165,7 +165,7 @@ def _design_task(samples: JointSamples, model: GravityModel, targets: Sequence[T
         uncertainty = gravity_uncertainty(model, samples.q, samples.tau, white_noise(samples),
                                           gravity_named)
     if targets is None and diagnosis is not None:
-        targets = open_targets(diagnosis, context.recorded, options.exceeds_recorded_range)
+        targets = open_targets(diagnosis, context.recorded, options.goes_beyond)
         if uncertainty is not None:
             targets = targets[:MAX_TARGETS - 1]
     targets = [target for target in targets or () if target.effect != GRAVITY]

@@ -1,9 +1,9 @@
 """
-Starting points of the chain's search, and detection of wrong minima.
+Starting points of the chain's search, and detection of local minima.
 
-The cost has several minima. A wrong one is recognised by its residual: features of the dictionary
-still explain part of it, while the right minimum leaves white noise. Minima are sought from random
-axes, and from the best axes with one or two of them replaced (most wrong minima have one wrong
+The cost has several minima. A local one is recognised by its residual: features of the dictionary
+still explain part of it, while that of the global minimum is white. Minima are sought from random
+axes, and from the best axes with one or two of them replaced (most local minima have one wrong
 axis), until a residual is white or the starts are used up. A start takes some tens of ms on 200
 samples.
 """
@@ -24,8 +24,8 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
 # Number of samples for a coarse solution.
-_FEW = 200
-# A right minimum moves little when the weights change, so a few steps suffice.
+_COARSE_SAMPLES = 200
+# A global minimum moves little when the weights change, so a few steps suffice.
 _NEAR = SolveOptions(max_steps=6, tolerance=1e-4)
 # Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
@@ -34,8 +34,8 @@ _RANDOM = 4
 _HITS, _SAME_MINIMUM = 3, 0.02
 # Number of noise draws to compare a residual with, and of samples for the comparison.
 _DRAWS, _COMPARED = 16, 500
-# Limit of `structure` for white residuals. Right minima have -3 to -5 (fitting removed part of the
-# noise), wrong ones 1 to 30.
+# Limit of `structure` for white residuals. Global minima have -3 to -5 (fitting removed part of
+# the noise), local ones 1 to 30.
 STRUCTURE_LIMIT = 0.0
 _MAX_REWEIGHTINGS = 2
 # Limit of the lag-1 autocorrelation of white noise, in standard deviations.
@@ -130,7 +130,7 @@ def structure(problem: ChainProblem, solution: Solution) -> float:
     return float((explained(residual / spread) - noise.mean()) / noise.std(ddof=1))
 
 
-def thinned(problem: ChainProblem, count: int = _FEW) -> ChainProblem:
+def thinned(problem: ChainProblem, count: int = _COARSE_SAMPLES) -> ChainProblem:
     """Return the problem of evenly picked samples, at most `count`."""
     if len(problem.q) <= count:
         return problem

@@ -1,7 +1,7 @@
 """Check for running processes."""
 
 
-def lives(pid):
+def is_running(pid):
     """Return whether a process is running; a zombie is not."""
     try:
         with open(f'/proc/{pid}/stat') as stream:

@@ -1,0 +1,59 @@
+"""
+Vertical of arms on floors and ceilings with an upright robot description.
+
+    python -m bench.estimator.vertical --seeds 3,4,5
+
+Nine arms are tilted by angles near 0 and 180 degrees and recorded in slow motion: 60 s in
+0.6 of the joint ranges, and 15 s in 0.2 of them, half of the recordings with friction. The number
+of verticals that are inverted is printed for each length, and for floors and ceilings. Seeds 0, 1
+and 2 were used for tuning.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from bench.estimator.fast_motion import recorded
+from bench.estimator.mounted import tilted
+from bench.planning.scenes import ARMS, known_axes
+from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
+import numpy as np
+
+_ANGLES = {'floor': (0.0, 1.0, 5.0, 20.0), 'ceiling': (175.0, 179.0, 180.0)}
+# Duration in s, and the share of the joint ranges.
+_MOTIONS = ((60.0, 0.6), (15.0, 0.2))
+# Maximum speed in rad/s, and band in Hz.
+_SPEED, _BAND = 0.12, 0.1
+
+
+def main() -> int:
+    """Print the number of inverted verticals."""
+    parser = argparse.ArgumentParser(description='Arms on floors and ceilings.')
+    parser.add_argument('--arms', default=','.join(ARMS))
+    parser.add_argument('--seeds', default='3,4,5')
+    args = parser.parse_args()
+    seeds = [int(seed) for seed in args.seeds.split(',')]
+    for mounting, angles in _ANGLES.items():
+        for seconds, share in _MOTIONS:
+            inverted = [is_inverted(name, angle, seed, seconds, share)
+                        for name in args.arms.split(',') for angle in angles for seed in seeds]
+            print(f'{mounting}, {seconds:.0f} s: {sum(inverted)} of {len(inverted)} inverted',
+                  flush=True)
+    return 0
+
+
+def is_inverted(name: str, angle: float, seed: int, seconds: float, share: float) -> bool:
+    """Return whether the estimated vertical of a recording is nearer to the opposite one."""
+    upright = ARMS[name]()
+    rng = np.random.default_rng([seed, int(10 * angle)])
+    arm = tilted(upright, np.radians(angle), rng.uniform(0.0, 2.0 * np.pi))
+    axes = known_axes(upright)
+    samples = recorded(arm, seed, _SPEED, _BAND, 0.01 * rng.integers(2), seconds, 0.0, share)
+    estimated = with_estimated_vertical(axes, samples)
+    vertical = (estimated.rotations[0] @ axes.rotations[0].T)[2]
+    return bool(vertical @ arm.model.gravity.linear > 0.0)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
