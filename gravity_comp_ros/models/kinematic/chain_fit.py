@@ -19,7 +19,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import (
     ChainProblem, Solution, solve, SolveOptions)
 from gravity_comp_ros.models.kinematic.chain_starts import (
-    search, SearchOptions, SearchResult, structure, STRUCTURE_LIMIT)
+    FINAL_STRUCTURE_LIMIT, search, SearchOptions, SearchResult, structure)
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
 from gravity_comp_ros.models.kinematic.right_angles import adopt_right_angles
 import numpy as np
@@ -181,7 +181,7 @@ def _search(problem: ChainProblem, samples: JointSamples, options: SearchOptions
         covariance = final.covariance() + covariance_between(others, final.solution.chain)
     score = structure(problem, final.solution)
     return ChainFit(final.solution.chain, covariance, model, inflation, minimum.starts,
-                    solution.steps, score, minimum.clean or score <= STRUCTURE_LIMIT,
+                    solution.steps, score, minimum.clean or score <= FINAL_STRUCTURE_LIMIT,
                     final.square, rivals=rivals)
 
 
@@ -193,7 +193,7 @@ def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray,
     solution = final.solution
     score = structure(problem, solution)
     return ChainFit(solution.chain, final.covariance(), model, inflation, 0,
-                    solution.steps, score, score <= STRUCTURE_LIMIT, final.square)
+                    solution.steps, score, score <= FINAL_STRUCTURE_LIMIT, final.square)
 
 
 def _refine_with_noise(problem: ChainProblem, solution: Solution, samples: JointSamples,
