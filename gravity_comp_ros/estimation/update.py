@@ -74,7 +74,7 @@ def update(model: GravityModel, samples: JointSamples,
     """
     Update a model to samples recorded after a payload change, by a sparse change.
 
-    With known axes the torque of motion of a nominal arm with the payload is subtracted first.
+    With known axes the dynamic torque of a nominal arm with the payload is subtracted first.
 
     :param model: of the chain or the potential formulation.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
@@ -134,7 +134,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
                     geometry: Geometry, qdd: FloatArray) -> JointSamples:
-    """Subtract the torque of motion of the nominal arm with the payload."""
+    """Subtract the dynamic torque of the nominal arm with the payload."""
     assert model.chain is not None and model.uncertainty is not None
     loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
     moments = loaded.chain.moments / STANDARD_GRAVITY

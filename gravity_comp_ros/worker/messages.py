@@ -13,7 +13,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Progress:
-    """The progress of a job: its stage in words, and a share from 0 to 1."""
+    """The progress of a job: its stage as text, and a share from 0 to 1."""
 
     stage: str
     share: float
@@ -35,7 +35,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Lost:
-    """The process has ended; `how` is its exit status in words."""
+    """The process has ended; `how` is its exit status as text."""
 
     how: str
 

@@ -20,7 +20,7 @@ from typing import Any
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.worker.messages import Done, Failed, Progress, Ready
 
-# Progress of a job: its stage in words, and a share from 0 to 1.
+# Progress of a job: its stage as text, and a share from 0 to 1.
 ProgressCallback = Callable[[str, float], None]
 # Job function: from a job to its result.
 Work = Callable[[Any, ProgressCallback], Any]
@@ -51,8 +51,8 @@ def _result(work: Work, job: Any, report: ProgressCallback) -> Done | Failed:
         raise
     except Exception as problem:
         # After an error in one job the process stays available for the next.
-        words = ' '.join(str(problem).split())
-        return Failed(f'internal error, please report it: {type(problem).__name__}: {words}')
+        text = ' '.join(str(problem).split())
+        return Failed(f'internal error, please report it: {type(problem).__name__}: {text}')
 
 
 def _exit_with(parent: int) -> None:

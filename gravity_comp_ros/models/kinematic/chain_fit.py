@@ -166,7 +166,7 @@ def _search(problem: ChainProblem, samples: JointSamples, options: SearchOptions
     problem, solution, model, inflation = _refine_with_noise(problem, minimum.solution, samples,
                                                              trust)
     final = adopt_right_angles(problem, solution)
-    covariance, rivals = final.covariance(), 0
+    covariance, n_alternatives = final.covariance(), 0
     sigma = np.sqrt((model.sigma(final.solution.chain.torque(samples.q)) ** 2).mean(axis=0))
     is_uncertain = samples.n_samples < _FEW or least_certain_joint(
         final.solution.chain, covariance, sigma) is not None
@@ -177,12 +177,12 @@ def _search(problem: ChainProblem, samples: JointSamples, options: SearchOptions
                 break
             problem, solution, model, inflation = _refine_with_noise(
                 problem, others[0].solution, samples, trust)
-        final, rivals = adopt_right_angles(problem, solution), len(others) - 1
+        final, n_alternatives = adopt_right_angles(problem, solution), len(others) - 1
         covariance = final.covariance() + covariance_between(others, final.solution.chain)
     score = structure(problem, final.solution)
     return ChainFit(final.solution.chain, covariance, model, inflation, minimum.starts,
                     solution.steps, score, minimum.clean or score <= FINAL_STRUCTURE_LIMIT,
-                    final.square, rivals=rivals)
+                    final.square, rivals=n_alternatives)
 
 
 def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray,
