@@ -16,7 +16,7 @@ from gravity_comp_ros.estimation.nuisance_columns import fitted_shapes, signific
 from gravity_comp_ros.estimation.regression import Regression
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain, rough_fit
-from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions, STRUCTURE_LIMIT
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
@@ -29,8 +29,9 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 _MAX_SELECTIONS = 3
 # Maximum number of searches, each from other random axes, while the residual is not white.
 _MAX_SEARCHES = 3
-# A search with a log residual within this of the best one is at the same minimum.
-_SAME_MINIMUM = 0.02
+# Difference of log residuals below which another search is not worth a third one. Between minima
+# of recordings with unmodelled effects it is at most 0.08, to a wrong minimum 0.2 and more.
+_SIMILAR = 0.1
 # Maximum number of samples of the search, and of the tests of nuisance terms.
 _MAX_SEARCH_SAMPLES, _MAX_TEST_SAMPLES = 250, 600
 
@@ -81,18 +82,19 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     :raises FitError: if there are no samples.
     """
     estimate = _estimate(regression, known, start, warm, 0)
-    if known is not None or warm:
+    if known is not None or warm or regression.n_effects:
+        # With effects the search starts from the chain that was found without them.
         return estimate
     for seed in range(1, _MAX_SEARCHES):
-        if estimate.fit.clean:
+        if estimate.fit.structure <= STRUCTURE_LIMIT:
             break
-        # The minimum may be a wrong one. That is certain only if a better one is found.
+        # A minimum with a residual that is not white may be a wrong one.
         other = _estimate(regression, known, start, warm, seed)
         gain = estimate.log_residual() - other.log_residual()
         starts = estimate.fit.starts + other.fit.starts
-        estimate = other if other.fit.clean or gain > 0.0 else estimate
+        estimate = other if gain > 0.0 else estimate
         estimate = replace(estimate, fit=replace(estimate.fit, starts=starts))
-        if abs(gain) < _SAME_MINIMUM:
+        if abs(gain) < _SIMILAR:
             break
     return estimate
 
