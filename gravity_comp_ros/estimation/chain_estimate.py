@@ -29,8 +29,8 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 _MAX_SELECTIONS = 3
 # Maximum number of searches, each from other random axes, while the residual is not white.
 _MAX_SEARCHES = 3
-# Difference of log residuals below which another search is not worth a third one. Between minima
-# of recordings with unmodelled effects it is at most 0.08, to a wrong minimum 0.2 and more.
+# Difference of log residuals below which no further search follows. Between minima of recordings
+# with unmodelled effects it is at most 0.08, to a wrong minimum 0.2 and more.
 _SIMILAR = 0.1
 # Maximum number of samples of the search, and of the tests of nuisance terms.
 _MAX_SEARCH_SAMPLES, _MAX_TEST_SAMPLES = 250, 600
