@@ -29,8 +29,8 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 _MAX_SELECTIONS = 3
 # Maximum number of searches, each from other random axes, while the residual is not white.
 _MAX_SEARCHES = 3
-# Difference of log residuals below which no further search follows. Between minima of recordings
-# with unmodelled effects it is at most 0.08, to a wrong minimum 0.2 and more.
+# Difference of log residuals below which no further search follows: recordings with unmodelled
+# effects have several minima with similar residuals.
 _SIMILAR = 0.1
 # Maximum number of samples of the search, and of the tests of nuisance terms.
 _MAX_SEARCH_SAMPLES, _MAX_TEST_SAMPLES = 250, 600
@@ -82,8 +82,8 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     :raises FitError: if there are no samples.
     """
     estimate = _estimate(regression, known, start, warm, 0)
-    if known is not None or warm or regression.n_effects:
-        # With effects the search starts from the chain that was found without them.
+    if known is not None or start is not None:
+        # An earlier search found the start.
         return estimate
     for seed in range(1, _MAX_SEARCHES):
         if estimate.fit.structure <= STRUCTURE_LIMIT:
