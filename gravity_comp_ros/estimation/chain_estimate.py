@@ -27,8 +27,9 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 # Maximum number of selections of nuisance terms: a local minimum may hide significant terms, so
 # they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
-# Maximum number of searches, each from other random axes, while the residual is not white.
-_MAX_SEARCHES = 3
+# Samples of the searches that follow while the residual is not white: shares of the recording.
+# Other samples have other wrong minima.
+_PARTS = ((0.0, 1.0), (0.0, 0.7), (0.3, 1.0))
 # Difference of log residuals below which no further search follows: recordings with unmodelled
 # effects have several minima with similar residuals.
 _SIMILAR = 0.1
@@ -81,11 +82,11 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     :param warm: whether `start` is the only start, and no alternative chains are searched.
     :raises FitError: if there are no samples.
     """
-    estimate = _estimate(regression, known, start, warm, 0)
+    estimate = _estimate(regression, known, start, warm)
     if known is not None or start is not None:
         # An earlier search found the start.
         return estimate
-    for seed in range(1, _MAX_SEARCHES):
+    for seed in range(1, len(_PARTS)):
         if estimate.fit.structure <= STRUCTURE_LIMIT:
             break
         # A minimum with a residual that is not white may be a wrong one.
@@ -100,11 +101,12 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
 
 
 def _estimate(regression: Regression, known: FloatArray | None, start: Chain | None, warm: bool,
-              seed: int) -> ChainEstimate:
-    """Return the estimate of one search, from random axes drawn from `seed`."""
+              seed: int = 0) -> ChainEstimate:
+    """Return the estimate of one search, on a part of the samples and from random axes."""
     chain, starts = start, 1
     if chain is None or known is not None or not warm:
-        first = _search(regression.thinned(_MAX_SEARCH_SAMPLES), known, start, seed)
+        first = _search(_part(regression, *_PARTS[seed]).thinned(_MAX_SEARCH_SAMPLES), known, start,
+                        seed)
         chain, starts = first.chain, first.starts
     regression = _refined(regression, chain)
     all_terms, selected = regression, None
@@ -121,6 +123,12 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
         if (fit.inflation == 1.0).all():
             break
     return ChainEstimate(replace(fit, starts=starts), regression)
+
+
+def _part(regression: Regression, start: float, end: float) -> Regression:
+    """Return the regression of the samples between two shares of the recording."""
+    share = np.arange(regression.samples.n_samples) / regression.samples.n_samples
+    return regression.select((share >= start) & (share < end))
 
 
 def _search(regression: Regression, known: FloatArray | None, start: Chain | None,
