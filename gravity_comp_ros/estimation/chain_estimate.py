@@ -27,8 +27,8 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 # Maximum number of selections of nuisance terms: a local minimum may hide significant terms, so
 # they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
-# Samples of the searches that follow while the residual is not white: shares of the recording.
-# Other samples have other wrong minima.
+# Samples of the first search, and of those that follow while the residual is not white, as shares
+# of the recording: the wrong minima of other samples are others.
 _PARTS = ((0.0, 1.0), (0.0, 0.7), (0.3, 1.0))
 # Difference of log residuals below which no further search follows: recordings with unmodelled
 # effects have several minima with similar residuals.
@@ -105,8 +105,8 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
     """Return the estimate of one search, on a part of the samples and from random axes."""
     chain, starts = start, 1
     if chain is None or known is not None or not warm:
-        first = _search(_part(regression, *_PARTS[seed]).thinned(_MAX_SEARCH_SAMPLES), known, start,
-                        seed)
+        part = _part(regression, *_PARTS[seed]).thinned(_MAX_SEARCH_SAMPLES)
+        first = _search(part, known, start, seed)
         chain, starts = first.chain, first.starts
     regression = _refined(regression, chain)
     all_terms, selected = regression, None
