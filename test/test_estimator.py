@@ -7,6 +7,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.robust import excluded_samples
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -114,6 +115,17 @@ def test_a_brake_engagement_is_excluded_and_reported(samples):
     assert excluded['iiwa_joint_4'].first == pytest.approx(samples.t[200])
     assert any('excluded as outliers: 10 samples of iiwa_joint_4' in line
                for line in fitted.report.warnings)
+
+
+def test_excluded_samples_of_two_runs_are_reported_with_both(samples):
+    half = samples.n_samples // 2
+    weights = np.ones(samples.tau.shape)
+    weights[[200, half + 10], 3] = 0.0
+    t = np.concatenate([samples.t[:half], samples.t[:samples.n_samples - half]])
+    two = JointSamples(samples.names, t, samples.q, samples.qd, samples.tau,
+                       (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
+    text = str(excluded_samples(two, weights)['iiwa_joint_4'])
+    assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
 
 
 def test_velocities_that_contradict_positions_are_replaced(samples):

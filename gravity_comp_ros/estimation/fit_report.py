@@ -208,8 +208,7 @@ def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None
         lines.append('no torque differs from noise: the model is 0 everywhere. If gravity does '
                      'load the arm, record more poses')
     for name, lost in excluded.items():
-        lines.append(f'excluded as outliers: {counted(lost.n, "sample")} of {name}, from '
-                     f'{lost.first:.1f} to {lost.last:.1f} s of {lost.label}')
+        lines.append(f'excluded as outliers: {counted(lost.n, "sample")} of {name}, {lost}')
     if chain:
         lines += _structure(model, chain) + _uncertainty(samples, model, chain)
     if not all(fit.lasso.converged for fit in fits):

@@ -28,12 +28,17 @@ _MAX_ROUNDS = 4
 
 @dataclass(frozen=True)
 class ExcludedSamples:
-    """Excluded samples of one joint: their number, first and last time in s, and run label."""
+    """Excluded samples of one joint: their number, first and last time in s, and their runs."""
 
     n: int
     first: float
     last: float
     label: str
+    last_label: str
+
+    def __str__(self) -> str:
+        first = '' if self.label == self.last_label else f' s of {self.label}'
+        return f'from {self.first:.1f}{first} to {self.last:.1f} s of {self.last_label}'
 
 
 def huber_weights(residual: FloatArray, min_sigma: float) -> FloatArray:
@@ -84,7 +89,7 @@ def excluded_samples(samples: JointSamples, weights: FloatArray) -> Mapping[str,
     for n, name in enumerate(samples.names):
         rows = np.flatnonzero(weights[:, n] == 0.0)
         if rows.size:
+            first, last = (samples.run_labels[samples.runs[row]] for row in rows[[0, -1]])
             excluded[name] = ExcludedSamples(rows.size, float(samples.t[rows[0]]),
-                                             float(samples.t[rows[-1]]),
-                                             samples.run_labels[samples.runs[rows[0]]])
+                                             float(samples.t[rows[-1]]), first, last)
     return excluded
