@@ -200,9 +200,9 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
 
 def _trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
-    has_moment = np.abs(chain.moments).max(axis=1) > 0.0
+    std, has_moment = _axis_std(covariance), np.abs(chain.moments).max(axis=1) > 0.0
     unidentified = [j for j in range(1, chain.n_joints)
-                    if _axis_std(chain, covariance)[j].min() > _MIN_UNIDENTIFIED_STD
+                    if std[j].min() > _MIN_UNIDENTIFIED_STD
                     and not has_moment[j]][-_MAX_UNIDENTIFIED:]
     return [_Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
@@ -215,9 +215,9 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
     first reset one are reset too.
     """
     n = chain.n_joints
-    outer = range(max(n - _MAX_UNIDENTIFIED, 1), n)
-    uncertain = [j for j in outer
-                 if _axis_std(chain, covariance)[j].max() > _MIN_UNCERTAIN_STD]
+    std = _axis_std(covariance).max(axis=1)
+    uncertain = [j for j in range(max(n - _MAX_UNIDENTIFIED, 1), n)
+                 if std[j] > _MIN_UNCERTAIN_STD]
     reset = list(range(uncertain[0], n)) if uncertain else []
     moment_std = float(np.abs(chain.moments[reset]).max(initial=0.0))
     if moment_std == 0.0:
@@ -231,9 +231,9 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
     return _along_frame_axes(Chain(chain.axes, moments), prior, reset, _PRICE_OF_RESET)
 
 
-def _axis_std(chain: Chain, covariance: FloatArray) -> FloatArray:
+def _axis_std(covariance: FloatArray) -> FloatArray:
     """Return the standard deviations (N, 2) in rad of the two angles of each axis."""
-    return np.asarray(np.sqrt(np.diag(covariance)[:2 * chain.n_joints].reshape(-1, 2)))
+    return np.asarray(np.sqrt(np.diag(covariance)[:len(covariance) // 2].reshape(-1, 2)))
 
 
 def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],

@@ -75,7 +75,8 @@ class _Torques:
     """
     Normal equations of each joint's torque, for any vertical.
 
-    `products` (N, C, C), `right` (N, C) and `squares` (N,). The columns C are 2 N moments for a
+    `products` (N, C, C), `right` (N, C) and `squares` (N,); `largest` is the largest torque in
+    N·m. The columns C are 2 N moments for a
     vertical along each of the base's axes, then an offset and Coulomb friction of each joint.
     """
 
@@ -143,8 +144,8 @@ class _Torques:
             gram[2 * n:, 2 * n:], rcond=1e-9, hermitian=True) @ cross.T
         values, vectors = np.linalg.eigh(information)
         values = np.maximum(values, 0.0) * self.largest ** 2 * _NOMINAL_ERROR ** 2
-        root = (vectors * np.sqrt(values / (1.0 + values))) @ vectors.T
-        return coefficients[0, :2 * n].reshape(n, 2), np.asarray(root)
+        identified = (vectors * np.sqrt(values / (1.0 + values))) @ vectors.T
+        return coefficients[0, :2 * n].reshape(n, 2), np.asarray(identified)
 
     def _torque_weights(self) -> FloatArray:
         """Return the weight of each joint (N,): one over its sum of squared torques."""
