@@ -8,7 +8,7 @@ from math import isfinite
 
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.disturbances.angle_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
@@ -65,6 +65,16 @@ class Hidden:
 _WARMING = 200.0
 # Speed above which the friction of grease is degressive, rad/s.
 _THINNING = 0.05
+# Preload of a gear as a share of the joint's largest load, its limits in N·m, and the number of
+# poses of which the load is computed.
+_RELATIVE_PRELOAD, _MIN_PRELOAD, _MAX_PRELOAD, _POSES = 0.1, 1e-6, 3.0, 200
+
+
+def _preload(arm: Arm, joint: int) -> float:
+    """Return a preload in N·m: a tenth of the joint's largest load, at most 3 N·m."""
+    poses = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_POSES, arm.n_joints))
+    load = float(np.abs(gravity_torque(arm, poses)[:, joint]).max())
+    return float(np.clip(_RELATIVE_PRELOAD * load, _MIN_PRELOAD, _MAX_PRELOAD))
 
 
 def _spring(joint: int, stiffness: float) -> SpringBalancer:
@@ -81,7 +91,8 @@ KINDS: dict[str, Kind] = {
         j, x / float(np.arcsinh(1.0 / _THINNING)), _THINNING, LuGre(0.5 * x))),
     'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
         j, LuGre(3 * x), LuGre(x))),
-    'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(j, x)),
+    'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(
+        j, x, _preload(arm, j))),
     'friction_drift': Kind(2.0, True, lambda arm, j, x: ThermalFriction(j, LuGre(x, 2 * x))),
     'presliding_hysteresis': Kind(1.0, True, lambda arm, j, x: Friction(
         j, LuGre(x, presliding=0.03))),
