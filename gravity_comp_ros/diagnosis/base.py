@@ -2,10 +2,11 @@
 Base model of a diagnosis: gravity and its regressor, to which effects are added.
 
 The base is chosen first, with friction, an offset and inertia projected out of the torque, so
-that gravity terms do not absorb them. A gravity term that is missing would appear as an effect.
-So the regressor includes the terms of the sparse energy and the derivatives of the fitted serial
-arm by its parameters. On a nearly level base, terms of the first joint are left out: gravity has
-none, and torque that depends on the first joint then remains for an effect (base tilt).
+that gravity terms do not absorb them. The regressor is the derivatives of the fitted serial arm by
+its parameters. If no serial arm fits the torque, it includes the terms of a sparse energy: a
+gravity term that is missing would appear as an effect. On a nearly level base, terms of the first
+joint are left out: gravity has none, and torque that depends on the first joint then remains for
+an effect (base tilt).
 """
 
 from __future__ import annotations
@@ -72,8 +73,9 @@ def choose_base(samples: JointSamples, model: GravityModel | None, max_samples: 
     """
     Return the base model, estimated from the samples.
 
-    The result does not depend on the formulation of the user's model. If that model has the axes
-    of a robot description, these axes are used.
+    The result does not depend on the formulation of the user's model, whose chain is only a
+    further start of the search. If that model has the axes of a robot description, these axes are
+    used.
 
     :param samples: torque without the effects that the model includes.
     :param model: the user's model, whose effects become `Base.given`; None if there is none.
@@ -83,7 +85,9 @@ def choose_base(samples: JointSamples, model: GravityModel | None, max_samples: 
     part = samples.select(rows)
     few = samples.select(evenly_picked(samples.n_samples, _ROUGH_SAMPLES))
     axes = model.geometry if model is not None and model.chain is not None else None
-    gravity = _from_torques(part, few) if axes is None else _on_axes(axes, part, few)
+    start = model.chain if model is not None and axes is None else None
+    gravity = (_from_torques(part, few, start) if axes is None
+               else _on_axes(axes, part, few))
     chosen = gravity.model
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
@@ -127,7 +131,7 @@ def _on_axes(axes: Geometry, part: JointSamples, few: JointSamples) -> _Gravity:
     return _Gravity(chosen, residual=cleaned.tau - chosen.predict(part.q))
 
 
-def _from_torques(part: JointSamples, few: JointSamples) -> _Gravity:
+def _from_torques(part: JointSamples, few: JointSamples, start: Chain | None) -> _Gravity:
     """Return the gravity of an arm without a description."""
     choose = _potential if part.n_joints <= _MAX_JOINTS else _serial
     first = choose(few)
@@ -136,10 +140,10 @@ def _from_torques(part: JointSamples, few: JointSamples) -> _Gravity:
     columns = _model_columns(first, samples.q)
     cleaned = replace(samples, tau=samples.tau - nuisance_torque(columns, motion))
     level = _model_columns(levelled(first, part.q), samples.q)
-    arm = fit_serial_arm(motion, cleaned, residual_torque(level, motion))
+    arm = fit_serial_arm(motion, cleaned, residual_torque(level, motion), start)
     if arm is None:
         return _Gravity(levelled(choose(cleaned), part.q), fit_chain(cleaned, None))
-    return _Gravity(levelled(choose(arm.cleaned), part.q), arm.chain, arm.chain)
+    return _Gravity(levelled(_of_chain(arm.chain, arm.cleaned), part.q), arm.chain, arm.chain)
 
 
 def _potential(samples: JointSamples) -> GravityModel:

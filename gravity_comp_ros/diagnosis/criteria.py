@@ -24,6 +24,8 @@ STANDARD_TERMS = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 _PROMISING = 0.25
 # Minimum reduction by an alternative, relative to that of the effect it replaces.
 _COMPARABLE = 0.5
+# Number of columns above which a rare effect can be a substitute for several effects.
+MAX_COLUMNS = 8
 # Effects of a joint that gravity can absorb; a rare effect may then be their substitute.
 _ABSORBABLE = ('torque_offset', 'joint_spring')
 # (candidate, coefficients in its own units) -> reason why they are not physical, or None.
@@ -138,7 +140,8 @@ class Criteria:
         if self.gain_of(trial, before, after, rest).p >= self.options.alpha:
             return False
         shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
-        if trial.joint is None and self._absorbs_nuisance_term(int(np.argmax(shares))):
+        if trial.joint is None and (len(trial.columns) > MAX_COLUMNS or
+                                    self._absorbs_nuisance_term(int(np.argmax(shares)))):
             # On that joint it may be a substitute, so another joint must show it.
             shares.remove(max(shares))
         return max(shares, default=0.0) >= self.options.min_rare_share

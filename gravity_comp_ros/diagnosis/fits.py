@@ -20,6 +20,8 @@ import numpy as np
 _InformationKey = tuple[int, bytes, bytes]
 # Maximum number of cached results of one kind.
 _MAX_CACHED = 200
+# Minimum error, relative to the torque of a joint, that is not rounding error.
+_MIN_ERROR = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,11 @@ class Fits:
             self._information[key] = shared_information(
                 self.rows[n], np.concatenate([shared, own]), len(shared))
         return self._information[key]
+
+    def is_rounding_error(self, joint: int, chosen: Sequence[Candidate]) -> bool:
+        """Return whether the held-out error of a joint is rounding error of its torque."""
+        y = self.rows[joint].y
+        return bool(self.errors(joint, chosen).sum() < _MIN_ERROR ** 2 * float(y @ y))
 
     def absorbed(self, candidate: Candidate) -> float:
         """Return the share of an effect's columns that gravity absorbs, given all joints."""

@@ -7,11 +7,10 @@ They are Coulomb and viscous friction, an offset, and one row of constant inerti
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_fit import friction
+from gravity_comp_ros.effects.motion_fit import (
+    friction, friction_prior_std, samples_per_observation)
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
@@ -27,18 +26,24 @@ def nuisance_torque(gravity: FloatArray, motion: Motion) -> FloatArray:
 
     :param gravity: (M, N, K) columns of gravity, fitted jointly.
     """
-    k = gravity.shape[2]
-    return np.column_stack([columns[:, k:] @ x[k:] for columns, x in _each(gravity, motion)])
+    k, samples = gravity.shape[2], motion.samples
+    prior_std, torques = friction_prior_std(samples), []
+    weight = np.sqrt(samples_per_observation(samples))
+    for joint, tau in enumerate(samples.tau.T):
+        columns = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
+        residual = tau - columns @ lstsq(columns, tau, rcond=1e-10)
+        # A ridge regression: one further row for each coefficient with a prior.
+        prior = np.zeros((prior_std.shape[1], columns.shape[1]))
+        prior[:, k:k + len(prior)] = np.diag(residual.std() * weight / prior_std[joint])
+        x = lstsq(np.vstack([columns, prior]), np.append(tau, np.zeros(len(prior))), rcond=1e-10)
+        torques.append(columns[:, k:] @ x[k:])
+    return np.column_stack(torques)
 
 
 def residual_torque(gravity: FloatArray, motion: Motion) -> FloatArray:
     """Return the residual (M, N) in N·m of gravity (M, N, K) and nuisance terms."""
-    explained = np.column_stack([columns @ x for columns, x in _each(gravity, motion)])
-    return np.asarray(motion.samples.tau - explained)
-
-
-def _each(gravity: FloatArray, motion: Motion) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield the columns of each joint, those of gravity first, and their coefficients."""
+    explained = []
     for joint, tau in enumerate(motion.samples.tau.T):
         columns = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
-        yield columns, lstsq(columns, tau, rcond=1e-10)
+        explained.append(columns @ lstsq(columns, tau, rcond=1e-10))
+    return np.asarray(motion.samples.tau - np.column_stack(explained))

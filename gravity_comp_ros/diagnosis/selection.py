@@ -9,20 +9,18 @@ equal gain within one standard error, the simplest is chosen.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.criteria import Criteria
+from gravity_comp_ros.diagnosis.criteria import Criteria, MAX_COLUMNS
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
+from gravity_comp_ros.evaluation.gain import Gain, gain, log_ratio, within_standard_error
 import numpy as np
 
 # Maximum number of rounds of addition, removal and replacement.
 _ROUNDS = 4
-# Number of columns above which a rare effect can be a substitute for several effects.
-_MAX_COLUMNS = 8
 _FRICTION = 'coulomb_friction'
 _NO_GAIN = Gain(np.zeros(2), 0.0, 1.0)
 
@@ -57,16 +55,33 @@ def select(criteria: Criteria) -> Selection:
         if _may_be_substitute(candidate, selection.chosen):
             without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
             if not (criteria.is_needed(candidate, without.chosen)
-                    and criteria.exceeds_dynamics(candidate, without.chosen)):
-                return without
+                    and criteria.exceeds_dynamics(candidate, without.chosen)
+                    or _explains_more(candidate, selection, without)):
+                # It remains an alternative of the simpler effects.
+                refused = {key: why for key, why in without.refused.items()
+                           if key != candidate.key}
+                return replace(without, refused=refused)
     return selection
+
+
+def _explains_more(candidate: Candidate, selection: Selection, without: Selection) -> bool:
+    """
+    Return whether a selection with a rare effect explains more than one without it.
+
+    An effect with many columns explains more in any case, and must be needed in addition.
+    """
+    fits, joint = selection.fits, candidate.acts_on
+    if len(candidate.columns) > MAX_COLUMNS:
+        return False
+    before, after = (fits.errors(joint, each.chosen) for each in (without, selection))
+    return gain(before, after, 1).p < selection.criteria.options.alpha
 
 
 def _may_be_substitute(candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
     """Return whether a rare effect has many columns, or is chosen without Coulomb friction."""
     if candidate.effect.expectation != Expectation.RARE:
         return False
-    return len(candidate.columns) > _MAX_COLUMNS or (
+    return len(candidate.columns) > MAX_COLUMNS or (
         _FRICTION in candidate.effect.confounders
         and not any((c.effect.name, c.joint) == (_FRICTION, candidate.joint) for c in chosen))
 
@@ -154,7 +169,7 @@ class _Search:
             if not significant:
                 return False
             best = max(significant, key=lambda c: gains[id(c)].mean)
-            equal = [c for c in significant if _is_equal(c, best, gains)]
+            equal = [c for c in significant if self._is_equal(c, best, gains)]
             if any(id(c) in self._outdated for c in equal):
                 self._update_gains([c for c in equal if id(c) in self._outdated])
                 continue
@@ -203,7 +218,9 @@ class _Search:
             for other, with_it, with_other in criteria.with_each_replacement(
                     candidate, others, self.chosen):
                 if other.complexity < candidate.complexity:
-                    better = within_standard_error(with_it, with_other)
+                    better = (within_standard_error(with_it, with_other)
+                              or self._is_negligible(log_ratio(with_other, with_it),
+                                                     candidate, other))
                 else:
                     better = not within_standard_error(with_other, with_it)
                 if (better and criteria.is_physical(other, [*rest, other])
@@ -212,6 +229,27 @@ class _Search:
                     self._set_chosen([*rest, other])
                     return True
         return False
+
+    def _is_equal(self, candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) -> bool:
+        """Return whether a candidate explains as much as the best one."""
+        if candidate is best:
+            return True
+        if candidate.joint != best.joint and not (candidate.shared or best.shared):
+            return False
+        d = gains[id(best)].blocks - gains[id(candidate)].blocks
+        return bool(d.mean() <= d.std(ddof=1) / np.sqrt(len(d))
+                    or self._is_negligible(d, best, candidate))
+
+    def _is_negligible(self, excess: FloatArray, complex_one: Candidate,
+                       simple_one: Candidate) -> bool:
+        """
+        Return whether the excess gain (B,) of a more complex effect is too small for its size.
+
+        Each further coefficient must reduce the error by the share that an effect must.
+        """
+        further = complex_one.complexity - simple_one.complexity
+        return bool(further > 0 and not (complex_one.shared or simple_one.shared)
+                    and excess.mean() < further * self.criteria.options.min_share)
 
     def _available(self) -> list[Candidate]:
         return self.criteria.available(self.chosen, self.refused)
@@ -259,13 +297,3 @@ def _worst_of_each_joint(failing: Sequence[Candidate],
     if ordered[0].shared:
         return ordered[:1]
     return list({c.joint: c for c in reversed(ordered) if not c.shared}.values())
-
-
-def _is_equal(candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) -> bool:
-    """Return whether a candidate explains as much as the best within one standard error."""
-    if candidate is best:
-        return True
-    if candidate.joint != best.joint and not (candidate.shared or best.shared):
-        return False
-    d = gains[id(best)].blocks - gains[id(candidate)].blocks
-    return bool(d.mean() <= d.std(ddof=1) / np.sqrt(len(d)))

@@ -38,16 +38,17 @@ class SerialArm:
     cleaned: JointSamples
 
 
-def fit_serial_arm(motion: Motion, cleaned: JointSamples,
-                   reference: FloatArray) -> SerialArm | None:
+def fit_serial_arm(motion: Motion, cleaned: JointSamples, reference: FloatArray,
+                   start: Chain | None = None) -> SerialArm | None:
     """
     Return the serial arm that fits gravity, or None.
 
     :param motion: motion of the samples to fit.
     :param cleaned: initial torque without friction and inertia, from an unstructured energy.
     :param reference: (M, N) in N·m, residual of that energy; level if the base is nearly level.
+    :param start: the chain of the user's model; the search ends at the better of two minima.
     """
-    chain, samples = fit_chain(cleaned, None), motion.samples
+    chain, samples = _best_chain(cleaned, start), motion.samples
     if chain is not None:
         chain = _with_signs_of_motion(chain, motion)
     for _ in range(_ITERATIONS):
@@ -76,6 +77,14 @@ def _with_signs_of_motion(chain: Chain, motion: Motion) -> Chain:
     errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain, signs)
                                ).held_out_errors((1.0,))[0] for signs in options]
     return with_axis_signs(chain, options[int(np.argmin(errors))])
+
+
+def _best_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
+    """Return the better of the chains that a cold search finds, and one from a start."""
+    fitted = [fit_chain(cleaned, None), None if start is None else fit_chain(cleaned, start)]
+    chains = [chain for chain in fitted if chain is not None]
+    return min(chains, default=None, key=lambda chain: float(np.log(
+        (cleaned.tau - chain.torque(cleaned.q)).std(axis=0) + 1e-9).mean()))
 
 
 def fit_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:

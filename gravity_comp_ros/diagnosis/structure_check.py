@@ -18,8 +18,6 @@ from gravity_comp_ros.evaluation.gain import Gain, gain
 _ALPHA = 0.01
 # Minimum share of a joint's held-out error that counts as a violation.
 _MIN_SHARE = 0.1
-# Minimum error, relative to the torque of a joint, that is not rounding error.
-_MIN_ERROR = 1e-4
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ def check_structure(fits: Fits, chosen: Sequence[Candidate],
     violations, tests = [], fits.layout.structure_tests
     for trial in tests:
         joint, test = trial.joint_index, trial.regressor
-        if _is_rounding(fits, joint, chosen):
+        if fits.is_rounding_error(joint, chosen):
             continue
         compatible = [c for c in chosen if c.effect.name not in test.suspects]
         gains = []
@@ -68,11 +66,6 @@ def check_structure(fits: Fits, chosen: Sequence[Candidate],
             test.name, names[joint], _is_satisfied(with_suspects), without.p, without.share,
             sentence, test.suspects))
     return tuple(violations)
-
-
-def _is_rounding(fits: Fits, joint: int, chosen: Sequence[Candidate]) -> bool:
-    y = fits.rows[joint].y
-    return bool(fits.errors(joint, chosen).sum() < _MIN_ERROR ** 2 * float(y @ y))
 
 
 def _is_satisfied(evidence: Gain) -> bool:

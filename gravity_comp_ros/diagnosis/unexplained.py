@@ -58,9 +58,9 @@ def finding_of_unknown_torque(metrics: ErrorMetrics, joint: int, chosen: Chosen,
     The joint's own effects are dropped if the unknown torque explains most of what they explain.
     """
     here = [c for c in unknown if c.joint == joint]
-    if not here:
-        return None, chosen
     fits = metrics.criteria.fits
+    if not here or fits.is_rounding_error(joint, chosen):
+        return None, chosen
     with_each = fits.errors_with_each(joint, chosen, here)
     with_unknown, trial = min(zip(with_each, here), key=lambda pair: float(pair[0].sum()))
     superseded = [c for c in chosen if c.joint == joint and not c.shared]

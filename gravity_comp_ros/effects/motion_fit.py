@@ -18,6 +18,10 @@ import numpy as np
 
 # Prior standard deviation of the tilt of axes, in rad.
 _TILT = 0.3
+# Prior standard deviation of friction and an offset, as a share of the RMS torque of the joint,
+# and minimum of that torque, as a share of the largest. Where the motion does not distinguish them
+# from gravity, gravity has the torque.
+_PRIOR_FRICTION, _MIN_RELATIVE_TORQUE = 0.2, 0.1
 # Iterations of the weights of joints by their residual.
 _ROUNDS = 3
 # Effective number of autocorrelated samples: per second, minimum, and maximum against a prior
@@ -73,6 +77,7 @@ class MotionProblem:
         prior_std, dynamic = np.full(x.shape[2], np.inf), slice(k, k + len(dynamics.prior_std))
         prior_std[:n_tilts], prior_std[n_tilts:k] = _TILT, float(np.abs(samples.tau).max())
         prior_std[dynamic] = dynamics.prior_std
+        prior_std[dynamic.stop:] = friction_prior_std(samples).ravel()
         return cls(x, samples.tau, prior_std, dynamic, samples_per_observation(samples))
 
     def fit(self, share: float = 1.0) -> MotionFit:
@@ -142,6 +147,15 @@ def friction(motion: Motion, joint: int) -> FloatArray:
     """Return the columns (M, 3) of Coulomb and viscous friction and an offset."""
     qd = motion.samples.qd[:, joint]
     return np.column_stack([motion.direction(joint), qd, np.ones(len(qd))])
+
+
+def friction_prior_std(samples: JointSamples) -> FloatArray:
+    """Return the prior standard deviations (N, 3) of the coefficients of `friction`."""
+    torque = np.sqrt((samples.tau ** 2).mean(axis=0))
+    torque = np.maximum(torque, max(_MIN_RELATIVE_TORQUE * float(torque.max()), 1e-9))
+    speed = np.maximum(np.sqrt((samples.qd ** 2).mean(axis=0)), 1e-9)
+    size = _PRIOR_FRICTION * torque
+    return np.column_stack([size, size / speed, size])
 
 
 def effective_count(samples: JointSamples) -> float:
