@@ -23,6 +23,8 @@ _SPEEDS, _SPEED_OF_TWO = (1.0, 0.6, 0.3), 0.45
 _MIN_REPEATED, _MAX_CYCLES = 3.0, 8
 # Longest part in nominal durations; twice that for one through a joint's whole range.
 _MAX_OVERTIME = 1.5
+# Trial shares of that time without acceleration.
+_RANGE_SHARES = (1.0, 0.9, 0.8)
 # Stops of a staircase, and the time at each, s.
 _STOPS, _STOP_TIME = 4, 0.6
 # Smallest stroke and largest search distance of one joint and of several joints, rad.
@@ -169,13 +171,19 @@ class _PartBuilder:
         return self._short(parts)
 
     def through_whole_range(self, joint: int) -> list[Part]:
-        """Return a part to both ends of a joint's travel, if shorter ones do not reach them."""
-        axis = self._axis(joint)
+        """Return a part to both ends of a joint's travel, or as far as time admits."""
+        axis, speed = self._axis(joint), self.limits.speed
         up, down = self._extents(axis, _MAX_STROKE)
-        if up + down <= 0.5 * self.nominal * self.limits.speed:
+        if up + down <= 0.5 * self.nominal * speed:
             return []
-        return self._short([self._repetition('once through its whole range', (joint,), axis, -down,
-                                             up, self.limits.speed)], 2.0)
+        for share in _RANGE_SHARES:
+            low, high = self._stroke(down, up, speed, share * 2.0 * _MAX_OVERTIME * self.nominal)
+            whole = high - low > up + down - 1e-9
+            far = 'its whole range' if whole else f'{high - low:.2g} rad'
+            part = self._repetition(f'once through {far}', (joint,), axis, low, high, speed)
+            if self._short([part], 2.0):
+                return [part]
+        return []
 
     def of_two_joints(self, joints: tuple[int, int]) -> list[Part]:
         """Return strokes of two joints in equal and in opposite directions."""
@@ -215,9 +223,10 @@ class _PartBuilder:
         return (self.space.extent(self.base, axis, limit),
                 self.space.extent(self.base, -axis, limit))
 
-    def _stroke(self, down: float, up: float, speed: float) -> tuple[float, float]:
+    def _stroke(self, down: float, up: float, speed: float,
+                duration: float | None = None) -> tuple[float, float]:
         """Return the ends of a stroke of nominal duration about the base, from -down to up."""
-        length = min(up + down, 0.5 * self.nominal * speed)
+        length = min(up + down, 0.5 * (duration or self.nominal) * speed)
         low = float(np.clip(-0.5 * length, -down, up - length))
         return low, low + length
 

@@ -28,7 +28,7 @@ import numpy as np
 # Effects that are nuisance terms of a joint, one column each; inertia has one per joint.
 _NUISANCE = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 _NUISANCE_PRIOR = 1e-6
-# Ratio of the torque shares outside the gravity terms of a diagnosis and of the model.
+# Ratio of the torque shares outside the gravity terms of a diagnosis and of an energy.
 _GRAVITY_FACTOR = 0.5
 # Assumed pause between the last recording and the planned motion, s.
 _PAUSE = 60.0
@@ -165,9 +165,9 @@ class DesignContext:
         """
         Return the ratio of the torque shares outside the gravity of a diagnosis and of the model.
 
-        With known axes both have the same terms; otherwise a diagnosis has more.
+        A diagnosis of a serial arm has the terms of its chain; otherwise it has more.
         """
-        return 1.0 if self.model.geometry is not None else _GRAVITY_FACTOR
+        return 1.0 if self.model.chain is not None else _GRAVITY_FACTOR
 
     @property
     def n_gravity(self) -> int:
