@@ -6,7 +6,8 @@ Run from the root of the repository; stored results are not repeated:
     python -m bench.planning.run results.jsonl --arms iiwa7,six_axis --seeds 0,1
     python -m bench.planning.table results.jsonl
 
-Each case is an arm with one hidden effect and a poor recording of 60 s. If its diagnosis is not
+Each case is an arm with one hidden effect and a poor recording of 60 s. Effects that are too small
+for any motion of 20 s to show are left out. If its diagnosis is not
 right, another motion is added: a plan of 20 s or 7 s near recorded poses, a plan of 20 s in the
 middle half of the joints' range, or 20 s of slow random motion of all joints, of three joints near
 recorded poses, of all joints in that middle half, or of a D-optimal Fourier series. The result is
@@ -31,7 +32,7 @@ from bench.planning.scenes import KINDS, known_axes, Scene
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
+from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND, Verdict
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -90,6 +91,8 @@ def run(scene: Scene, ways: list[str]) -> dict[str, Any]:
     """Return the results before and after additional motion of each kind."""
     result: dict[str, Any] = {'name': scene.name, 'arm': scene.arm, 'effect': scene.effect,
                               'poor': scene.poor, 'tie': scene.kind.is_ambiguous, 'ways': {}}
+    if not scene.is_visible:
+        return {**result, 'invisible': True}
     try:
         case = Case(scene)
     except GravityCompError as problem:
@@ -194,6 +197,10 @@ def judged(diagnosis: Diagnosis, scene: Scene) -> str:
     wrong = accepted_here - correct - set(scene.kind.allowed)
     if wrong:
         return 'wrong: ' + ', '.join(sorted(wrong))
+    # An ambiguity between equivalent effects leaves nothing open.
+    accepted_here |= {str(f.effect) for f in diagnosis.findings if f.joint == name
+                      and f.verdict == Verdict.AMBIGUOUS and f.rivals
+                      and {f.effect, *f.rivals} <= correct}
     return 'right' if correct & accepted_here else 'open'
 
 

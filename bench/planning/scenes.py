@@ -13,10 +13,10 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
-from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.hidden import hidden
 from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
 
 # The power was fitted to the drawn arms. Results are those of the arms of the campaign, with
@@ -27,6 +27,11 @@ POOR = ('one_way', 'narrow', 'one_speed', 'one_posture')
 _NOISE = 0.1
 # Pause between both recordings, and travel time to the start of the second, s.
 _PAUSE, _TRAVEL = 30.0, 15.0
+# Separation, in standard errors, at which a diagnosis has power 0.5 (`planning/criterion.py`), and
+# the number of samples of the second recording.
+_HALF_POWER, _MORE_SAMPLES = 7.69, 500
+# Speed in rad/s and duration in s of the motion that could show an effect.
+_SPEED, _WIDE_SECONDS = 0.3, 20.0
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -114,6 +119,28 @@ class Scene:
         return Target(self.effect, None if self.kind.whole_arm else joints[self.joint],
                       (other,) if name else ())
 
+    @property
+    def is_visible(self) -> bool:
+        """
+        Return whether 20 s of wide motion could show the effect if nothing resembled it.
+
+        The RMS torque of the effect over that motion, in noise standard deviations, times the
+        square root of the number of samples is its separation from no effect.
+        """
+        arm = self.arm_model
+        motion = wide_motion(arm, self.seed)
+        options = SynthesisOptions(NoiseOptions(), static=True, disturbances=(self.disturbance,))
+        samples = synthesise(arm, motion, options)
+        torque = samples.tau - gravity_torque(arm, samples.q)
+        rms = float(np.sqrt((torque ** 2).mean(axis=0)).max())
+        return rms * np.sqrt(_MORE_SAMPLES) / _NOISE > _HALF_POWER
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """Return the hidden effect."""
+        place = '' if self.kind.whole_arm else f':{self.joint + 1}'
+        return hidden(f'{self.effect}{place}={self.size}', self.arm_model).disturbance
+
     def poor_motion(self) -> motions.Motion:
         """Return 60 s of poor motion of the joint under test."""
         return poor_motion(self.poor, self.arm_model, self.joint, self.seed)
@@ -148,11 +175,16 @@ class Scene:
         return replace(new, t=new.t - begin, starts=(_CLOCK + begin,))
 
     def _samples(self, motion: motions.Motion, repetition: int) -> JointSamples:
-        arm, place = self.arm_model, '' if self.kind.whole_arm else f':{self.joint + 1}'
-        disturbance = hidden(f'{self.effect}{place}={self.size}', arm).disturbance
         options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + repetition,
-                                   disturbances=(disturbance,))
-        return synthesise(arm, motion, options)
+                                   disturbances=(self.disturbance,))
+        return synthesise(self.arm_model, motion, options)
+
+
+def wide_motion(arm: Arm, seed: int) -> motions.Motion:
+    """Return 20 s of slow motion of all joints in the middle half of their range."""
+    sines = motions.MultisineOptions(_SPEED, _WIDE_SECONDS, 0.25, 5, 2.0)
+    return motions.multisine(0.5 * arm.lower, 0.5 * arm.upper, np.full(arm.n_joints, _SPEED),
+                             seed, sines, _WIDE_SECONDS, RATE)
 
 
 def known_axes(arm: Arm) -> Geometry:

@@ -29,7 +29,9 @@ def main() -> int:
     """Print the tables of some files."""
     results = [json.loads(line) for name in sys.argv[1:]
                for line in Path(name).read_text().splitlines()]
-    print(resolved(results), calibration(results), sep='\n\n')
+    cases = [r for r in results if not r.get('invisible')]
+    print(f'{len(results) - len(cases)} cases with an effect too small for any motion left out',
+          resolved(cases), calibration(cases), sep='\n\n')
     return 0
 
 
