@@ -155,23 +155,33 @@ def possible_model_error(fits: Fits, candidate: Candidate, chosen: Sequence[Cand
     """
     Return an effect on the same joint whose model error a rare effect may be.
 
-    None if the candidate's torque is large compared with that of each other effect, or is a
-    function of time, which model errors of angle and speed are not.
+    An effect that acts on several joints is compared with its confounders of that kind, by the
+    torque of all joints. None if the candidate's torque is large compared with that of each other
+    effect, or is a function of time, which model errors of angle and speed are not.
     """
     effect, joint = candidate.effect, candidate.acts_on
-    if joint is None or effect.expectation == Expectation.MOTION or effect.corrects \
+    if effect.expectation == Expectation.MOTION or effect.corrects \
             or effect.signature == 'time' or effect.name in STANDARD_TERMS:
         return None
-    size = float(fits.torque(joint, chosen, [candidate]).std())
+    size = _torque_size(fits, candidate, chosen)
     for other in chosen:
         if other is candidate or other.acts_on != joint:
             continue
         name = other.effect.name
-        share = size / max(float(fits.torque(joint, chosen, [other]).std()), 1e-12)
         confounder = name in effect.confounders and name not in STANDARD_TERMS
+        if joint is None and not confounder:
+            continue
+        share = size / max(_torque_size(fits, other, chosen), 1e-12)
         if share < (options.min_confounder_ratio if confounder else options.min_torque_ratio):
             return TorqueRatio(share, name)
     return None
+
+
+def _torque_size(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate]) -> float:
+    """Return the standard deviation of an effect's torque in N·m, over all its joints."""
+    joints = range(fits.n_joints) if candidate.acts_on is None else [candidate.acts_on]
+    return float(np.sqrt(sum(float(fits.torque(joint, chosen, [candidate]).var())
+                             for joint in joints)))
 
 
 def springs_of_offset(fits: Fits, motion: Motion, candidate: Candidate,
