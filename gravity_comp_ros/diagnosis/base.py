@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
 from gravity_comp_ros.diagnosis.nuisance import nuisance_torque, residual_torque
-from gravity_comp_ros.diagnosis.serial_arm import fit_chain, fit_serial_arm, tangent
+from gravity_comp_ros.diagnosis.serial_arm import fit_chain, fit_serial_arm, level_arm, tangent
 from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
@@ -139,11 +139,12 @@ def _from_torques(part: JointSamples, few: JointSamples, start: Chain | None) ->
     samples = motion.samples
     columns = _model_columns(first, samples.q)
     cleaned = replace(samples, tau=samples.tau - nuisance_torque(columns, motion))
-    level = _model_columns(levelled(first, part.q), samples.q)
-    arm = fit_serial_arm(motion, cleaned, residual_torque(level, motion), start)
+    reference = residual_torque(_model_columns(levelled(first, part.q), samples.q), motion)
+    arm = fit_serial_arm(motion, cleaned, reference, start)
     if arm is None:
         return _Gravity(levelled(choose(cleaned), part.q), fit_chain(cleaned, None))
-    return _Gravity(levelled(_of_chain(arm.chain, arm.cleaned), part.q), arm.chain, arm.chain)
+    level = level_arm(arm.chain, part.q)
+    return _Gravity(_of_chain(level, arm.cleaned), arm.chain, arm.chain)
 
 
 def _potential(samples: JointSamples) -> GravityModel:

@@ -102,10 +102,15 @@ def tangent(q: FloatArray, chain: Chain) -> FloatArray:
 
     A nearly level base is treated as level, and its tilt derivatives are left out.
     """
-    level = chain.n_joints > 1 and is_level(chain.torque(q))
-    if level:
-        axes = chain.axes.copy()
-        axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-        chain = Chain(axes, chain.moments)
-    columns = chain.jacobian(q).transpose(2, 1, 0)
-    return columns[:, :, 2:] if level else columns
+    level = level_arm(chain, q)
+    columns = level.jacobian(q).transpose(2, 1, 0)
+    return columns if level is chain else columns[:, :, 2:]
+
+
+def level_arm(chain: Chain, q: FloatArray) -> Chain:
+    """Return the chain on a level base if its base is nearly level, otherwise the chain itself."""
+    if chain.n_joints < 2 or not is_level(chain.torque(q)):
+        return chain
+    axes = chain.axes.copy()
+    axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
+    return Chain(axes, chain.moments)
