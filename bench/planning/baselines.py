@@ -24,15 +24,19 @@ def played(trajectory: Trajectory) -> motions.Motion:
 def random_slow(samples: JointSamples, options: PlanOptions, seed: int) -> motions.Motion:
     """Return slow random motion of all joints within the recorded range, at a plan's speed."""
     low, high = samples.q.min(axis=0), samples.q.max(axis=0)
-    return random_wide(samples, options, low - 1e-3, high + 1e-3, seed)
+    return random_wide(options, low - 1e-3, high + 1e-3, seed)
 
 
-def random_wide(samples: JointSamples, options: PlanOptions, low: FloatArray, high: FloatArray,
-                seed: int) -> motions.Motion:
+def random_wide(options: PlanOptions, low: FloatArray, high: FloatArray, seed: int
+                ) -> motions.Motion:
     """Return slow random motion of all joints within position limits (N,)."""
-    limit = np.full(samples.n_joints, options.max_speed)
-    sines = motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
-    return motions.multisine(low, high, limit, seed, sines, MORE_SECONDS, RATE)
+    return slow_sines(low, high, options.max_speed, seed)
+
+
+def slow_sines(low: FloatArray, high: FloatArray, speed: float, seed: int) -> motions.Motion:
+    """Return random sines of all joints between position limits (N,), up to `speed` rad/s."""
+    sines = motions.MultisineOptions(speed, MORE_SECONDS, 0.25, 5, 2.0)
+    return motions.multisine(low, high, np.full(len(low), speed), seed, sines, MORE_SECONDS, RATE)
 
 
 def random_near(samples: JointSamples, options: PlanOptions, joint: int,

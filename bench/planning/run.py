@@ -6,8 +6,9 @@ Run from the root of the repository; stored results are not repeated:
     python -m bench.planning.run results.jsonl --arms iiwa7,six_axis --seeds 0,1
     python -m bench.planning.table results.jsonl
 
-Each case is an arm with one hidden effect and a poor recording of 60 s. Effects that are too small
-for any motion of 20 s to show are left out. If its diagnosis is not
+Effects that are too small for any motion of 20 s to show are left out.
+
+Each case is an arm with one hidden effect and a poor recording of 60 s. If its diagnosis is not
 right, another motion is added: a plan of 20 s or 7 s near recorded poses, a plan of 20 s in the
 middle half of the joints' range, or 20 s of slow random motion of all joints, of three joints near
 recorded poses, of all joints in that middle half, or of a D-optimal Fourier series. The result is
@@ -163,7 +164,7 @@ class Case:
         if way == 'random':
             return random_slow(self.old, options, seed), {}
         if way == 'random_wide':
-            return random_wide(self.old, options, *self.limits, seed), {}
+            return random_wide(options, *self.limits, seed), {}
         if way == 'fourier':
             return fourier(self.old, self.model, options, seed), {}
         return random_near(self.old, options, self.scene.joint, seed), {}

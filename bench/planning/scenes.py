@@ -8,10 +8,12 @@ from functools import partial
 
 from bench.cases.cases import ARMS as JUDGED
 from bench.cases.generated import generated_arm
+from bench.planning.baselines import slow_sines
 from bench.planning.poor import poor_motion, RATE, SECONDS
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
+from gravity_comp_ros.planning.criterion import power
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.hidden import hidden
@@ -27,11 +29,8 @@ POOR = ('one_way', 'narrow', 'one_speed', 'one_posture')
 _NOISE = 0.1
 # Pause between both recordings, and travel time to the start of the second, s.
 _PAUSE, _TRAVEL = 30.0, 15.0
-# Separation, in standard errors, at which a diagnosis has power 0.5 (`planning/criterion.py`), and
-# the number of samples of the second recording.
-_HALF_POWER, _MORE_SAMPLES = 7.69, 500
-# Speed in rad/s and duration in s of the motion that could show an effect.
-_SPEED, _WIDE_SECONDS = 0.3, 20.0
+# Speed of the motion that could show an effect, rad/s.
+_SPEED = 0.3
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -125,7 +124,8 @@ class Scene:
         Return whether 20 s of wide motion could show the effect if nothing resembled it.
 
         The RMS torque of the effect over that motion, in noise standard deviations, times the
-        square root of the number of samples is its separation from no effect.
+        square root of the number of samples is its separation from no effect. An effect is visible
+        if a diagnosis has a power of one half at this separation.
         """
         arm = self.arm_model
         motion = wide_motion(arm, self.seed)
@@ -133,7 +133,7 @@ class Scene:
         samples = synthesise(arm, motion, options)
         torque = samples.tau - gravity_torque(arm, samples.q)
         rms = float(np.sqrt((torque ** 2).mean(axis=0)).max())
-        return rms * np.sqrt(_MORE_SAMPLES) / _NOISE > _HALF_POWER
+        return power(rms * np.sqrt(len(samples)) / _NOISE) > 0.5
 
     @property
     def disturbance(self) -> Disturbance:
@@ -182,9 +182,7 @@ class Scene:
 
 def wide_motion(arm: Arm, seed: int) -> motions.Motion:
     """Return 20 s of slow motion of all joints in the middle half of their range."""
-    sines = motions.MultisineOptions(_SPEED, _WIDE_SECONDS, 0.25, 5, 2.0)
-    return motions.multisine(0.5 * arm.lower, 0.5 * arm.upper, np.full(arm.n_joints, _SPEED),
-                             seed, sines, _WIDE_SECONDS, RATE)
+    return slow_sines(0.5 * arm.lower, 0.5 * arm.upper, _SPEED, seed)
 
 
 def known_axes(arm: Arm) -> Geometry:

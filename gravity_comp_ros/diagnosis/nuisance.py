@@ -29,12 +29,12 @@ def nuisance_torque(gravity: FloatArray, motion: Motion) -> FloatArray:
     k, samples = gravity.shape[2], motion.samples
     prior_std, torques = friction_prior_std(samples), []
     weight = np.sqrt(samples_per_observation(samples))
+    sigma = residual_torque(gravity, motion).std(axis=0)
     for joint, tau in enumerate(samples.tau.T):
         columns = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
-        residual = tau - columns @ lstsq(columns, tau, rcond=1e-10)
         # A ridge regression: one further row for each coefficient with a prior.
         prior = np.zeros((prior_std.shape[1], columns.shape[1]))
-        prior[:, k:k + len(prior)] = np.diag(residual.std() * weight / prior_std[joint])
+        prior[:, k:k + len(prior)] = np.diag(sigma[joint] * weight / prior_std[joint])
         x = lstsq(np.vstack([columns, prior]), np.append(tau, np.zeros(len(prior))), rcond=1e-10)
         torques.append(columns[:, k:] @ x[k:])
     return np.column_stack(torques)

@@ -60,9 +60,8 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, reference: FloatArray,
         fit = MotionProblem.of(gravity, n_tilts, motion, dynamics).fit()
         cleaned = replace(samples, tau=samples.tau - fit.nuisance)
         chain = fit_chain(cleaned, chain)
-    size, limit = (np.log(np.maximum(part.std(axis=0), 1e-9))
-                   for part in (fit.residual, reference))
-    if chain is None or (size - limit).mean() > np.log(_MAX_RESIDUAL_RATIO):
+    excess = _mean_log_std(fit.residual) - _mean_log_std(reference)
+    if chain is None or excess > np.log(_MAX_RESIDUAL_RATIO):
         return None
     return SerialArm(chain, cleaned)
 
@@ -83,8 +82,13 @@ def _best_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
     """Return the better of the chains that a cold search finds, and one from a start."""
     fitted = [fit_chain(cleaned, None), None if start is None else fit_chain(cleaned, start)]
     chains = [chain for chain in fitted if chain is not None]
-    return min(chains, default=None, key=lambda chain: float(np.log(
-        (cleaned.tau - chain.torque(cleaned.q)).std(axis=0) + 1e-9).mean()))
+    return min(chains, default=None,
+               key=lambda chain: _mean_log_std(cleaned.tau - chain.torque(cleaned.q)))
+
+
+def _mean_log_std(residual: FloatArray) -> float:
+    """Return the mean over joints of the logarithm of the standard deviation."""
+    return float(np.log(np.maximum(residual.std(axis=0), 1e-9)).mean())
 
 
 def fit_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
