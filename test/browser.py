@@ -123,6 +123,12 @@ class Watched:
         """Return title, width and height of every plot that is on the page."""
         return self.page.evaluate(PLOTS)
 
+    def wait_for_plots(self, number: int) -> None:
+        """Wait until at least so many plots are drawn, none of them too narrow to read."""
+        self.page.wait_for_function(
+            f'(n) => {{ const p = ({PLOTS})(); return p.length >= n && p.every(x => x[1] > 60) }}',
+            arg=number)
+
     def selected(self) -> list[int]:
         """Return the numbers of selected rows and of glyphs of the shared table."""
         return self.page.evaluate(SELECTED)
@@ -134,6 +140,17 @@ class Watched:
     def _asked(self, dialog) -> None:
         self.dialogs.append(dialog.message)
         dialog.dismiss()
+
+
+def expect(target):
+    """
+    Return assertions of a page or locator that are repeated until they hold.
+
+    A page of the workbench is updated in several messages, so that what is read from it at once
+    may be of two states.
+    """
+    from playwright.sync_api import expect
+    return expect(target)
 
 
 @contextmanager
@@ -148,7 +165,8 @@ def watched(home: str, **options) -> Iterator[Watched]:
 def browsing() -> Iterator[Callable[..., AbstractContextManager[Watched]]]:
     """Yield a function that opens watched pages of one browser."""
     path = chromium()
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect as assertions, sync_playwright
+    assertions.set_options(timeout=WAIT)
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=path, args=OPTIONS)
 

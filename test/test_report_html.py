@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from browser import browsing, INJECT, LIVELY
+from browser import browsing, expect, INJECT, LIVELY
 from gravity_comp_ros.api.results import structure_lines
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
@@ -247,8 +247,8 @@ def test_the_arm_follows_the_slider_and_the_selection(large, watched):
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         status = tab.page.get_by_role('status')
-        assert 'At 0.00 s: shoulder' in status.inner_text()
-        assert 'Not yet visited: shoulder' in status.inner_text()
+        expect(status).to_contain_text('At 0.00 s: shoulder')
+        expect(status).to_contain_text('Not yet visited: shoulder')
         capsules = tab.page.evaluate(_capsules)
         # By keyboard only.
         tab.page.get_by_role('slider').first.focus()
