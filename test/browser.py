@@ -124,7 +124,7 @@ class Watched:
         return self.page.evaluate(PLOTS)
 
     def wait_for_plots(self, number: int) -> None:
-        """Wait until at least so many plots are drawn, none of them too narrow to read."""
+        """Wait until at least `number` plots are drawn, none of them too narrow to read."""
         self.page.wait_for_function(
             f'(n) => {{ const p = ({PLOTS})(); return p.length >= n && p.every(x => x[1] > 60) }}',
             arg=number)

@@ -404,8 +404,8 @@ def test_comparison_of_two_stages(server, watched):
         page.get_by_label('Stage (').select_option(
             label='· 2. + coulomb_friction:shoulder – with friction')
         page.get_by_role('button', name='Add viscous_friction:shoulder').wait_for()
-        for place, number in ((first, '2.'), (second, '3.')):
-            expect(place.locator('option:checked')).to_have_text(re.compile(f'^{re.escape(number)}'))
+        for place, number in ((first, '2. '), (second, '3. ')):
+            expect(place.locator('option:checked')).to_contain_text(number)
         tab.picture('workbench-two-models')
         assert tab.complaints == []
 
