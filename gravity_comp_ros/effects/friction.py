@@ -150,14 +150,16 @@ class CoupledFriction(Effect):
     signature = 'speed'
     source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
               'Penton, 2002 (kinematic coupling between wrist motors)')
-    setting_units = {'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad'}
-    not_scanned = ('width', 'hold')
+    setting_units = {'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad',
+                     'ramp': ''}
+    not_scanned = ('width', 'hold', 'ramp')
     pointwise = True
     why_not_negative = _DISSIPATES
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q, qd = _shared(motion, joint, setting)
-        return direction(motion.samples, q, qd, Shape(setting['width'], setting['hold']))[:, None]
+        shape = Shape(setting['width'], setting['hold'], bool(setting.get('ramp', 0.0)))
+        return direction(motion.samples, q, qd, shape)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return the neighbours and signs whose coupled direction differs from both joints'."""
@@ -198,7 +200,7 @@ def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, 
     residual = samples.tau[:, joint] - motion.gravity[:, joint]
     shape = find_shape(samples, *_shared(motion, joint, setting), motion.qdd[:, joint],
                        residual, minimum)
-    return {**setting, 'width': shape.width, 'hold': shape.hold}
+    return {**setting, 'width': shape.width, 'hold': shape.hold, 'ramp': float(shape.ramp)}
 
 
 EFFECTS = (CoulombFriction(), ViscousFriction(), AsymmetricFriction(), LoadDependentFriction(),

@@ -33,6 +33,7 @@ class Motion:
     - `model`: the gravity model, for effects derived from its terms.
     - `hold` (N,) in rad: distance over which the direction of a joint reverses if its friction
       persists at rest; 0 (default) for a joint without friction at rest.
+    - `ramp` (N,): whether the direction of a joint is a ramp (`motion_direction`); by default not.
     - `chain`: the serial arm fitted to gravity, if `model` has none.
     - `directions`: cached directions by joint, independent of the gravity model.
     - `memo`: cache for results that are the same for all settings of an effect.
@@ -46,6 +47,7 @@ class Motion:
     model: GravityModel | None = None
     hold: FloatArray | None = None
     chain: Chain | None = None
+    ramp: FloatArray | None = None
     directions: dict[int, FloatArray] = field(default_factory=dict, repr=False, compare=False)
     memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                         compare=False)
@@ -70,9 +72,10 @@ class Motion:
         """Return the direction of a joint's friction, (M,), from -1 to 1."""
         if joint not in self.directions:
             hold = 0.0 if self.hold is None else float(self.hold[joint])
+            ramp = self.ramp is not None and bool(self.ramp[joint])
             self.directions[joint] = direction(
                 self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
-                Shape(float(self.sign_width[joint]), hold))
+                Shape(float(self.sign_width[joint]), hold, ramp))
         return self.directions[joint]
 
     def with_model(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
@@ -126,7 +129,8 @@ def build_motion(samples: JointSamples, model: GravityModel,
     shapes = [find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n], residual[:, n],
                          float(narrowest[n])) for n in range(samples.n_joints)]
     return Motion(samples, qdd, gravity, None, np.array([shape.width for shape in shapes]), model,
-                  np.array([shape.hold for shape in shapes]))
+                  np.array([shape.hold for shape in shapes]),
+                  ramp=np.array([float(shape.ramp) for shape in shapes]))
 
 
 def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions()) -> FloatArray:

@@ -4,9 +4,10 @@ Direction of a joint's friction: a smoothed sign of its speed, d from -1 to 1.
 Measured friction does not jump at zero speed: the speed is noisy and filtered, and friction builds
 up over some distance. At rest, friction can vanish or persist. The shape is one of
 
-    d = tanh(qd / width)       and       d = z(q; hold),
+    d = tanh(qd / width),      d = qd / (2 width) up to 1,      and      d = z(q; hold),
 
-selected by the data. z is Dahl's element (`presliding`), which keeps its state at rest and
+selected by the data. The second, a ramp, is that of friction as a constraint that yields with
+speed, as in many simulators. z is Dahl's element (`presliding`), which keeps its state at rest and
 reverses within `hold` rad of motion, at most 0.5 mrad; longer distances are a separate effect. If
 friction is small, d = tanh(qd / width) with the width given by the speed noise. An error of the
 width of a few mrad/s would appear as a Stribeck effect at that speed.
@@ -15,10 +16,10 @@ width of a few mrad/s would appear as a Stribeck effect at that speed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.runs import run_slices
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.presliding import (
     denoised_path, evenly_spaced, noise_of_fourth_differences, presliding_state)
 from gravity_comp_ros.models.least_squares import svd
@@ -30,7 +31,7 @@ MIN_WIDTH = 0.002
 HOLDS = (5e-5, 1e-4, 2e-4, 5e-4)
 # Minimum width relative to the speed noise, and maximum relative to the 95 % quantile of speeds.
 _NOISE_WIDTHS = 3.0
-_MAX_WIDTH = 0.2
+_MAX_WIDTH, _MAX_RAMP_WIDTH = 0.2, 0.3
 # Minimum share of the residual that friction explains for its shape to be fitted.
 _MIN_FRICTION = 0.2
 # Minimum reduction of the error by friction that persists at rest.
@@ -42,10 +43,15 @@ _ROWS = 20000
 
 @dataclass(frozen=True)
 class Shape:
-    """Shape of a direction: it reverses over `width` rad/s or, if not 0, over `hold` rad."""
+    """
+    Shape of a direction: it reverses over `width` rad/s or, if not 0, over `hold` rad.
+
+    With `ramp` it is proportional to the speed up to twice the width.
+    """
 
     width: float
     hold: float = 0.0
+    ramp: bool = False
 
 
 def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape) -> FloatArray:
@@ -54,9 +60,16 @@ def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape
 
     :param q: its angle (M,), rad. :param qd: its speed (M,), rad/s.
     """
-    if shape.hold <= 0.0:
-        return np.asarray(np.tanh(qd / shape.width))
-    return _held(samples, _path(samples, q), shape.hold)
+    if shape.hold > 0.0:
+        return _held(samples, _path(samples, q), shape.hold)
+    return smooth_sign(qd, shape.width, shape.ramp)
+
+
+def smooth_sign(qd: FloatArray, width: FloatArray | float,
+                ramp: BoolArray | bool = False) -> FloatArray:
+    """Return the smoothed sign of speeds in rad/s, from -1 to 1."""
+    x = qd / width
+    return np.asarray(np.where(ramp, np.clip(0.5 * x, -1.0, 1.0), np.tanh(x)))
 
 
 def min_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
@@ -93,8 +106,12 @@ def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatA
     width, error = _best_width(fit, qd, min_width)
     if error > (1.0 - _MIN_FRICTION) * fit.baseline:
         return Shape(min_width)
+    shape = Shape(width)
+    width, ramp_error = _best_width(fit, qd, min_width, ramp=True)
+    if ramp_error < error:
+        shape, error = Shape(width, ramp=True), ramp_error
     hold, hold_error = _best_hold(fit, samples, _path(samples, q))
-    return Shape(width, hold if hold_error < (1.0 - _MIN_IMPROVEMENT) * error else 0.0)
+    return replace(shape, hold=hold if hold_error < (1.0 - _MIN_IMPROVEMENT) * error else 0.0)
 
 
 def _best_hold(fit: _Fit, samples: JointSamples, path: FloatArray) -> tuple[float, float]:
@@ -138,18 +155,20 @@ class _Fit:
         return np.asarray(values - self.basis @ (self.basis.T @ values))
 
 
-def _best_width(fit: _Fit, qd: FloatArray, minimum: float) -> tuple[float, float]:
+def _best_width(fit: _Fit, qd: FloatArray, minimum: float,
+                ramp: bool = False) -> tuple[float, float]:
     """Return the width with the smallest error, and that error."""
-    widest = _MAX_WIDTH * float(np.quantile(np.abs(qd), 0.95))
+    share = _MAX_RAMP_WIDTH if ramp else _MAX_WIDTH
+    widest = share * float(np.quantile(np.abs(qd), 0.95))
     if fit.baseline == 0.0:
         return minimum, 1.0
     if widest <= minimum:
-        return minimum, fit.error(np.tanh(qd / minimum))
+        return minimum, fit.error(smooth_sign(qd, minimum, ramp))
     grid = np.geomspace(minimum, widest, _GRID)
-    errors = [fit.error(np.tanh(qd / width)) for width in grid]
+    errors = [fit.error(smooth_sign(qd, width, ramp)) for width in grid]
     best = int(np.argmin(errors))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
-    width, error = _between(lambda x: fit.error(np.tanh(qd / x)), low, high, 0.02)
+    width, error = _between(lambda x: fit.error(smooth_sign(qd, x, ramp)), low, high, 0.02)
     return (width, error) if error < errors[best] else (float(grid[best]), errors[best])
 
 

@@ -88,13 +88,14 @@ def motion_of(model: GravityModel, samples: JointSamples,
     shape = model.applied.direction
     torque = model.predict(samples.q) if gravity is None else gravity
     return Motion(samples, accelerations(samples), torque, None, shape['width'], model,
-                  shape.get('hold'))
+                  shape.get('hold'), ramp=shape.get('ramp'))
 
 
 def direction_of(motion: Motion) -> dict[str, FloatArray]:
     """Return the direction shapes of a motion, to store in a model (`Applied.direction`)."""
-    hold = np.zeros_like(motion.sign_width) if motion.hold is None else motion.hold
-    return {'width': motion.sign_width, 'hold': hold}
+    none = np.zeros_like(motion.sign_width)
+    return {'width': motion.sign_width, 'hold': none if motion.hold is None else motion.hold,
+            'ramp': none if motion.ramp is None else motion.ramp}
 
 
 def installed(applied: AppliedEffect) -> Effect:

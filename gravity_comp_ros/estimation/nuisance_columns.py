@@ -92,7 +92,8 @@ class NuisanceColumns:
                          None if c.source is None else names[c.source])
             for c, x, s in zip(self.columns, coefficients, std))
         return NuisanceTerms(terms, np.array([shape.width for shape in self.shapes]),
-                             np.array([shape.hold for shape in self.shapes]), noise)
+                             np.array([shape.hold for shape in self.shapes]), noise,
+                             np.array([float(shape.ramp) for shape in self.shapes]))
 
 
 def initial_shapes(samples: JointSamples) -> tuple[Shape, ...]:
@@ -193,7 +194,8 @@ def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArra
             continue
         n = samples.names.index(term.joint)
         if term.kind == COULOMB:
-            shape = Shape(float(nuisance.width[n]), float(nuisance.hold[n]))
+            shape = Shape(float(nuisance.width[n]), float(nuisance.hold[n]),
+                          bool(nuisance.ramp[n]))
             column = direction(samples, samples.q[:, n], samples.qd[:, n], shape)
         elif term.kind == VISCOUS:
             column = samples.qd[:, n]

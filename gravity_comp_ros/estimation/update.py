@@ -28,7 +28,6 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import NuisanceTerms
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
@@ -125,7 +124,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
                   'updates': [*model.provenance.get('updates', []), report.to_json()]}
     nuisance = step.model.nuisance
     if nuisance.noise.size:
-        nuisance = NuisanceTerms(nuisance.terms, nuisance.width, nuisance.hold, sigma)
+        nuisance = replace(nuisance, noise=sigma)
     updated = replace(step.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
                       coverage=_coverage(model, samples), provenance=provenance,
                       payload_path=payload_path(model, step.model))

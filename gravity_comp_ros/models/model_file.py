@@ -187,7 +187,7 @@ def _nuisance(parts: dict[str, Any]) -> NuisanceTerms:
                      None if term['source'] is None else _text(term['source']))
         for term in parts['terms'])
     return NuisanceTerms(terms, _floats(parts['width']), _floats(parts['hold']),
-                         _floats(parts['noise']))
+                         _floats(parts['noise']), _floats(parts.get('ramp', [])))
 
 
 def _effect(parts: dict[str, Any]) -> AppliedEffect:

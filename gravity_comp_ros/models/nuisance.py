@@ -55,9 +55,10 @@ class NuisanceTerms:
     """
     All nuisance terms of a fit.
 
-    `width` (N,) in rad/s and `hold` (N,) in rad describe the direction of motion of each joint
-    (`effects.motion_direction.Shape`); `noise` (N,) in N·m is the residual's standard deviation
-    with these terms fitted. A model without terms has empty arrays.
+    `width` (N,) in rad/s, `hold` (N,) in rad and `ramp` (N,), 0 or 1, describe the direction of
+    motion of each joint (`effects.motion_direction.Shape`); `noise` (N,) in N·m is the residual's
+    standard deviation with these terms fitted. A model without terms has empty arrays, and one of
+    an earlier release no `ramp`.
 
     :raises DataError: if an array has a number that is negative or not finite.
     """
@@ -66,13 +67,16 @@ class NuisanceTerms:
     width: FloatArray = field(default_factory=lambda: np.zeros(0))
     hold: FloatArray = field(default_factory=lambda: np.zeros(0))
     noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    ramp: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ('width', 'hold', 'noise'):
+        for name in ('width', 'hold', 'noise', 'ramp'):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.ndim != 1 or not np.isfinite(values).all() or (values < 0.0).any():
                 raise DataError(f'nuisance terms: {name} is negative or not finite')
             object.__setattr__(self, name, values)
+        if self.ramp.size != self.width.size:
+            object.__setattr__(self, 'ramp', np.zeros(self.width.size))
 
     def of(self, kind: str) -> Mapping[str, NuisanceTerm]:
         """Return the terms of one kind by joint; for inertia, those of the joint's own motion."""
@@ -83,11 +87,12 @@ class NuisanceTerms:
         """Return the same for joints in another order."""
         if not self.width.size:
             return self
-        return NuisanceTerms(self.terms, self.width[order], self.hold[order], self.noise[order])
+        return NuisanceTerms(self.terms, self.width[order], self.hold[order], self.noise[order],
+                             self.ramp[order])
 
     def to_json(self) -> dict[str, Any]:
         """Return the terms for a model file."""
         return {'terms': [{'kind': t.kind, 'joint': t.joint, 'value': t.value, 'std': t.std,
                            'unit': t.unit, 'source': t.source} for t in self.terms],
                 'width': self.width.tolist(), 'hold': self.hold.tolist(),
-                'noise': self.noise.tolist()}
+                'noise': self.noise.tolist(), 'ramp': self.ramp.tolist()}

@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import smooth_sign
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, OFFSET, VISCOUS
@@ -93,6 +94,7 @@ class LiveFriction:
         self._width = np.maximum(nuisance.width if nuisance.width.size else np.ones(n),
                                  _MIN_WIDTH)
         hold = nuisance.hold if nuisance.hold.size else np.zeros(n)
+        self._ramp = nuisance.ramp > 0.0 if nuisance.ramp.size else np.zeros(n, dtype=bool)
         self._holds = hold > 0.0
         self._hold = np.where(self._holds, hold, 1.0)
         self._direction = np.zeros(n)
@@ -105,6 +107,7 @@ class LiveFriction:
         sign = np.sign(moved)
         kept = np.where(sign == 0.0, self._direction, sign + (self._direction - sign) * np.exp(
             -np.abs(moved) / self._hold))
-        self._direction = np.where(self._holds, kept, np.tanh(qd / self._width))
+        self._direction = np.where(self._holds, kept,
+                                   smooth_sign(qd, self._width, self._ramp))
         return np.asarray(self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
                           + self._size[OFFSET])

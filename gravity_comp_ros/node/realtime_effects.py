@@ -81,6 +81,7 @@ class InstantEffects:
         n = model.n_joints
         width = model.applied.direction.get('width', np.full(n, np.inf))
         self._width = width if options is None else np.maximum(width, options.speed)
+        self._ramp = model.applied.direction.get('ramp')
         self._model = model
         self._zeros = np.zeros((1, n)), np.zeros((1, n, n))
 
@@ -104,7 +105,7 @@ class InstantEffects:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
         sample = JointSamples.single_sample(self._model.joints, q, qd)
         motion = Motion(sample, self._zeros[0], gravity[None], self._zeros[1], self._width,
-                        self._model)
+                        self._model, ramp=self._ramp)
         for term in self._terms:
             total[term.joint] += term.torque(motion)
         return total if self.options is None else self.options.fraction * total

@@ -124,7 +124,8 @@ class DesignContext:
         gravity = self.model.predict(samples.q)
         slopes = None if gradient else np.zeros((*gravity.shape, self.n_joints))
         return Motion(replace(samples, tau=gravity), qdd, gravity, slopes,
-                      self.recorded.sign_width, self.model, self.recorded.hold)
+                      self.recorded.sign_width, self.model, self.recorded.hold,
+                      ramp=self.recorded.ramp)
 
     def joined(self, segments: Sequence[Segment]) -> Motion:
         """
@@ -139,7 +140,7 @@ class DesignContext:
         gravity = np.vstack([old.gravity, new.tau])
         slopes = np.concatenate([old.gradient, np.zeros((len(t), *old.gradient.shape[1:]))])
         return Motion(concatenate([old.samples, new]), np.vstack([old.qdd, qdd]), gravity, slopes,
-                      old.sign_width, model, old.hold)
+                      old.sign_width, model, old.hold, ramp=old.ramp)
 
     @cached_property
     def _session(self) -> JointSamples | None:
