@@ -26,7 +26,7 @@ from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
-from gravity_comp_ros.estimation.regression import recorded_accelerations
+from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
@@ -172,8 +172,8 @@ def update_model(model: GravityModel, recording: Recording,
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
-    qdd = None if geometry is None else recorded_accelerations(recording.samples, gravity)
-    result = update(model, gravity, geometry=geometry, qdd=qdd)
+    result = update(model, gravity, geometry=geometry,
+                    qdd=recorded_accelerations(recording.samples, gravity))
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {

@@ -12,7 +12,7 @@ from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.estimation.regression import excites_inertia
+from gravity_comp_ros.estimation.inertia import excites_inertia
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport

@@ -73,20 +73,22 @@ def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
 
 
 def estimate_chain(regression: Regression, known: FloatArray | None = None,
-                   start: Chain | None = None, warm: bool = False) -> ChainEstimate:
+                   start: Chain | None = None, warm: bool = False,
+                   max_searches: int = len(_PARTS)) -> ChainEstimate:
     """
     Fit a chain jointly with the linear terms of a regression.
 
     :param known: axes (N, 3, 3) that need no search.
     :param start: a chain to start from.
     :param warm: whether `start` is the only start, and no alternative chains are searched.
+    :param max_searches: maximum number of searches while the residual is not white.
     :raises FitError: if there are no samples.
     """
     estimate = _estimate(regression, known, start, warm)
     if known is not None or start is not None:
         # An earlier search found the start.
         return estimate
-    for seed in range(1, len(_PARTS)):
+    for seed in range(1, max_searches):
         if estimate.fit.structure <= STRUCTURE_LIMIT:
             break
         # A minimum with a residual that is not white may be a wrong one.

@@ -22,9 +22,10 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, FitOptions, gravity_model)
+from gravity_comp_ros.estimation.inertia import is_fast, is_resolved
 from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS
 from gravity_comp_ros.estimation.refit_terms import Term
-from gravity_comp_ros.estimation.regression import build_regression, is_fast
+from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -144,7 +145,8 @@ def _fit_once(motion: Motion, rows: IntArray, model: GravityModel,
     condensation = condense(target)
     few, dense = condensation.samples(target), _condensed(condensation, columns)
     regression = build_regression(
-        target, qdd=motion.qdd[rows], effects=dense, condensation=condensation,
+        target, qdd=motion.qdd[rows] if is_resolved(motion.samples) else None, effects=dense,
+        condensation=condensation,
         excluded=excluded | replaced_terms(motion, terms),
         effect_std=_prior_std(motion, terms, few, dense),
         geometry=_nominal_axes(model, (*terms, *kept), known))

@@ -18,7 +18,7 @@ from gravity_comp_ros.estimation.effect_fit import EffectFit, fit_with_terms
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult, Progress
 from gravity_comp_ros.estimation.fit_report import build_report
 from gravity_comp_ros.estimation.formulation_choice import MIN_GAIN_OF_FREE_AXES
-from gravity_comp_ros.estimation.regression import is_fast
+from gravity_comp_ros.estimation.inertia import is_fast
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 

@@ -20,8 +20,9 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_chain
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.estimation.formulation_choice import Choice, choose
+from gravity_comp_ros.estimation.inertia import is_fast
 from gravity_comp_ros.estimation.nominal_motion import without_motion
-from gravity_comp_ros.estimation.regression import build_regression, is_fast, Regression
+from gravity_comp_ros.estimation.regression import build_regression, Regression
 from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseEstimate
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -146,8 +147,8 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     samples, warning = checked_velocity(samples)
     described = options.geometry
     if options.known_axes(samples) is not None and described is not None:
-        qdd = accelerations(samples) if qdd is None else qdd
-        options = replace(options, geometry=_fitted_geometry(described, samples, qdd))
+        options = replace(options, geometry=_fitted_geometry(
+            described, samples, accelerations(samples) if qdd is None else qdd))
     estimate = _estimate(samples, options, old, qdd)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning,
@@ -211,7 +212,7 @@ def estimate_gravity(regression: Regression, options: FitOptions,
         choice = Choice(estimate_chain(regression, known, start, warm), 'it was requested', {},
                         known is not None)
     else:
-        from_chain = regression.fits_inertia and formulation == 'potential'
+        from_chain = regression.has_coupled_inertia and formulation == 'potential'
         if from_chain:
             # Inertia has N columns a joint; the fit of a chain selects the significant ones.
             regression = estimate_chain(regression, start=start).regression

@@ -83,7 +83,7 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if not uses_known and n <= _MAX_JOINTS and _offsets(chain).any():
-        simpler = _chain_without_offsets(chain) if no_offsets else None
+        simpler = _chain_without_offsets(chain, warm=no_offsets)
         if simpler is not None:
             return Choice(simpler, 'the chain explains the torque without an offset', {}, False,
                           warning)
@@ -141,14 +141,18 @@ def _fit_all(sparse: SparseEstimate, few: Regression, chain: ChainEstimate,
         chain.regression, 'potential', options, sparse.energy, final_terms)
 
 
-def _chain_without_offsets(chain: ChainEstimate) -> ChainEstimate | None:
-    """Return the chain fitted again without offsets, if its residual is as small."""
+def _chain_without_offsets(chain: ChainEstimate, warm: bool) -> ChainEstimate | None:
+    """
+    Return the chain fitted again without offsets, if its residual is as small.
+
+    A wrong chain may require an offset, so the chain is searched again unless `warm`.
+    """
     regression = chain.regression
     kept = [k for k, c in enumerate(regression.nuisance.columns) if c.kind != OFFSET]
     offsets = frozenset((OFFSET, n) for n in range(regression.samples.n_joints))
     simpler = estimate_chain(replace(regression.with_terms(kept),
                                      excluded=regression.excluded | offsets),
-                             None, chain.chain, True)
+                             None, chain.chain if warm else None, warm, max_searches=1)
     limit = (1.0 + _MIN_GAIN) * _rms(chain.residual()) + floor(regression.samples.tau)
     return simpler if (_rms(simpler.residual()) <= limit).all() else None
 

@@ -16,6 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, min_widths, Shape)
+from gravity_comp_ros.estimation.inertia import Inertia, inertia_of
 from gravity_comp_ros.models.noise import floor, of_second_differences
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
@@ -40,8 +41,9 @@ _MIN_RELATIVE_TORQUE = 0.1
 _MAX_RELATIVE_NOISE = 0.02
 # Minimum speed, in rad/s, at which the direction of motion counts.
 _MIN_SPEED = 0.01
-# Minimum RMS acceleration, in rad/s^2, of a joint whose inertia is a term.
-_MIN_ACCELERATION = 0.05
+# Acceleration, in rad/s^2, at which the prior of a joint's own inertia in slow motion has the
+# largest RMS torque of the arm.
+_INERTIA_ACCELERATION = 1.0
 
 
 @dataclass(frozen=True)
@@ -115,13 +117,13 @@ def fitted_shapes(samples: JointSamples, qdd: FloatArray,
 
 
 def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], condensation: Condensation,
-                  qdd: FloatArray | None = None,
+                  inertia: Inertia | None = None,
                   effects: FloatArray | None = None,
                   excluded: Collection[tuple[str, int]] = ()) -> NuisanceColumns:
     """
     Return the columns that this motion can identify, condensed.
 
-    :param qdd: accelerations (M, N) in rad/s^2 if inertia is to have columns.
+    :param inertia: accelerations of the inertia terms; None for no such terms.
     :param effects: columns (K, N, m) of effects, condensed; their span needs no nuisance term.
     :param excluded: kinds and joint numbers of terms that an effect replaces.
     """
@@ -135,22 +137,21 @@ def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], condensation
         if qd.any():
             candidates += [(Column(COULOMB, n), direction(samples, q, qd, shape)),
                            (Column(VISCOUS, n), qd)]
-        if qdd is not None:
-            sources = [j for j in range(samples.n_joints)
-                       if np.sqrt((qdd[:, j] ** 2).mean()) > _MIN_ACCELERATION]
-            candidates += [(Column(INERTIA, n, j), qdd[:, j]) for j in sources]
+        if inertia is not None:
+            candidates += [(Column(INERTIA, n, j), inertia.qdd[:, j]) for j in inertia.sources(n)]
         candidates = [c for c in candidates if (c[0].kind, n) not in excluded]
         given = np.zeros((0, size)) if effects is None else effects[:, n]
         selected += _identifiable([(column, condensation.mean(x)) for column, x in candidates],
                                   given)
     values = np.array([x for _, x in selected]) if selected else np.zeros((0, size))
     columns = tuple(column for column, _ in selected)
-    prior_std = _prior_std(columns, values, condensation.samples(samples))
+    prior_std = _prior_std(columns, values, condensation.samples(samples),
+                           inertia is not None and inertia.is_coupled)
     return NuisanceColumns(columns, values, shapes, prior_std)
 
 
-def _prior_std(columns: tuple[Column, ...], values: FloatArray,
-               samples: JointSamples) -> FloatArray:
+def _prior_std(columns: tuple[Column, ...], values: FloatArray, samples: JointSamples,
+               is_coupled: bool) -> FloatArray:
     """Return the prior standard deviation (K,) of each coefficient, per N·m of noise."""
     torque = np.sqrt((samples.tau ** 2).mean(axis=0))
     torque = np.maximum(torque,
@@ -160,7 +161,11 @@ def _prior_std(columns: tuple[Column, ...], values: FloatArray,
     relative = torque / noise * (1.0 + _reversals(samples))
     size = np.sqrt((values ** 2).mean(axis=1))
     std = np.array([_PRIOR_SIZE[column.kind] * relative[column.joint] for column in columns])
-    return np.asarray(std / np.maximum(size, 1e-300)) if columns else np.zeros(0)
+    std = std / np.maximum(size, 1e-300) if columns else np.zeros(0)
+    own = [k for k, column in enumerate(columns) if column.kind == INERTIA and not is_coupled]
+    largest = float(torque.max(initial=0.0)) / _INERTIA_ACCELERATION
+    std[own] = [largest / noise[columns[k].joint] for k in own]
+    return np.asarray(std)
 
 
 def _reversals(samples: JointSamples) -> FloatArray:
@@ -181,14 +186,17 @@ def white_noise(samples: JointSamples) -> FloatArray:
     return np.maximum(of_second_differences(samples.tau, within), floor(samples.tau))
 
 
-def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:
+def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples,
+                    qdd: FloatArray | None = None) -> FloatArray:
     """
     Return the torque (M, N) in N·m of fitted nuisance terms on other samples of the same joints.
 
     Terms of joints that are missing from the samples are left out.
+
+    :param qdd: accelerations (M, N) in rad/s^2; None computes those of the samples.
     """
     total = np.zeros(samples.q.shape)
-    qdd = None
+    inertia = None
     for term in nuisance.terms:
         if term.joint not in samples.names or (term.source or term.joint) not in samples.names:
             continue
@@ -200,8 +208,9 @@ def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArra
         elif term.kind == VISCOUS:
             column = samples.qd[:, n]
         elif term.kind == INERTIA:
-            qdd = accelerations(samples) if qdd is None else qdd
-            column = qdd[:, samples.names.index(term.source or term.joint)]
+            if inertia is None:
+                inertia = inertia_of(samples, accelerations(samples) if qdd is None else qdd)
+            column = inertia.qdd[:, samples.names.index(term.source or term.joint)]
         else:
             column = np.ones(samples.n_samples)
         total[:, n] += term.value * column

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import Shape
-from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.inertia import Inertia, inertia_of
 from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.nuisance_columns import (
     build_columns, initial_shapes, NuisanceColumns)
@@ -19,13 +18,6 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
 import numpy as np
 
-# Motion is fast, with inertia in its torque, if some joint exceeds this speed (rad/s) for this
-# share of the samples.
-_FAST, _MIN_FAST_SHARE = 0.2, 0.1
-# Slow motion has inertia in its torque as well, if some joint exceeds this acceleration
-# (rad/s^2) for this share of the samples.
-_ACCELERATED, _MIN_ACCELERATED_SHARE = 0.3, 0.02
-
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -33,7 +25,7 @@ class Regression:
     Condensed samples, and the linear terms that are fitted jointly with gravity.
 
     `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2, and
-    `fits_inertia` is True if inertia is a nuisance term. `nuisance` are the columns of nuisance
+    `inertia` those of the inertia terms, None without any. `nuisance` are the columns of nuisance
     terms; `effects` (K, N, m) those of effects of the model. Effects replace the nuisance terms
     `excluded` (kind and joint number). `effect_std` (K,) are prior standard deviations of the
     effects' coefficients, per N·m of noise, inf for none; None if all are. `robust_weights`
@@ -46,7 +38,7 @@ class Regression:
     nuisance: NuisanceColumns
     robust_weights: FloatArray
     qdd: FloatArray
-    fits_inertia: bool
+    inertia: Inertia | None
     effects: FloatArray | None = None
     excluded: frozenset[tuple[str, int]] = frozenset()
     effect_std: FloatArray | None = None
@@ -55,6 +47,11 @@ class Regression:
     def n_effects(self) -> int:
         """Return the number of columns K of the effects."""
         return 0 if self.effects is None else len(self.effects)
+
+    @property
+    def has_coupled_inertia(self) -> bool:
+        """Return whether every acceleration has a term in the torque of every joint."""
+        return self.inertia is not None and self.inertia.is_coupled
 
     def linear_terms(self) -> NuisanceDesign:
         """Return the columns of effects and of nuisance terms, in this order, and the weights."""
@@ -82,9 +79,8 @@ class Regression:
 
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
         """Return the same with other friction shapes and all identifiable nuisance columns."""
-        qdd = self.qdd if self.fits_inertia else None
-        columns = build_columns(self.recorded, shapes, self.condensation, qdd, self.effects,
-                                self.excluded)
+        columns = build_columns(self.recorded, shapes, self.condensation, self.inertia,
+                                self.effects, self.excluded)
         return replace(self, nuisance=columns)
 
     def with_terms(self, selected: list[int]) -> Regression:
@@ -119,8 +115,8 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     """
     Return the regression of samples with all identifiable nuisance columns.
 
-    :param qdd: accelerations (M, N) in rad/s^2; None computes them. Inertia is a nuisance term
-        where they excite it.
+    :param qdd: accelerations (M, N) in rad/s^2 of a recording that resolves starts and stops;
+        None computes those of the samples, and slow motion then has no inertia terms.
     :param effects: columns (K, N, m) of effects, condensed by `condensation`.
     :param condensation: of the samples; None computes it.
     :param excluded: kinds and joint numbers of nuisance terms that effects replace.
@@ -128,46 +124,14 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     :param geometry: known axes: the dynamic torque of a nominal arm is subtracted first.
     """
     condensation = condensation or condense(samples)
-    qdd = accelerations(samples) if qdd is None else qdd
-    fits_inertia = _excites_inertia(samples, qdd)
+    resolved, qdd = qdd is not None, accelerations(samples) if qdd is None else qdd
+    inertia: Inertia | None = inertia_of(samples, qdd)
+    if inertia is not None and not inertia.is_coupled and (geometry is not None or not resolved):
+        inertia = None
     if geometry is not None:
         samples = without_motion(samples, geometry, qdd)
-    columns = build_columns(samples, initial_shapes(samples), condensation,
-                            qdd if fits_inertia else None, effects, excluded)
+    columns = build_columns(samples, initial_shapes(samples), condensation, inertia, effects,
+                            excluded)
     condensed = condensation.samples(samples)
     return Regression(samples, condensation, condensed, columns, np.ones(condensed.q.shape), qdd,
-                      fits_inertia, effects, excluded, effect_std)
-
-
-def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
-    """
-    Return accelerations (M, N) in rad/s^2 of `part`, from all samples; None if its own suffice.
-
-    The gate reduces the sample rate, which smooths quick starts and stops.
-
-    :param part: a selection of the samples.
-    """
-    if len(part) == len(samples) or not excites_inertia(part):
-        return None
-    return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
-
-
-def _excites_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
-    """
-    Return whether motion is fast, or slow with quick starts and stops.
-
-    Without inertia a few poses with a quick approach would be outliers, although an axis may be
-    identifiable only from them.
-    """
-    accelerated = (np.abs(qdd) > _ACCELERATED).any(axis=1)
-    return is_fast(samples) or bool(accelerated.mean() > _MIN_ACCELERATED_SHARE)
-
-
-def excites_inertia(samples: JointSamples) -> bool:
-    """Return whether motion is fast, or slow with quick starts and stops."""
-    return _excites_inertia(samples, accelerations(samples))
-
-
-def is_fast(samples: JointSamples) -> bool:
-    """Return whether some joint is fast in at least a tenth of the samples."""
-    return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _MIN_FAST_SHARE)
+                      inertia, effects, excluded, effect_std)

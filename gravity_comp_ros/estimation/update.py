@@ -29,6 +29,7 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.nuisance import INERTIA
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
@@ -80,7 +81,8 @@ def update(model: GravityModel, samples: JointSamples,
         Their torque is gravity: the torque of the model's effects must have been subtracted.
     :param geometry: of this arm, to estimate the payload; the new model is a chain on its axes,
         with the joints in its order.
-    :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
+    :param qdd: accelerations (M, N) in rad/s^2 of a recording that resolves starts and stops;
+        None computes those of the samples.
     :raises ModelMismatchError: if a joint is missing from the samples, the model is per_joint and
         there is no geometry, or the geometry is of another arm.
     :raises FitError: if there are too few samples.
@@ -101,13 +103,18 @@ def update(model: GravityModel, samples: JointSamples,
     if model.energy is None:
         raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
                                  'fit it again, or keep a chain or potential model')
-    return _update(model, samples, options, None, None)
+    if qdd is not None:
+        qdd = qdd[:, [names.index(name) for name in model.joints]]
+    return _update(model, samples, options, None, qdd)
 
 
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None, qdd: FloatArray | None) -> UpdateResult:
-    # Friction and offsets identified before the change are kept.
-    samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
+    # Friction, offsets and inertia identified before the change are kept, and inertia is part of
+    # the torque of a nominal arm.
+    has_motion = geometry is not None and qdd is not None
+    kept = model.nuisance.without(INERTIA) if has_motion else model.nuisance
+    samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured, qdd))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     new = NewSamples(samples.q, samples.tau, sigma, payload_change_weights(model, samples))
     if geometry is not None and qdd is not None:

@@ -11,7 +11,7 @@ predicted: for prediction the user adds an effect.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -82,6 +82,10 @@ class NuisanceTerms:
         """Return the terms of one kind by joint; for inertia, those of the joint's own motion."""
         return {term.joint: term for term in self.terms
                 if term.kind == kind and term.source in (None, term.joint)}
+
+    def without(self, kind: str) -> NuisanceTerms:
+        """Return the same without the terms of one kind."""
+        return replace(self, terms=tuple(term for term in self.terms if term.kind != kind))
 
     def in_order(self, order: list[int]) -> NuisanceTerms:
         """Return the same for joints in another order."""

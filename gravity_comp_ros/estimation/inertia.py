@@ -1,0 +1,103 @@
+"""
+Inertia as a nuisance term: which motion has it, and from which accelerations.
+
+Fast or uneven motion has the whole mass matrix in its torque. In slow motion the inertia of the
+joint itself counts: that of the first joint of an arm on a vertical axis, which has no gravity
+torque, would otherwise appear as a tilt of the base.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.velocity_check import checked_velocity
+from gravity_comp_ros.effects.motion import accelerations
+from gravity_comp_ros.effects.predict import rows_of
+import numpy as np
+
+# Motion is fast, with inertia in its torque, if some joint exceeds this speed (rad/s) for this
+# share of the samples.
+_FAST, _MIN_FAST_SHARE = 0.2, 0.1
+# Slow motion has the whole mass matrix in its torque as well, if some joint exceeds this
+# acceleration (rad/s^2) for this share of the samples.
+_ACCELERATED, _MIN_ACCELERATED_SHARE = 0.3, 0.02
+# Minimum RMS acceleration, in rad/s^2, of a joint whose inertia is a term of the other joints.
+_MIN_ACCELERATION = 0.05
+# Maximum sample interval, in s, of a recording that resolves starts and stops.
+_MAX_INTERVAL = 0.06
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """
+    Accelerations `qdd` (M, N) in rad/s^2 of inertia terms.
+
+    With `is_coupled` the torque of a joint has a term for the acceleration of every joint that
+    accelerates, otherwise for its own.
+    """
+
+    qdd: FloatArray
+    is_coupled: bool
+
+    def sources(self, joint: int) -> list[int]:
+        """Return the joints whose acceleration has a term in the torque of a joint."""
+        if not self.is_coupled:
+            return [joint]
+        rms = np.sqrt((self.qdd ** 2).mean(axis=0))
+        return [int(n) for n in np.flatnonzero(rms > _MIN_ACCELERATION)]
+
+
+def inertia_of(samples: JointSamples, qdd: FloatArray) -> Inertia:
+    """
+    Return the accelerations whose torque is inertia.
+
+    In slow motion the few samples of quick starts and stops have none: their acceleration is too
+    short to be measured, and they would decide the inertia.
+
+    :param qdd: accelerations (M, N) in rad/s^2 of the samples.
+    """
+    if _excites_inertia(samples, qdd):
+        return Inertia(qdd, True)
+    quick = np.asarray((np.abs(qdd) > _ACCELERATED).any(axis=1))
+    return Inertia(np.where(quick[:, None], 0.0, qdd), False)
+
+
+def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
+    """
+    Return accelerations (M, N) in rad/s^2 of `part`, from all samples.
+
+    The gate reduces the sample rate, which smooths quick starts and stops. None if the samples do
+    not resolve these either.
+
+    :param part: a selection of the samples.
+    """
+    if not is_resolved(samples):
+        return None
+    return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
+
+
+def is_resolved(samples: JointSamples) -> bool:
+    """Return whether the sample rate resolves quick starts and stops."""
+    within = np.diff(samples.runs) == 0
+    return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
+
+
+def excites_inertia(samples: JointSamples) -> bool:
+    """
+    Return whether motion is fast, or slow with quick starts and stops.
+
+    Without inertia a few poses with a quick approach would be outliers, although an axis may be
+    identifiable only from them.
+    """
+    return _excites_inertia(samples, accelerations(samples))
+
+
+def is_fast(samples: JointSamples) -> bool:
+    """Return whether some joint is fast in at least a tenth of the samples."""
+    return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _MIN_FAST_SHARE)
+
+
+def _excites_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
+    accelerated = (np.abs(qdd) > _ACCELERATED).any(axis=1)
+    return is_fast(samples) or bool(accelerated.mean() > _MIN_ACCELERATED_SHARE)
