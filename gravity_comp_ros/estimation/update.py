@@ -18,7 +18,7 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS, motion_torque
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
+from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque, reversal_std
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
@@ -116,10 +116,13 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     kept = model.nuisance.without(INERTIA) if has_motion else model.nuisance
     samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured, qdd))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
-    new = NewSamples(samples.q, samples.tau, sigma, payload_change_weights(model, samples))
+    reversal = sigma ** 2 / (sigma ** 2 + reversal_std(kept, measured) ** 2)
+    new = NewSamples(samples.q, samples.tau, sigma,
+                     reversal * payload_change_weights(model, samples))
     if geometry is not None and qdd is not None:
         samples = _without_motion(model, samples, new, geometry, qdd)
-        new = NewSamples(samples.q, samples.tau, sigma, payload_change_weights(model, samples))
+        new = NewSamples(samples.q, samples.tau, sigma,
+                         reversal * payload_change_weights(model, samples))
     step = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
     if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
