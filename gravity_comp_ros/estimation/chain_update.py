@@ -23,6 +23,7 @@ from itertools import product
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept, TOLERANCE
+from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.sparse.sparse_change import (
     average_change, Change, ChangeProblem, find_change, full_evidence)
 import numpy as np
@@ -96,42 +97,17 @@ class ChainChange:
     """
     The chain with its new moments, the covariance of a step from it, and the sparse change.
 
-    `start` is the selected trial: a chain before the change, and the prior of a step from it.
+    `trials` are the probable ones.
     """
 
     chain: Chain
     covariance: FloatArray
     change: Change
-    start: tuple[Chain, FloatArray]
-
-
-def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: FloatArray,
-                 start: tuple[Chain, FloatArray] | None = None,
-                 path: FloatArray | None = None) -> ChainChange:
-    """
-    Update a chain by a sparse change of its moments.
-
-    :param covariance: of a step from the chain (4N, 4N).
-    :param box: lower and upper ends (2, N) in rad of the poses of later predictions.
-    :param start: that of an earlier change; it is the only trial then.
-    :param path: change of the moments (2N,) by an earlier payload (`payload_path`). Another
-        payload changes them in proportion to its mass, except those that depend on its centre.
-    """
-    if start is None:
-        trials = [*_most_probable(_trials(chain, covariance), new, _MAX_TRIALS),
-                  *_most_probable(_reset_trials(chain, covariance), new, _MAX_RESET_TRIALS)]
-    else:
-        trials = [_Trial(*start)]
-    along = None
-    if path is not None and np.abs(path).max() > 0.0:
-        along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
-    hypotheses = [_Hypothesis(trial, new, along) for trial in trials]
-    best = hypotheses[_central(hypotheses, box)].averaged()
-    return _dense_or_sparse(chain, covariance, new, best)
+    trials: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """A chain before the change, the covariance (4N, 4N) of a step from it, and its price."""
 
     chain: Chain
@@ -139,7 +115,32 @@ class _Trial:
     price: float = 0.0
 
 
-def _most_probable(trials: list[_Trial], new: NewSamples, count: int) -> list[_Trial]:
+def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: FloatArray,
+                 trials: tuple[Trial, ...] = (),
+                 path: FloatArray | None = None) -> ChainChange:
+    """
+    Update a chain by a sparse change of its moments.
+
+    :param covariance: of a step from the chain (4N, 4N).
+    :param box: lower and upper ends (2, N) in rad of the poses of later predictions.
+    :param trials: those of an earlier change to the same samples; without any they are searched.
+    :param path: change of the moments (2N,) by an earlier payload (`payload_path`). Another
+        payload changes them in proportion to its mass, except those that depend on its centre.
+    """
+    if not trials:
+        trials = (*_most_probable(_trials(chain, covariance), new, _MAX_TRIALS),
+                  *_most_probable(_reset_trials(chain, covariance), new, _MAX_RESET_TRIALS))
+    along = None
+    if path is not None and np.abs(path).max() > 0.0:
+        along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
+    hypotheses = _probable([_Hypothesis(trial, new, along) for trial in trials])
+    q = np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
+    best = _with_spread(hypotheses[_central(hypotheses, q)].averaged(), hypotheses, q)
+    best = replace(best, trials=tuple(each.trial for each in hypotheses))
+    return _dense_or_sparse(chain, covariance, new, best)
+
+
+def _most_probable(trials: list[Trial], new: NewSamples, count: int) -> list[Trial]:
     """Return at most `count` trials, by the evidence of a change of all moments, linearised."""
     if len(trials) <= count:
         return trials
@@ -147,7 +148,7 @@ def _most_probable(trials: list[_Trial], new: NewSamples, count: int) -> list[_T
     return [trials[k] for k in np.argsort(-np.array(evidence))[:count]]
 
 
-def _initial_evidence(trial: _Trial, new: NewSamples) -> float:
+def _initial_evidence(trial: Trial, new: NewSamples) -> float:
     """Return the log evidence of a change of all moments, linearised at the chain of a trial."""
     n = trial.chain.n_joints
     return full_evidence(ChangeProblem(
@@ -155,21 +156,42 @@ def _initial_evidence(trial: _Trial, new: NewSamples) -> float:
         np.arange(2 * n, 4 * n), new.max_residual(trial.chain)))
 
 
-def _central(hypotheses: list[_Hypothesis], box: FloatArray) -> int:
+def _probable(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
+    """Return the hypotheses whose evidence is a minimum share of the largest."""
+    best = max(each.log_evidence for each in hypotheses)
+    return [each for each in hypotheses
+            if each.log_evidence > best + np.log(_MIN_RELATIVE_EVIDENCE)]
+
+
+def _central(hypotheses: list[_Hypothesis], q: FloatArray) -> int:
     """
     Return the index of the hypothesis nearest to the evidence-weighted mean prediction.
 
     With few samples several directions of an axis are often nearly equally probable. The
     central one has a smaller expected error than the most probable one.
     """
-    if len(hypotheses) == 1:
-        return 0
-    weights = softmax([each.log_evidence for each in hypotheses])
-    q = np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
     torques = np.array([each.moved.torque(q) for each in hypotheses])
-    distance = ((torques - np.tensordot(weights, torques, axes=1)) ** 2).sum(axis=(1, 2))
-    improbable = weights < _MIN_RELATIVE_EVIDENCE * weights.max()
-    return int(np.argmin(np.where(improbable, np.inf, distance)))
+    mean = np.tensordot(_probabilities(hypotheses), torques, axes=1)
+    return int(np.argmin(((torques - mean) ** 2).sum(axis=(1, 2))))
+
+
+def _with_spread(best: ChainChange, hypotheses: list[_Hypothesis], q: FloatArray) -> ChainChange:
+    """
+    Return the change with the differences between the hypotheses in its covariance.
+
+    Each hypothesis is the step of the chain, in least squares, with the same torque at poses q.
+    """
+    jacobian = best.chain.jacobian(q)
+    columns = jacobian.reshape(len(jacobian), -1).T
+    torques = np.column_stack([(each.moved.torque(q) - best.chain.torque(q)).T.ravel()
+                               for each in hypotheses])
+    steps = lstsq(columns, torques, rcond=_MIN_RELATIVE_NORM)
+    spread = (steps * _probabilities(hypotheses)) @ steps.T
+    return replace(best, covariance=best.covariance + spread)
+
+
+def _probabilities(hypotheses: list[_Hypothesis]) -> FloatArray:
+    return np.asarray(softmax([each.log_evidence for each in hypotheses]))
 
 
 def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
@@ -195,19 +217,19 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
     spread[2 * n:], spread[:, 2 * n:] = 0.0, 0.0
     spread[2 * n:, 2 * n:] = inverse
     support = 2 * n + np.flatnonzero(np.abs(step[2 * n:]) > 0.0)
-    return ChainChange(dense, spread, replace(best.change, support=support), best.start)
+    return ChainChange(dense, spread, replace(best.change, support=support), best.trials)
 
 
-def _trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
+def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
     std, has_moment = _axis_std(covariance), np.abs(chain.moments).max(axis=1) > 0.0
     unidentified = [j for j in range(1, chain.n_joints)
                     if std[j].min() > _MIN_UNIDENTIFIED_STD
                     and not has_moment[j]][-_MAX_UNIDENTIFIED:]
-    return [_Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
+    return [Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
 
-def _reset_trials(chain: Chain, covariance: FloatArray) -> list[_Trial]:
+def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """
     Return the chain with its uncertain outer axes along every frame axis, their moments reset.
 
@@ -237,7 +259,7 @@ def _axis_std(covariance: FloatArray) -> FloatArray:
 
 
 def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],
-                      price: float = 0.0) -> list[_Trial]:
+                      price: float = 0.0) -> list[Trial]:
     """Return trials with the axes of `joints` along each frame axis, exactly and nearly."""
     trials = []
     for directions in product(_DIRECTIONS, repeat=len(joints)) if joints else []:
@@ -252,16 +274,16 @@ def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],
             prior[diagonal, diagonal] = 1.0
             right_angled[diagonal, diagonal] = TOLERANCE ** 2
         start = Chain(axes, chain.moments)
-        trials += [_Trial(start, right_angled, price), _Trial(start, prior, price)]
+        trials += [Trial(start, right_angled, price), Trial(start, prior, price)]
     return trials
 
 
 class _Hypothesis:
     """A trial with its most probable sparse change, linearised at the changed chain."""
 
-    def __init__(self, trial: _Trial, new: NewSamples, along: FloatArray | None = None) -> None:
+    def __init__(self, trial: Trial, new: NewSamples, along: FloatArray | None = None) -> None:
         chain = trial.chain
-        self.chain, self.prior, self.new, self.along = chain, trial.prior, new, along
+        self.trial, self.new, self.along = trial, new, along
         self.step = np.zeros(4 * chain.n_joints)
         self.moved, self.residual = chain, new.residual(chain)
         # A moment acts with its full size in some pose: its prior std is the change of torques.
@@ -296,25 +318,25 @@ class _Hypothesis:
         moved = self.moved
         if float(self.residual @ self.residual) > float(residual @ residual) + _MAX_AVERAGE_LOSS:
             moved = most_probable
-        return ChainChange(moved, change.covariance, change, (self.chain, self.prior))
+        return ChainChange(moved, change.covariance, change)
 
     def _kept(self, change: Change) -> FloatArray:
-        return right_angles_kept(change.mean, change.covariance, self.prior)
+        return right_angles_kept(change.mean, change.covariance, self.trial.prior)
 
     def _problem(self) -> ChangeProblem:
         columns = self.new.columns(self.moved)
-        n = self.chain.n_joints
+        n = self.moved.n_joints
         norms = np.linalg.norm(columns[2 * n:], axis=1)
         may_change = np.flatnonzero(norms > _MIN_RELATIVE_NORM * norms.max())
-        return ChangeProblem(columns, self.residual + self.step @ columns, self.prior,
+        return ChangeProblem(columns, self.residual + self.step @ columns, self.trial.prior,
                              2 * n + may_change, self.size, self.along)
 
     def _move(self, target: FloatArray, problem: ChangeProblem) -> bool:
         """Move to a step, or towards it if it is far; return whether the search converged."""
-        n = self.chain.n_joints
+        n = self.moved.n_joints
         move = target - self.step
         share = min(1.0, _MAX_ROTATION / max(float(np.abs(move[:2 * n]).max()), 1e-300))
         self.step = self.step + share * move
-        self.moved = self.chain.moved(self.step)
+        self.moved = self.trial.chain.moved(self.step)
         self.residual = self.new.residual(self.moved)
         return share == 1.0 and bool(np.abs(move @ problem.columns).max() < _CONVERGED)

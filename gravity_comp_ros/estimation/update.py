@@ -126,7 +126,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     step = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
     if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
-        step = changed_model(model, replace(new, sigma=sigma), geometry, step.start)
+        step = changed_model(model, replace(new, sigma=sigma), geometry, step.trials)
     # Errors are those of the model's own prediction; friction that it excludes counts as error.
     rmse = np.sqrt(((measured.tau - step.model.predict(measured.q)) ** 2).mean(axis=0))
     report = details(model, step, measured, rmse, sigma)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
+from gravity_comp_ros.estimation.chain_update import NewSamples, Trial, update_chain
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, PayloadEstimate
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -31,8 +31,8 @@ class UpdateStep:
     A changed model with its changed coefficients, in N·m by name.
 
     `payload` is the estimate, None without link lengths; `is_payload` is True where the model
-    changed by it. `start` is the chain and prior at which the search for a chain began, for
-    another search with other noise.
+    changed by it. `trials` are the probable ones of the search for a chain, for another search
+    with other noise.
     """
 
     model: GravityModel
@@ -40,20 +40,20 @@ class UpdateStep:
     change: Change
     payload: PayloadEstimate | None = None
     is_payload: bool = False
-    start: tuple[Chain, FloatArray] | None = None
+    trials: tuple[Trial, ...] = ()
 
 
 def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | None,
-                  start: tuple[Chain, FloatArray] | None = None) -> UpdateStep:
+                  trials: tuple[Trial, ...] = ()) -> UpdateStep:
     """
     Return the change of a model that explains new samples.
 
     :param geometry: of the arm, to estimate the payload; the model is a chain on its axes then.
-    :param start: that of an earlier step with other noise.
+    :param trials: those of an earlier step with other noise.
     """
     if model.chain is None:
         return _energy_step(model, new)
-    free = _chain_step(model, new, start)
+    free = _chain_step(model, new, trials)
     return free if geometry is None else _payload_step(model, new, geometry, free)
 
 
@@ -69,7 +69,7 @@ def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
     changed = (loaded.chain.moments - model.chain.moments).ravel()
     return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),
                       {name: float(x) for name, x in zip(_moment_names(model), changed)},
-                      free.change, loaded.payload, True, free.start)
+                      free.change, loaded.payload, True, free.trials)
 
 
 def _moment_names(model: GravityModel) -> list[str]:
@@ -77,7 +77,7 @@ def _moment_names(model: GravityModel) -> list[str]:
 
 
 def _chain_step(model: GravityModel, new: NewSamples,
-                start: tuple[Chain, FloatArray] | None) -> UpdateStep:
+                trials: tuple[Trial, ...]) -> UpdateStep:
     assert model.chain is not None
     n = model.n_joints
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
@@ -85,11 +85,11 @@ def _chain_step(model: GravityModel, new: NewSamples,
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     path = None if model.payload_path is None else path_moments(model.payload_path, model.chain,
                                                                 box)
-    result = update_chain(model.chain, covariance, new, box, start, path)
+    result = update_chain(model.chain, covariance, new, box, trials, path)
     names, moments = _moment_names(model), result.chain.moments - model.chain.moments
     changed = {names[k]: float(moments.ravel()[k]) for k in result.change.support - 2 * n}
     return UpdateStep(_with_chain(model, result.chain, result.covariance), changed,
-                      result.change, start=result.start)
+                      result.change, trials=result.trials)
 
 
 def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
