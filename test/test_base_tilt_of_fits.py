@@ -6,7 +6,7 @@ from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.nominal_motion import without_motion
-from gravity_comp_ros.estimation.regression import recorded_accelerations
+from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (
     gravity_torque, iiwa7, inverse_dynamics, with_base_tilt)

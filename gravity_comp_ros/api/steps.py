@@ -24,9 +24,9 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
-from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison

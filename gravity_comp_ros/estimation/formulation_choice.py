@@ -83,11 +83,13 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if not uses_known and n <= _MAX_JOINTS and _offsets(chain).any():
-        simpler = _chain_without_offsets(chain, warm=no_offsets)
+        simpler = _chain_without_offsets(chain, warm=True) if no_offsets else None
+        sparse = None if simpler else _potential_without_offsets(chain, options)
+        if sparse is not None:
+            simpler = _chain_without_offsets(chain, warm=False)
         if simpler is not None:
             return Choice(simpler, 'the chain explains the torque without an offset', {}, False,
                           warning)
-        sparse = _potential_without_offsets(chain, options)
         if sparse is not None:
             return Choice(sparse, 'it explains the torque without the offset that the chain '
                           'requires', {}, False, warning)

@@ -28,8 +28,8 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.nuisance import INERTIA
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
