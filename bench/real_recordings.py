@@ -22,8 +22,8 @@ from pathlib import Path
 import tempfile
 
 import gravity_comp_ros as gc
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.models.applied_effects import target
 import numpy as np
 import pinocchio as pin

@@ -5,10 +5,8 @@ from dataclasses import replace
 from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.recordings import gated_bag
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
-from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -132,35 +130,6 @@ def check_same(path, options, gate):
                                       getattr(slow.samples, field))
     assert result.report == whole.report
     assert result.dropped == slow.dropped
-
-
-def test_most_recordings_are_streamed(tmp_path, monkeypatch):
-    path = write_folder(tmp_path / 'bag', {'/joint_states': rare(nan)}, plugin='mcap')
-    monkeypatch.setattr(gated_bag, 'read_bag', None)
-    assert len(read_gated(path, gate=GATES[0]).samples) == 6
-
-
-def test_no_slow_sample_is_not_an_error(tmp_path):
-    path = write_folder(tmp_path / 'bag', {'/joint_states': messages(200)}, plugin='mcap')
-    check_same(path, ReadOptions(), GATES[3])
-    assert not len(read_gated(path, gate=GATES[3]).samples)
-
-
-def test_memory_is_bounded(tmp_path):
-    import tracemalloc
-    t = np.arange(60000) / 1000
-    q = np.sin(0.1 * t)[:, None] + np.arange(8.0)
-    names = tuple(f'joint{k}' for k in range(8))
-    write_bag(tmp_path / 'x.mcap', [JointTopic('/joint_states', names, t, q, 0 * q + 0.1, q)],
-              WriteOptions(chunk_bytes=100_000))
-    tracemalloc.start()
-    result = read_gated(tmp_path / 'x.mcap')
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert result.report.n_samples == 60000 and len(result.samples) == 301
-    # The samples would take 60000 * 24 * 8 bytes, 11.5 MB. The reader stores 8 bytes per message,
-    # and temporary arrays for the median interval.
-    assert peak < 5e6
 
 
 def test_a_gate_for_other_joints_is_refused(tmp_path):

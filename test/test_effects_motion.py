@@ -1,10 +1,11 @@
 """Motion of a recording: acceleration, gradient of gravity, and direction of motion."""
 
 from effect_motions import arm_of, clean_motion, clean_samples, exact_model, motions_of
+from gravity_comp_ros.data.acceleration import AccelerationOptions, accelerations
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
-from gravity_comp_ros.effects.motion import accelerations, build_motion, MotionOptions
+from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, MIN_WIDTH, min_widths, speed_noise)
 from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
@@ -100,7 +101,7 @@ def test_unusable_input_is_refused():
     with pytest.raises(DataError, match='no samples'):
         build_motion(samples.select(np.zeros(len(samples), dtype=bool)), model)
     with pytest.raises(OptionError, match='window'):
-        MotionOptions(window=0.0)
+        AccelerationOptions(window=0.0)
 
 
 def back_and_forth(noise, seed=0):

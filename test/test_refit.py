@@ -3,10 +3,11 @@
 from dataclasses import replace
 import json
 
+from gravity_comp_ros.data.acceleration import rows_of
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.effects.predict import effect_torque, predict_torque, rows_of
+from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions

@@ -6,11 +6,12 @@ from bench.cases.cases import ARMS
 from bench.cases.generated import generated_arm
 from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.arm_dynamics import (
     axis_sign, axis_sign_options, chain_dynamics, with_axis_signs)
-from gravity_comp_ros.effects.motion import accelerations, build_motion
+from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics

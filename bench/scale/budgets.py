@@ -26,7 +26,7 @@ import tempfile
 # Modules that commands import when they run. They are imported before, to exclude their time.
 _IMPORTS = ('gravity_comp_ros.cli', 'gravity_comp_ros.commands.add',
             'gravity_comp_ros.commands.diagnose', 'gravity_comp_ros.commands.fit',
-            'gravity_comp_ros.commands.update', 'gravity_comp_ros.recordings.parallel',
+            'gravity_comp_ros.commands.update',
             'gravity_comp_ros.recordings.bag', 'gravity_comp_ros.api.loop', 'scipy.linalg',
             'scipy.special', 'scipy.optimize', 'scipy.signal')
 HOUR = ('--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',

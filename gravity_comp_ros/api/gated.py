@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.printable import counted
 
 
 @dataclass(frozen=True, eq=False)
 class Gated:
-    """Samples that passed the gate, out of `total`, and the number dropped by reason."""
+    """
+    Samples that passed the gate, out of `total`, and the number dropped by reason.
+
+    `qdd` (M, N) in rad/s^2 are accelerations at the rate of a recording that was gated while it
+    was read, else None.
+    """
 
     samples: JointSamples
     total: int
     dropped: Mapping[str, int]
     all_samples: bool
+    qdd: FloatArray | None = None
+
+    def select_joints(self, names: Sequence[str]) -> Gated:
+        """Return the result with these joints, in this order."""
+        columns = [self.samples.names.index(name) for name in names]
+        return replace(self, samples=self.samples.joints(names),
+                       qdd=None if self.qdd is None else self.qdd[:, columns])
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate entry of a model's provenance and of `--json`."""
@@ -48,10 +60,11 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> Gated:
 
 
 def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
-                options: GateOptions) -> Gated:
+                options: GateOptions, qdd: FloatArray | None = None) -> Gated:
     """
     Return the result for samples already gated, for example while a file was read.
 
+    :param qdd: accelerations (M, N) in rad/s^2, or None.
     :raises DataError: if there are none.
     """
     if samples.n_samples == 0:
@@ -59,4 +72,4 @@ def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
         limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
         raise DataError(f'none of the {total} samples is slow (every joint under {limits} rad/s)',
                         Hint.SLOW_MOTION)
-    return Gated(samples, total, dict(dropped), False)
+    return Gated(samples, total, dict(dropped), False, qdd)

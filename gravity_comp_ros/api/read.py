@@ -13,6 +13,7 @@ from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate
+import numpy as np
 if TYPE_CHECKING:
     # Imports file-format libraries, which arrays do not need.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
@@ -80,14 +81,14 @@ def read_each(paths: Sequence[Path], options: ReadOptions,
     :raises ModelMismatchError: if a joint named in the options is missing in a file.
     """
     from gravity_comp_ros.recordings.bag import read_bag
-    runs, options = [], _bounded(options, len(paths))
+    runs, options = [], bounded(options, len(paths))
     for number, path in enumerate(paths):
         progress(f'read {path.name}', number / len(paths))
         runs.append(read_bag(path, options))
     return runs
 
 
-def _bounded(options: ReadOptions, n_files: int) -> ReadOptions:
+def bounded(options: ReadOptions, n_files: int) -> ReadOptions:
     """Return the options with a limit on the messages of each file, unless one is set."""
     return options if options.max_messages is not None else replace(
         options, max_messages=max(_MAX_MESSAGES // max(n_files, 1), 1))
@@ -105,27 +106,6 @@ def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[Rea
     return kept, tuple(noted)
 
 
-def read_slow(paths: Sequence[Path], options: ReadOptions, gate: GateOptions | None,
-              progress: Progress = _silent) -> Recording:
-    """
-    Return only the slow samples of these files, for a fit of gravity without effects.
-
-    Fast samples are dropped while reading. Large files are read in parallel processes.
-
-    :raises BagError: if a file cannot be read.
-    :raises ModelMismatchError: if the recordings have different joints.
-    :raises DataError: if no sample is slow.
-    """
-    if gate is None:
-        return read_recording(paths, options, gate, progress)
-    from gravity_comp_ros.recordings.parallel import read_gated_bags
-    reading, runs = read_gated_bags(paths, _bounded(options, len(paths)), gate), []
-    for number, path in enumerate(paths):
-        progress(f'read {path.name}', number / len(paths))
-        runs.append(next(reading))
-    return gated_recording(runs, gate)
-
-
 def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Recording:
     """
     Return the slow samples of several files as one recording; copies of a file are ignored.
@@ -134,7 +114,9 @@ def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Record
     """
     kept, reports = _without_copies([run.report for run in runs])
     samples = concatenate(runs[k].samples for k in kept)
+    parts = [qdd for qdd in (runs[k].qdd for k in kept) if qdd is not None]
+    qdd = np.concatenate(parts) if len(parts) == len(kept) else None
     dropped = sum((Counter(runs[k].dropped) for k in kept), Counter())
     total = sum(report.n_samples for report in reports)
-    gated = gate_result(samples, total, dropped, gate)
+    gated = gate_result(samples, total, dropped, gate, qdd)
     return Recording(samples, gate, reports, gated_before=gated)

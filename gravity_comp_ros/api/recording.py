@@ -10,11 +10,11 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
 from gravity_comp_ros.api.gated import apply_gate, Gated
 from gravity_comp_ros.api.provenance import Holdout
+from gravity_comp_ros.data.acceleration import recorded_accelerations, rows_of
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
-from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
-from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.printable import counted
 import numpy as np
@@ -121,6 +121,22 @@ class Recording(Displayable):
             return slow
         return slow.select(self.use[rows_of(self.samples, slow)])
 
+    @cached_property
+    def slow_qdd(self) -> FloatArray | None:
+        """
+        Return the accelerations (M, N) in rad/s^2 of `slow`, at the rate of the recording.
+
+        None if that rate does not resolve starts and stops.
+
+        :raises DataError: if no sample is slow.
+        """
+        if self.gated_before is None:
+            return recorded_accelerations(self.samples, self.slow)
+        qdd = self.gated_before.qdd
+        if qdd is None or self.use is None:
+            return qdd
+        return qdd[self.use[rows_of(self.samples, self.gated_before.samples)]]
+
     @property
     def used(self) -> JointSamples:
         """Return the usable samples, including fast motion."""
@@ -135,8 +151,8 @@ class Recording(Displayable):
         if tuple(names) == self.joints:
             return self
         gated = self.gated_before
-        return replace(self, samples=self.samples.joints(names), gated_before=gated and replace(
-            gated, samples=gated.samples.joints(names)))
+        return replace(self, samples=self.samples.joints(names),
+                       gated_before=gated and gated.select_joints(names))
 
     def split(self, fraction: float = 0.2, guard: float = 1.0) -> tuple[Recording, Recording]:
         """

@@ -14,17 +14,17 @@ from typing import Any
 from gravity_comp_ros.api.axes import KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.data.acceleration import rows_of
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.predict import effect_torque, rows_of
+from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
@@ -65,7 +65,7 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
         result, refitted = _with_effects(recording, options, effects, speeds, progress)
     else:
         slow = recording.slow
-        qdd = recorded_accelerations(recording.samples, slow)
+        qdd = recording.slow_qdd
         result, refitted = fit_gravity(slow, options, progress, qdd), None
         warning = _convergence_warning(slow, result, options, qdd)
         result = result.with_warning(warning) if warning else result
@@ -172,8 +172,7 @@ def update_model(model: GravityModel, recording: Recording,
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
-    result = update(model, gravity, geometry=geometry,
-                    qdd=recorded_accelerations(recording.samples, gravity))
+    result = update(model, gravity, geometry=geometry, qdd=recording.slow_qdd)
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {

@@ -27,8 +27,7 @@ def run(args: argparse.Namespace) -> int:
     options = LearnOptions(args.formulation, arguments.axes_options(args),
                            args.joints is not None)
     with terminal.progress() as report:
-        only_slow = args.holdout is None and args.effects is None
-        whole = reading.load_enough(args, report, only_slow)
+        whole = reading.load_enough(args, report)
         arm = known_arm(whole, options)
         whole = arm.of(whole)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)

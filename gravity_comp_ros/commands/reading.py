@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import suppress
 
-from gravity_comp_ros.api.read import read_recording, read_slow
+from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES, with_enough_motion
+from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
-from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.estimation.inertia import excites_inertia
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -31,21 +28,13 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
 
 
-def load_enough(args: argparse.Namespace, report: ProgressCallback,
-                only_slow: bool) -> Recording:
+def load_enough(args: argparse.Namespace, report: ProgressCallback) -> Recording:
     """
     Return a recording to fit, ungated if it has too few slow samples.
 
-    :param only_slow: whether to return only the slow samples if they suffice.
     :raises BagError: if a bag cannot be read.
     :raises ModelMismatchError: if two bags are of different robots.
     """
-    if only_slow:
-        with suppress(DataError):
-            slow = read_slow(args.bags, read_options(args), gate(args), report)
-            # Motion with quick starts and stops also requires the samples in between.
-            if slow.samples.n_samples >= MIN_SLOW_SAMPLES and not excites_inertia(slow.samples):
-                return slow
     return with_enough_motion(load(args, report))
 
 

@@ -1,19 +1,13 @@
-"""
-Motion of a recording: quantities from which effect columns are computed.
-
-Acceleration is the slope of a cubic fitted to the speed over a short window, symmetric about each
-sample and within one run, so that it is not shifted in time.
-"""
+"""Motion of a recording: quantities from which effect columns are computed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
-from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.acceleration import AccelerationOptions, accelerations
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import direction, find_shape, min_widths, Shape
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -94,26 +88,8 @@ class Motion:
         return part
 
 
-@dataclass(frozen=True)
-class MotionOptions:
-    """
-    Differentiation of the speed: cubic fits over `window` s.
-
-    0.3 s passes slow arm motion (up to about 2 Hz) and reduces a speed noise of 1 mrad/s at 50 Hz
-    to an acceleration noise of about 0.006 rad/s^2.
-
-    :raises OptionError: if the window is not positive.
-    """
-
-    window: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.window) or self.window <= 0:
-            raise OptionError(f'acceleration window is {self.window} s; it must be positive')
-
-
 def build_motion(samples: JointSamples, model: GravityModel,
-                 options: MotionOptions = MotionOptions()) -> Motion:
+                 options: AccelerationOptions = AccelerationOptions()) -> Motion:
     """
     Return the motion of samples with a gravity model; joints are in the model's order.
 
@@ -131,14 +107,3 @@ def build_motion(samples: JointSamples, model: GravityModel,
     return Motion(samples, qdd, gravity, None, np.array([shape.width for shape in shapes]), model,
                   np.array([shape.hold for shape in shapes]),
                   ramp=np.array([float(shape.ramp) for shape in shapes]))
-
-
-def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions()) -> FloatArray:
-    """Return qdd (M, N) in rad/s^2, within each run; 0 at isolated samples."""
-    qdd = np.zeros_like(samples.qd)
-    if not samples.qd.any():
-        return qdd
-    how = DifferentiationOptions(window=options.window)
-    for run in run_slices(samples):
-        qdd[run] = differentiate(samples.t[run], samples.qd[run], how)
-    return np.nan_to_num(qdd, nan=0.0)

@@ -9,9 +9,10 @@ X_e are the columns of effect e, c_e its coefficients. Some columns depend on ea
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.effects.motion import accelerations, Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
@@ -117,15 +118,6 @@ def installed(applied: AppliedEffect) -> Effect:
 def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
     """Return the joint number for an effect's methods: 0 for the whole arm."""
     return 0 if applied.joint is None else model.joints.index(applied.joint)
-
-
-def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
-    """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
-    rows = np.zeros(part.n_samples, dtype=np.int64)
-    for run in np.unique(part.runs):
-        here, targets = np.flatnonzero(samples.runs == run), part.runs == run
-        rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
-    return rows
 
 
 def _coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint: int,

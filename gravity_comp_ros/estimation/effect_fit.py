@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.acceleration import is_resolved
 from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
@@ -22,7 +23,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, FitOptions, gravity_model)
-from gravity_comp_ros.estimation.inertia import is_fast, is_resolved
+from gravity_comp_ros.estimation.inertia import is_fast
 from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS
 from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_chain
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.acceleration import recorded_accelerations
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
-from gravity_comp_ros.estimation.inertia import recorded_accelerations
 from gravity_comp_ros.estimation.refit import Progress, refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.data.velocity_check import checked_velocity
-from gravity_comp_ros.effects.motion import accelerations
-from gravity_comp_ros.effects.predict import rows_of
 import numpy as np
 
 # Motion is fast, with inertia in its torque, if some joint exceeds this speed (rad/s) for this
@@ -24,8 +22,6 @@ _FAST, _MIN_FAST_SHARE = 0.2, 0.1
 _ACCELERATED, _MIN_ACCELERATED_SHARE = 0.3, 0.02
 # Minimum RMS acceleration, in rad/s^2, of a joint whose inertia is a term of the other joints.
 _MIN_ACCELERATION = 0.05
-# Maximum sample interval, in s, of a recording that resolves starts and stops.
-_MAX_INTERVAL = 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,26 +57,6 @@ def inertia_of(samples: JointSamples, qdd: FloatArray) -> Inertia:
         return Inertia(qdd, True)
     quick = np.asarray((np.abs(qdd) > _ACCELERATED).any(axis=1))
     return Inertia(np.where(quick[:, None], 0.0, qdd), False)
-
-
-def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
-    """
-    Return accelerations (M, N) in rad/s^2 of `part`, from all samples.
-
-    The gate reduces the sample rate, which smooths quick starts and stops. None if the samples do
-    not resolve these either.
-
-    :param part: a selection of the samples.
-    """
-    if not is_resolved(samples):
-        return None
-    return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
-
-
-def is_resolved(samples: JointSamples) -> bool:
-    """Return whether the sample rate resolves quick starts and stops."""
-    within = np.diff(samples.runs) == 0
-    return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
 
 
 def excites_inertia(samples: JointSamples) -> bool:

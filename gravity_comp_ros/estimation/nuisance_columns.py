@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.condense import Condensation
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, min_widths, Shape)
 from gravity_comp_ros.estimation.inertia import Inertia, inertia_of

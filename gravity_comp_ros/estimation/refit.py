@@ -29,7 +29,7 @@ from gravity_comp_ros.evaluation.blocks import Blocks, cut
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.base_level import levelled
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.nuisance import OFFSET
+from gravity_comp_ros.models.nuisance import UNITS
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
@@ -166,7 +166,7 @@ def _held_out_residuals(work: RefitProblem, fitted: EffectFit, old: list[Term],
         inflation=gravity.fits[0].inflation)
     options = FitOptions(fitted.model.formulation, sparse)
     samples, rows = work.motion.samples, work.rows
-    excluded = _absent_offsets(fitted, work.motion, chosen[-1])
+    excluded = _absent_terms(fitted, work.motion, chosen[-1])
     before, after = (np.empty((len(rows), samples.n_joints)) for _ in range(2))
     for fold, terms in enumerate(chosen[:-1]):
         test = work.fold == fold
@@ -182,16 +182,17 @@ def _held_out_residuals(work: RefitProblem, fitted: EffectFit, old: list[Term],
     return before, after
 
 
-def _absent_offsets(fitted: EffectFit, motion: Motion,
+def _absent_terms(fitted: EffectFit, motion: Motion,
                     terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
     """
-    Return the offsets that are not in the fit to all samples, as kind and joint number.
+    Return the nuisance terms that are not in the fit to all samples, as kind and joint number.
 
-    With fewer samples an offset is less distinguishable from a tilt of the base. Offsets that an
-    effect replaces are not among them: they are fitted without that effect.
+    With fewer samples an offset is less distinguishable from a tilt of the base, and friction
+    from an error of the axes. Terms that an effect replaces are not among them: they are fitted
+    without that effect.
     """
     nuisance = fitted.estimate.choice.estimate.regression.nuisance
-    every = {(OFFSET, n) for n in range(motion.samples.n_joints)}
+    every = {(kind, n) for kind in UNITS for n in range(motion.samples.n_joints)}
     return frozenset(every - {(c.kind, c.joint) for c in nuisance.columns}
                      - replaced_terms(motion, terms))
 

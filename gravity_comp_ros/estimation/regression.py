@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import Shape
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.inertia import Inertia, inertia_of

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gravity_comp_ros.data.acceleration import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, percent, TextTable
-from gravity_comp_ros.effects.predict import predict_torque, rows_of
+from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.residual_regions import find_regions, ResidualRegion
 from gravity_comp_ros.models.gravity_model import GravityModel

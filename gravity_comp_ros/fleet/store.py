@@ -41,13 +41,14 @@ class Store:
             with np.load(self._folder / f'{key}.npz', allow_pickle=False) as file:
                 head = json.loads(str(file['head']))
                 arrays = {name: file[name] for name in _ARRAYS}
+                qdd = file['qdd']
             report = ReadReport(**{**head['report'], 'path': Path(head['report']['path']),
                                    'notes': tuple(head['report']['notes'])})
             samples = JointSamples.single_run(head['names'], **arrays, label=head['label'])
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError,
                 GravityCompError):
             return None
-        return GatedRecording(samples, report, head['dropped'])
+        return GatedRecording(samples, report, head['dropped'], qdd if len(qdd) else None)
 
     def save_recording(self, key: str, recording: GatedRecording) -> None:
         """Store samples."""
@@ -56,7 +57,9 @@ class Store:
                            'dropped': recording.dropped, 'names': samples.names,
                            'label': samples.run_labels[0]})
         data = io.BytesIO()
-        np.savez(data, head=np.array(head), **{name: getattr(samples, name) for name in _ARRAYS})
+        qdd = np.zeros((0, samples.n_joints)) if recording.qdd is None else recording.qdd
+        np.savez(data, head=np.array(head), qdd=qdd,
+                 **{name: getattr(samples, name) for name in _ARRAYS})
         write_atomically(self._folder / f'{key}.npz', data.getvalue(), BagError)
 
     def load_result(self, key: str) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.learn import learn, learn_gravity, LearnOptions
-from gravity_comp_ros.api.read import gated_recording
+from gravity_comp_ros.api.read import bounded, gated_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate
@@ -26,7 +26,7 @@ def read(bag: Path, options: ReadOptions, gate: GateOptions) -> GatedRecording:
 
     :raises BagError: if it cannot be read or has no slow samples.
     """
-    recording = read_gated(bag, options, gate)
+    recording = read_gated(bag, bounded(options, 1), gate)
     if not recording.samples.n_samples:
         raise BagError(f'{bag}: none of {recording.report.n_samples} samples is slow')
     return recording
