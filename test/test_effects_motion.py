@@ -7,7 +7,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.motion_direction import (
-    direction, find_shape, MIN_WIDTH, min_widths, speed_noise)
+    direction, find_shape, MIN_WIDTH, min_widths, Shape, speed_noise)
 from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -133,6 +133,17 @@ def test_width_is_estimated_from_friction(width):
     samples, _, v, noise = back_and_forth(2e-4)
     shape = shape_of(samples, np.tanh(v / width) + 0.1 * noise)
     assert shape.hold == 0.0 and shape.width == pytest.approx(width, rel=0.2)
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_a_ramp_is_distinguished_from_a_smooth_sign(seed):
+    """Friction of a constraint that yields with speed, as in simulators, is a ramp."""
+    samples, _, v, noise = back_and_forth(2e-4, seed)
+    ramp = np.clip(v / 0.03, -1.0, 1.0)
+    shape = shape_of(samples, ramp + 0.1 * noise)
+    assert shape.ramp and shape.width == pytest.approx(0.015, rel=0.1)
+    np.testing.assert_allclose(direction_of(samples, Shape(0.015, ramp=True)), ramp, atol=0.04)
+    assert not shape_of(samples, np.tanh(v / 0.015) + 0.1 * noise).ramp
 
 
 def test_friction_that_persists_at_rest_is_distinguished():

@@ -183,7 +183,7 @@ def _held_out_residuals(work: RefitProblem, fitted: EffectFit, old: list[Term],
 
 
 def _absent_terms(fitted: EffectFit, motion: Motion,
-                    terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
+                  terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
     """
     Return the nuisance terms that are not in the fit to all samples, as kind and joint number.
 
