@@ -111,11 +111,9 @@ def _reason_for_weak(fits: Fits, chosen: Sequence[Candidate], candidate: Candida
     at_new_poses = evidence.errors_at_new_poses
     if at_new_poses is not None and not within_standard_error(*at_new_poses):
         return 'it increases the error at poses outside the training set'
-    if every_interval_covers_zero(evidence.sizes):
-        collinear = (len(evidence.sizes) > 1
-                     and not jointly_insignificant(fits, chosen, candidate))
-        return ('this motion cannot distinguish its coefficients' if collinear
-                else 'the interval of every coefficient covers 0')
+    if every_interval_covers_zero(evidence.sizes) and (
+            len(evidence.sizes) == 1 or jointly_insignificant(fits, chosen, candidate)):
+        return 'the interval of every coefficient covers 0'
     return ''
 
 
@@ -128,6 +126,8 @@ def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
         return 'its sign differs between cross-validation folds'
     if evidence.runs_better < options.min_runs_better:
         return f'it reduces the error in only {evidence.runs_better:.0%} of the runs'
+    if every_interval_covers_zero(evidence.sizes):
+        return 'this motion cannot distinguish its coefficients'
     first = next(iter(evidence.sizes.values()))
     if first.ci95[0] <= 0.0 <= first.ci95[1]:
         return 'the interval of its first coefficient covers 0'
