@@ -56,7 +56,8 @@ class VerdictOptions:
       Regression Modeling Strategies, 2015, 4.4).
     - `max_coefficients`: an effect with more coefficients needs that sample size for any finding,
       as does a rare effect with more than `max_rare_coefficients`, which can be a substitute for
-      common effects. A reduction of the squared error by `evident_reduction` is an exception.
+      common effects. A reduction of the squared error by `evident_reduction` is an exception. It
+      is also required of an effect whose coefficients are significant only together.
     - `min_reduction`: minimum relative reduction of the RMSE of the most affected joint.
     - `min_runs_better`: minimum share of runs that an *established* effect improves.
     - `max_collinearity`: two effects are indistinguishable if one explains more than this share

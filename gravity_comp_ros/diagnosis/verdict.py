@@ -22,6 +22,7 @@ import numpy as np
 
 # Effects that pull a joint towards a rest angle.
 _ELASTIC = ('joint_spring', 'cable_stiffness')
+_COLLINEAR = 'this motion cannot distinguish its coefficients'
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
     rare = candidate.effect.expectation == Expectation.RARE
     limit = options.max_rare_coefficients if rare else options.max_coefficients
     too_few = evidence.n_effective < _required_size(evidence, options)
-    if (evidence.n_free > limit and too_few
-            and evidence.after ** 2 > (1.0 - options.evident_reduction) * evidence.before ** 2):
+    if evidence.n_free > limit and too_few and not _is_evident(evidence, options):
         return Verdict.WEAK, _too_few_samples(evidence, options)
     reason = (_too_few_samples(evidence, options) if too_few else
               _reason_for_likely(fits, chosen, candidate, evidence, options))
@@ -111,10 +111,17 @@ def _reason_for_weak(fits: Fits, chosen: Sequence[Candidate], candidate: Candida
     at_new_poses = evidence.errors_at_new_poses
     if at_new_poses is not None and not within_standard_error(*at_new_poses):
         return 'it increases the error at poses outside the training set'
-    if every_interval_covers_zero(evidence.sizes) and (
-            len(evidence.sizes) == 1 or jointly_insignificant(fits, chosen, candidate)):
-        return 'the interval of every coefficient covers 0'
+    if every_interval_covers_zero(evidence.sizes):
+        if len(evidence.sizes) == 1 or jointly_insignificant(fits, chosen, candidate):
+            return 'the interval of every coefficient covers 0'
+        if not _is_evident(evidence, options):
+            return _COLLINEAR
     return ''
+
+
+def _is_evident(evidence: EffectEvidence, options: VerdictOptions) -> bool:
+    """Return whether an effect removes nearly all of the joint's squared error."""
+    return evidence.after ** 2 <= (1.0 - options.evident_reduction) * evidence.before ** 2
 
 
 def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
@@ -127,7 +134,7 @@ def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     if evidence.runs_better < options.min_runs_better:
         return f'it reduces the error in only {evidence.runs_better:.0%} of the runs'
     if every_interval_covers_zero(evidence.sizes):
-        return 'this motion cannot distinguish its coefficients'
+        return _COLLINEAR
     first = next(iter(evidence.sizes.values()))
     if first.ci95[0] <= 0.0 <= first.ci95[1]:
         return 'the interval of its first coefficient covers 0'
