@@ -1,11 +1,15 @@
 """Few-sample update after a payload change."""
 
+from types import SimpleNamespace
+
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.estimation.chain_update import _with_spread, ChainChange
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.update import update, UpdateOptions
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
@@ -149,3 +153,20 @@ def test_invalid_updates_are_refused(old):
 def test_options_are_checked(options):
     with pytest.raises(OptionError, match='update'):
         UpdateOptions(**options)
+
+
+def test_differences_between_hypotheses_are_part_of_the_uncertainty(old, wide):
+    """Two equally probable chains whose last axes differ by 0.1 rad, without other uncertainty."""
+    chain = old[1].chain
+    loaded = chain.moved(np.concatenate([np.zeros(14), np.full(14, 2.0)]))
+    step = np.zeros(28)
+    step[12] = 0.1
+    other = loaded.moved(step)
+    both = [SimpleNamespace(moved=each, log_evidence=0.0) for each in (loaded, other)]
+    change = ChainChange(loaded, np.zeros((28, 28)), None)
+    std = ChainUncertainty(loaded, _with_spread(change, both, wide).covariance).std(wide)
+    difference = np.abs(other.torque(wide) - loaded.torque(wide))
+    np.testing.assert_allclose(std, difference / np.sqrt(2.0), atol=0.05 * difference.max())
+    assert difference.max() > 0.1
+    single = _with_spread(change, both[:1], wide)
+    np.testing.assert_allclose(single.covariance, 0.0, atol=1e-12)
