@@ -1,11 +1,12 @@
-"""Slow-motion gate: selection of samples without inertia, by message, by block or by run."""
+"""Slow-motion gate: selection of samples without inertia, by message or by run."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass
 import math
 
+from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import OptionError
@@ -153,82 +154,33 @@ class Gate:
         return not (np.abs(qd - qd_then) / (t - then) > limit).any()
 
 
-class BlockGate:
-    """
-    The gate of one run for blocks of samples, for recordings larger than memory.
-
-    :param n_joints: the number N of joints.
-    :raises OptionError: if the options have another number of thresholds.
-    """
-
-    def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
-        self._options = options
-        self._max_speed, self._max_acceleration = options.limits(n_joints)
-        self._first: float | None = None
-        self._last_slot = -np.inf
-        # Samples within the acceleration window of the next sample.
-        self._recent_t, self._recent_qd = np.zeros(0), np.zeros((0, n_joints))
-        self.dropped: Counter[str] = Counter()
-
-    def offer(self, t: FloatArray, qd: FloatArray) -> BoolArray:
-        """
-        Return a mask (M,) of the samples of the next block that pass.
-
-        :param t: times (M,) in s, all later than those before.
-        :param qd: velocities (M, N) in rad/s.
-        """
-        if not len(t):
-            return np.zeros(0, dtype=bool)
-        if self._first is None:
-            self._first = float(t[0])
-        fast = np.any(np.abs(qd) > self._max_speed, axis=1)
-        accelerating = self._accelerating(t, qd) & ~fast
-        slow = np.flatnonzero(~(fast | accelerating))
-        kept = np.zeros(len(t), dtype=bool)
-        kept[slow[self._one_per_slot(t[slow], self._first)]] = True
-        for reason, dropped in ((FAST, fast), (ACCELERATING, accelerating),
-                                (RATE, ~(fast | accelerating | kept))):
-            if dropped.any():
-                self.dropped[reason] += int(dropped.sum())
-        return kept
-
-    def _one_per_slot(self, t: FloatArray, first: float) -> BoolArray:
-        if self._options.rate_hz is None or not len(t):
-            return np.ones(len(t), dtype=bool)
-        slots = np.floor((t - first) * self._options.rate_hz + 0.5)
-        fresh = np.concatenate([[slots[0] > self._last_slot], slots[1:] > slots[:-1]])
-        self._last_slot = max(self._last_slot, float(slots[-1]))
-        return fresh
-
-    def _accelerating(self, t: FloatArray, qd: FloatArray) -> BoolArray:
-        if self._max_acceleration is None:
-            return np.zeros(len(t), dtype=bool)
-        window = self._options.acceleration_window
-        times = np.concatenate([self._recent_t, t])
-        speeds = np.concatenate([self._recent_qd, qd])
-        exceeds = _accelerating(times, speeds, self._max_acceleration, window)
-        result = exceeds[len(self._recent_t):]
-        begin = max(int(np.searchsorted(times, times[-1] - window, side='right')) - 1, 0)
-        self._recent_t, self._recent_qd = times[begin:].copy(), speeds[begin:].copy()
-        return result
-
-
 def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
     """
     Return the samples that pass the gate, which starts again with every run.
 
     :raises OptionError: if the options have another number of thresholds than joints.
     """
-    options.check_joints(samples.n_joints)
-    kept = np.zeros(len(samples), dtype=bool)
-    dropped: Counter[str] = Counter()
-    for run in range(samples.n_runs):
-        rows = np.flatnonzero(samples.runs == run)
-        gate = BlockGate(samples.n_joints, options)
-        kept[rows] = gate.offer(samples.t[rows], samples.qd[rows])
-        dropped += gate.dropped
+    max_speed, max_acceleration = options.limits(samples.n_joints)
+    fast = np.any(np.abs(samples.qd) > max_speed, axis=1)
+    accelerating, kept = np.zeros_like(fast), np.zeros_like(fast)
+    for run in run_slices(samples):
+        t = samples.t[run]
+        if max_acceleration is not None:
+            accelerating[run] = ~fast[run] & _accelerating(
+                t, samples.qd[run], max_acceleration, options.acceleration_window)
+        slow = np.flatnonzero(~(fast[run] | accelerating[run]))
+        kept[run.start + slow[_one_per_slot(t[slow], t[0], options.rate_hz)]] = True
+    dropped = {FAST: fast, ACCELERATING: accelerating, RATE: ~(fast | accelerating | kept)}
     return GateResult(samples.select(kept), int(kept.sum()), len(samples),
-                      {reason: dropped[reason] for reason in REASONS if dropped[reason]})
+                      {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()})
+
+
+def _one_per_slot(t: FloatArray, first: float, rate_hz: float | None) -> BoolArray:
+    """Return the mask (M,) of the first sample of each period, counted from `first` s."""
+    if rate_hz is None:
+        return np.ones(len(t), dtype=bool)
+    slots = np.floor((t - first) * rate_hz + 0.5)
+    return np.diff(slots, prepend=-1.0) > 0.0
 
 
 def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
