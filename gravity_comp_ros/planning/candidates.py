@@ -35,7 +35,7 @@ _MAX_WAVE_DURATION = 8.0
 _MAX_BASES = 5
 # Tours of all joints: largest distance of a posture from the start, rad; shares of the whole
 # duration; number of postures drawn for each; number of tours.
-_TOUR_WIDTH, _TOUR_SHARES, _POSTURES, _TOURS = 1.2, (1.0, 0.6), 40, 16
+_TOUR_WIDTH, _TOUR_SHARES, _POSTURES, _TOURS = 1.4, (1.0, 1.0, 0.6), 40, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,13 @@ def of_all_joints(space: Workspace, limits: Limits, duration: float) -> list[Par
         legs: list[Segment] = []
         back: list[Segment] = []
         at, time = space.start, 0.0
-        for pose in rng.uniform(np.maximum(space.low, space.start - _TOUR_WIDTH),
-                                np.minimum(space.high, space.start + _TOUR_WIDTH),
-                                (_POSTURES, space.n_joints)):
+        low = np.maximum(space.low, space.start - _TOUR_WIDTH)
+        high = np.minimum(space.high, space.start + _TOUR_WIDTH)
+        shares = rng.uniform(0.0, 1.0, (_POSTURES, space.n_joints))
+        if number % 2:
+            # Offsets and elastic torques differ from gravity at the ends of the range.
+            shares = shares.round()
+        for pose in low + shares * (high - low):
             if not (space.admits_line(at, pose) and space.admits_line(pose, space.start)):
                 continue
             leg, home = Line(at, pose, limits), Line(pose, space.start, limits)
