@@ -114,8 +114,9 @@ def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Record
     """
     kept, reports = _without_copies([run.report for run in runs])
     samples = concatenate(runs[k].samples for k in kept)
-    parts = [qdd for qdd in (runs[k].qdd for k in kept) if qdd is not None]
-    qdd = np.concatenate(parts) if len(parts) == len(kept) else None
+    parts = [runs[k].accelerations_of(samples.names) for k in kept]
+    known = [qdd for qdd in parts if qdd is not None]
+    qdd = np.concatenate(known) if len(known) == len(parts) else None
     dropped = sum((Counter(runs[k].dropped) for k in kept), Counter())
     total = sum(report.n_samples for report in reports)
     gated = gate_result(samples, total, dropped, gate, qdd)

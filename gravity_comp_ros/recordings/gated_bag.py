@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,11 @@ class GatedRecording:
     report: ReadReport
     dropped: dict[str, int]
     qdd: FloatArray | None
+
+    def accelerations_of(self, names: Sequence[str]) -> FloatArray | None:
+        """Return the accelerations of these joints, in this order; None if there are none."""
+        columns = [self.samples.names.index(name) for name in names]
+        return None if self.qdd is None else self.qdd[:, columns]
 
 
 def read_gated(path: str | Path, options: ReadOptions = ReadOptions(),
