@@ -1,11 +1,9 @@
 """Few-sample update after a payload change."""
 
-from types import SimpleNamespace
-
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
-from gravity_comp_ros.estimation.chain_update import _with_spread, ChainChange
+from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.update import update, UpdateOptions
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -162,11 +160,11 @@ def test_differences_between_hypotheses_are_part_of_the_uncertainty(old, wide):
     step = np.zeros(28)
     step[12] = 0.1
     other = loaded.moved(step)
-    both = [SimpleNamespace(moved=each, log_evidence=0.0) for each in (loaded, other)]
-    change = ChainChange(loaded, np.zeros((28, 28)), None)
-    std = ChainUncertainty(loaded, _with_spread(change, both, wide).covariance).std(wide)
+    torques = np.array([loaded.torque(wide), other.torque(wide)])
+    covariance = _spread(loaded, wide, torques, np.full(2, 0.5))
+    std = ChainUncertainty(loaded, covariance).std(wide)
     difference = np.abs(other.torque(wide) - loaded.torque(wide))
     np.testing.assert_allclose(std, difference / np.sqrt(2.0), atol=0.05 * difference.max())
     assert difference.max() > 0.1
-    single = _with_spread(change, both[:1], wide)
-    np.testing.assert_allclose(single.covariance, 0.0, atol=1e-12)
+    single = _spread(loaded, wide, torques[:1], np.ones(1))
+    np.testing.assert_allclose(single, 0.0, atol=1e-12)

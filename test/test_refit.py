@@ -3,8 +3,8 @@
 from dataclasses import replace
 import json
 
-from gravity_comp_ros.data.acceleration import rows_of
 from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque

@@ -10,9 +10,10 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
 from gravity_comp_ros.api.gated import apply_gate, Gated
 from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.data.acceleration import recorded_accelerations, rows_of
+from gravity_comp_ros.data.acceleration import recorded_accelerations
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.errors import DataError

@@ -14,10 +14,9 @@ from typing import Any
 from gravity_comp_ros.api.axes import KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.data.acceleration import rows_of
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
-from gravity_comp_ros.data.runs import recorded_time
+from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
-from gravity_comp_ros.data.runs import run_slices
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.runs import rows_of, run_slices
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -68,12 +68,3 @@ def is_resolved(samples: JointSamples) -> bool:
     """Return whether the sample rate resolves quick starts and stops."""
     within = np.diff(samples.runs) == 0
     return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
-
-
-def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
-    """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
-    rows = np.zeros(part.n_samples, dtype=np.int64)
-    for run in np.unique(part.runs):
-        here, targets = np.flatnonzero(samples.runs == run), part.runs == run
-        rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
-    return rows

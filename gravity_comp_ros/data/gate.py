@@ -17,7 +17,6 @@ ACCELERATING = 'accelerating'
 RATE = 'rate'
 TIME = 'time'
 NOT_FINITE = 'not_finite'
-REASONS = (FAST, ACCELERATING, RATE, TIME, NOT_FINITE)
 
 
 def _check_positive(name: str, value: float | tuple[float, ...]) -> None:
@@ -114,7 +113,7 @@ class Gate:
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray) -> str | None:
         """
-        Return None if the sample passes, else the reason, one of `REASONS`.
+        Return None if the sample passes, else the reason.
 
         :param t: time in s.
         :param q: positions (N,) in rad.

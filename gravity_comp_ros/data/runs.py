@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 import numpy as np
 
 # Maximum pause, in s, within a session. After a longer one the arm has cooled down.
@@ -58,3 +58,12 @@ def run_slices(samples: JointSamples) -> list[slice]:
     edges = np.flatnonzero(np.diff(samples.runs)) + 1
     bounds = [0, *edges.tolist(), samples.n_samples]
     return [slice(a, b) for a, b in zip(bounds, bounds[1:]) if b > a]
+
+
+def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
+    """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
+    rows = np.zeros(part.n_samples, dtype=np.int64)
+    for run in np.unique(part.runs):
+        here, targets = np.flatnonzero(samples.runs == run), part.runs == run
+        rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
+    return rows

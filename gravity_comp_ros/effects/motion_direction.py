@@ -62,14 +62,18 @@ def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape
     """
     if shape.hold > 0.0:
         return _held(samples, _path(samples, q), shape.hold)
-    return smooth_sign(qd, shape.width, shape.ramp)
+    return np.asarray((_ramp if shape.ramp else np.tanh)(qd / shape.width))
 
 
 def smooth_sign(qd: FloatArray, width: FloatArray | float,
                 ramp: BoolArray | bool = False) -> FloatArray:
     """Return the smoothed sign of speeds in rad/s, from -1 to 1."""
-    x = qd / width
-    return np.asarray(np.where(ramp, np.clip(0.5 * x, -1.0, 1.0), np.tanh(x)))
+    return np.asarray(np.where(ramp, _ramp(qd / width), np.tanh(qd / width)))
+
+
+def _ramp(x: FloatArray) -> FloatArray:
+    """Return the ramp of speeds over width."""
+    return np.clip(0.5 * x, -1.0, 1.0)
 
 
 def min_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
@@ -103,11 +107,11 @@ def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatA
     :param residual: torque (M,) minus gravity, N·m; it affects the shape only.
     """
     fit = _Fit(qd, qdd, residual)
-    width, error = _best_width(fit, qd, min_width)
+    width, error = _best_width(fit, qd, min_width, np.tanh, _MAX_WIDTH)
     if error > (1.0 - _MIN_FRICTION) * fit.baseline:
         return Shape(min_width)
     shape = Shape(width)
-    width, ramp_error = _best_width(fit, qd, min_width, ramp=True)
+    width, ramp_error = _best_width(fit, qd, min_width, _ramp, _MAX_RAMP_WIDTH)
     if ramp_error < error:
         shape, error = Shape(width, ramp=True), ramp_error
     hold, hold_error = _best_hold(fit, samples, _path(samples, q))
@@ -156,19 +160,23 @@ class _Fit:
 
 
 def _best_width(fit: _Fit, qd: FloatArray, minimum: float,
-                ramp: bool = False) -> tuple[float, float]:
-    """Return the width with the smallest error, and that error."""
-    share = _MAX_RAMP_WIDTH if ramp else _MAX_WIDTH
+                law: Callable[[FloatArray], FloatArray], share: float) -> tuple[float, float]:
+    """
+    Return the width with the smallest error, and that error.
+
+    :param law: direction by speed over width.
+    :param share: largest width, as a share of the 95 % quantile of the speeds.
+    """
     widest = share * float(np.quantile(np.abs(qd), 0.95))
     if fit.baseline == 0.0:
         return minimum, 1.0
     if widest <= minimum:
-        return minimum, fit.error(smooth_sign(qd, minimum, ramp))
+        return minimum, fit.error(law(qd / minimum))
     grid = np.geomspace(minimum, widest, _GRID)
-    errors = [fit.error(smooth_sign(qd, width, ramp)) for width in grid]
+    errors = [fit.error(law(qd / width)) for width in grid]
     best = int(np.argmin(errors))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
-    width, error = _between(lambda x: fit.error(smooth_sign(qd, x, ramp)), low, high, 0.02)
+    width, error = _between(lambda x: fit.error(law(qd / x)), low, high, 0.02)
     return (width, error) if error < errors[best] else (float(grid[best]), errors[best])
 
 

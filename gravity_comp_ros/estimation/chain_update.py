@@ -135,8 +135,14 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
         along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
     hypotheses = _probable([_Hypothesis(trial, new, along) for trial in trials])
     q = np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
-    best = _with_spread(hypotheses[_central(hypotheses, q)].averaged(), hypotheses, q)
-    best = replace(best, trials=tuple(each.trial for each in hypotheses))
+    torques = np.array([each.moved.torque(q) for each in hypotheses])
+    probabilities = softmax([each.log_evidence for each in hypotheses])
+    central = _central(torques, probabilities)
+    best = hypotheses[central].averaged()
+    # The covariance of the average over supports has that hypothesis already.
+    torques[central] = best.chain.torque(q)
+    best = replace(best, trials=tuple(each.trial for each in hypotheses),
+                   covariance=best.covariance + _spread(best.chain, q, torques, probabilities))
     return _dense_or_sparse(chain, covariance, new, best)
 
 
@@ -163,35 +169,32 @@ def _probable(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
             if each.log_evidence > best + np.log(_MIN_RELATIVE_EVIDENCE)]
 
 
-def _central(hypotheses: list[_Hypothesis], q: FloatArray) -> int:
+def _central(torques: FloatArray, probabilities: FloatArray) -> int:
     """
-    Return the index of the hypothesis nearest to the evidence-weighted mean prediction.
+    Return the index of the hypothesis nearest to the mean prediction.
 
     With few samples several directions of an axis are often nearly equally probable. The
     central one has a smaller expected error than the most probable one.
+
+    :param torques: of the H hypotheses, (H, M, N), and their probabilities (H,).
     """
-    torques = np.array([each.moved.torque(q) for each in hypotheses])
-    mean = np.tensordot(_probabilities(hypotheses), torques, axes=1)
+    mean = np.tensordot(probabilities, torques, axes=1)
     return int(np.argmin(((torques - mean) ** 2).sum(axis=(1, 2))))
 
 
-def _with_spread(best: ChainChange, hypotheses: list[_Hypothesis], q: FloatArray) -> ChainChange:
+def _spread(chain: Chain, q: FloatArray, torques: FloatArray,
+            probabilities: FloatArray) -> FloatArray:
     """
-    Return the change with the differences between the hypotheses in its covariance.
+    Return the covariance (4N, 4N) of a step from the chain to the hypotheses.
 
     Each hypothesis is the step of the chain, in least squares, with the same torque at poses q.
+
+    :param torques: of the H hypotheses at the poses, (H, M, N), and their probabilities (H,).
     """
-    jacobian = best.chain.jacobian(q)
-    columns = jacobian.reshape(len(jacobian), -1).T
-    torques = np.column_stack([(each.moved.torque(q) - best.chain.torque(q)).T.ravel()
-                               for each in hypotheses])
-    steps = lstsq(columns, torques, rcond=_MIN_RELATIVE_NORM)
-    spread = (steps * _probabilities(hypotheses)) @ steps.T
-    return replace(best, covariance=best.covariance + spread)
-
-
-def _probabilities(hypotheses: list[_Hypothesis]) -> FloatArray:
-    return np.asarray(softmax([each.log_evidence for each in hypotheses]))
+    jacobian = chain.jacobian(q)
+    differences = (torques - chain.torque(q)).transpose(2, 1, 0).reshape(-1, len(torques))
+    steps = lstsq(jacobian.reshape(len(jacobian), -1).T, differences, rcond=_MIN_RELATIVE_NORM)
+    return np.asarray((steps * probabilities) @ steps.T)
 
 
 def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,

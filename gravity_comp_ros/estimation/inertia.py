@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 import numpy as np
 
@@ -59,21 +58,17 @@ def inertia_of(samples: JointSamples, qdd: FloatArray) -> Inertia:
     return Inertia(np.where(quick[:, None], 0.0, qdd), False)
 
 
-def excites_inertia(samples: JointSamples) -> bool:
-    """
-    Return whether motion is fast, or slow with quick starts and stops.
-
-    Without inertia a few poses with a quick approach would be outliers, although an axis may be
-    identifiable only from them.
-    """
-    return _excites_inertia(samples, accelerations(samples))
-
-
 def is_fast(samples: JointSamples) -> bool:
     """Return whether some joint is fast in at least a tenth of the samples."""
     return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _MIN_FAST_SHARE)
 
 
 def _excites_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
+    """
+    Return whether motion is fast, or slow with quick starts and stops.
+
+    Without inertia a few poses with a quick approach would be outliers, although an axis may be
+    identifiable only from them.
+    """
     accelerated = (np.abs(qdd) > _ACCELERATED).any(axis=1)
     return is_fast(samples) or bool(accelerated.mean() > _MIN_ACCELERATED_SHARE)

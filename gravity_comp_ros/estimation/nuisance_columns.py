@@ -163,12 +163,11 @@ def _prior_std(columns: tuple[Column, ...], values: FloatArray, samples: JointSa
     noise = np.minimum(white_noise(samples), _MAX_RELATIVE_NOISE * torque)
     relative = torque / noise * (1.0 + _reversals(samples))
     size = np.sqrt((values ** 2).mean(axis=1))
-    std = np.array([_PRIOR_SIZE[column.kind] * relative[column.joint] for column in columns])
-    std = std / np.maximum(size, 1e-300) if columns else np.zeros(0)
-    own = [k for k, column in enumerate(columns) if column.kind == INERTIA and not is_coupled]
     largest = float(torque.max(initial=0.0)) / _INERTIA_ACCELERATION
-    std[own] = [largest / noise[columns[k].joint] for k in own]
-    return np.asarray(std)
+    return np.array([
+        largest / noise[column.joint] if column.kind == INERTIA and not is_coupled
+        else _PRIOR_SIZE[column.kind] * relative[column.joint] / max(width, 1e-300)
+        for column, width in zip(columns, size)])
 
 
 def _reversals(samples: JointSamples) -> FloatArray:
@@ -205,9 +204,7 @@ def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples,
             continue
         n = samples.names.index(term.joint)
         if term.kind == COULOMB:
-            shape = Shape(float(nuisance.width[n]), float(nuisance.hold[n]),
-                          bool(nuisance.ramp[n]))
-            column = direction(samples, samples.q[:, n], samples.qd[:, n], shape)
+            column = _direction(nuisance, samples, n)
         elif term.kind == VISCOUS:
             column = samples.qd[:, n]
         elif term.kind == INERTIA:
@@ -231,11 +228,18 @@ def reversal_std(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:
     for name, term in nuisance.of(COULOMB).items():
         if name in samples.names:
             n = samples.names.index(name)
-            wide, narrow = (direction(samples, samples.q[:, n], samples.qd[:, n], Shape(
-                float(nuisance.width[n]) * factor, float(nuisance.hold[n]) * factor,
-                bool(nuisance.ramp[n]))) for factor in (_WIDTH_FACTOR, 1.0 / _WIDTH_FACTOR))
+            wide = _direction(nuisance, samples, n, _WIDTH_FACTOR)
+            narrow = _direction(nuisance, samples, n, 1.0 / _WIDTH_FACTOR)
             std[:, n] = 0.5 * np.abs(term.value * (wide - narrow))
     return std
+
+
+def _direction(nuisance: NuisanceTerms, samples: JointSamples, joint: int,
+               factor: float = 1.0) -> FloatArray:
+    """Return the direction (M,) of a joint's friction; `factor` widens its reversal."""
+    shape = Shape(factor * float(nuisance.width[joint]), factor * float(nuisance.hold[joint]),
+                  bool(nuisance.ramp[joint]))
+    return direction(samples, samples.q[:, joint], samples.qd[:, joint], shape)
 
 
 def _identifiable(candidates: list[tuple[Column, FloatArray]], given: FloatArray

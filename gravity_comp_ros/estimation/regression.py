@@ -124,10 +124,10 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     :param geometry: known axes: the dynamic torque of a nominal arm is subtracted first.
     """
     condensation = condensation or condense(samples)
-    resolved, qdd = qdd is not None, accelerations(samples) if qdd is None else qdd
-    inertia: Inertia | None = inertia_of(samples, qdd)
-    if inertia is not None and not inertia.is_coupled and (geometry is not None or not resolved):
-        inertia = None
+    has_own_inertia = qdd is not None and geometry is None
+    qdd = accelerations(samples) if qdd is None else qdd
+    every = inertia_of(samples, qdd)
+    inertia = every if every.is_coupled or has_own_inertia else None
     if geometry is not None:
         samples = without_motion(samples, geometry, qdd)
     columns = build_columns(samples, initial_shapes(samples), condensation, inertia, effects,

@@ -117,12 +117,10 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured, qdd))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     reversal = sigma ** 2 / (sigma ** 2 + reversal_std(kept, measured) ** 2)
-    new = NewSamples(samples.q, samples.tau, sigma,
-                     reversal * payload_change_weights(model, samples))
+    new = _new_samples(model, samples, sigma, reversal)
     if geometry is not None and qdd is not None:
         samples = _without_motion(model, samples, new, geometry, qdd)
-        new = NewSamples(samples.q, samples.tau, sigma,
-                         reversal * payload_change_weights(model, samples))
+        new = _new_samples(model, samples, sigma, reversal)
     step = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
     if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
@@ -139,6 +137,13 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
                       coverage=_coverage(model, samples), provenance=provenance,
                       payload_path=payload_path(model, step.model))
     return UpdateResult(updated, report)
+
+
+def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
+                 reversal: FloatArray) -> NewSamples:
+    """Return the samples with robust weights, times those of friction near reversals (M, N)."""
+    return NewSamples(samples.q, samples.tau, sigma,
+                      reversal * payload_change_weights(model, samples))
 
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,

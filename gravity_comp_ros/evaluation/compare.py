@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gravity_comp_ros.data.acceleration import rows_of
+from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque

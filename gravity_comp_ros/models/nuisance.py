@@ -60,7 +60,8 @@ class NuisanceTerms:
     standard deviation with these terms fitted. A model without terms has empty arrays, and one of
     an earlier release no `ramp`.
 
-    :raises DataError: if an array has a number that is negative or not finite.
+    :raises DataError: if an array has a number that is negative or not finite, or `ramp` is of
+        other joints than `width`.
     """
 
     terms: tuple[NuisanceTerm, ...] = ()
@@ -75,8 +76,10 @@ class NuisanceTerms:
             if values.ndim != 1 or not np.isfinite(values).all() or (values < 0.0).any():
                 raise DataError(f'nuisance terms: {name} is negative or not finite')
             object.__setattr__(self, name, values)
-        if self.ramp.size != self.width.size:
+        if not self.ramp.size:
             object.__setattr__(self, 'ramp', np.zeros(self.width.size))
+        if self.ramp.size != self.width.size:
+            raise DataError(f'nuisance terms: {self.ramp.size} ramps for {self.width.size} joints')
 
     def of(self, kind: str) -> Mapping[str, NuisanceTerm]:
         """Return the terms of one kind by joint; for inertia, those of the joint's own motion."""
