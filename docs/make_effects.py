@@ -23,9 +23,8 @@ the number of joints. Torque is that of the drive, positive in the direction of 
 
 - **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / width), with a width of three
   standard deviations of the speed noise and at least 2 mrad/s. If friction is large enough, the
-  best shape is fitted: another width, a ramp qd_n / (2 width) up to 1, as of friction that yields
-  with speed in a simulator, or a direction that persists at rest and reverses within at most
-  0.5 mrad of motion.
+  best shape is fitted: another width, a ramp qd_n / (2 width) limited to ±1, as in many
+  simulators, or a direction that persists at rest and reverses within at most 0.5 mrad of motion.
 - **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, symmetric about each
   sample and within one run.
 - **Time**: presliding friction starts again with every run. Warm-up and drift continue over

@@ -6,11 +6,11 @@ up over some distance. At rest, friction can vanish or persist. The shape is one
 
     d = tanh(qd / width),      d = qd / (2 width) up to 1,      and      d = z(q; hold),
 
-selected by the data. The second, a ramp, is that of friction as a constraint that yields with
-speed, as in many simulators. z is Dahl's element (`presliding`), which keeps its state at rest and
-reverses within `hold` rad of motion, at most 0.5 mrad; longer distances are a separate effect. If
-friction is small, d = tanh(qd / width) with the width given by the speed noise. An error of the
-width of a few mrad/s would appear as a Stribeck effect at that speed.
+selected by the data. The second, a ramp, is the shape in simulators that treat friction as a soft
+constraint. z is Dahl's element (`presliding`), which keeps its state at rest and reverses within
+`hold` rad of motion, at most 0.5 mrad; longer distances are a separate effect. If friction is
+small, d = tanh(qd / width) with the width given by the speed noise. An error of the width of a few
+mrad/s would appear as a Stribeck effect at that speed.
 """
 
 from __future__ import annotations

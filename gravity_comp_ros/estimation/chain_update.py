@@ -97,7 +97,7 @@ class ChainChange:
     """
     The chain with its new moments, the covariance of a step from it, and the sparse change.
 
-    `trials` are the probable ones.
+    `trials` are those with enough evidence.
     """
 
     chain: Chain
@@ -187,7 +187,8 @@ def _spread(chain: Chain, q: FloatArray, torques: FloatArray,
     """
     Return the covariance (4N, 4N) of a step from the chain to the hypotheses.
 
-    Each hypothesis is the step of the chain, in least squares, with the same torque at poses q.
+    A hypothesis is represented by the step whose torque at poses q is closest to it, in least
+    squares.
 
     :param torques: of the H hypotheses at the poses, (H, M, N), and their probabilities (H,).
     """

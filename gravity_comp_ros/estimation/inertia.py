@@ -47,8 +47,8 @@ def inertia_of(samples: JointSamples, qdd: FloatArray) -> Inertia:
     """
     Return the accelerations whose torque is inertia.
 
-    In slow motion the few samples of quick starts and stops have none: their acceleration is too
-    short to be measured, and they would decide the inertia.
+    Samples of quick starts and stops in slow motion get 0: their short accelerations cannot be
+    measured, and a few such samples would determine the inertia.
 
     :param qdd: accelerations (M, N) in rad/s^2 of the samples.
     """

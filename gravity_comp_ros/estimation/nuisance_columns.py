@@ -221,8 +221,8 @@ def reversal_std(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:
     """
     Return the standard deviation (M, N) in N·m of Coulomb friction near reversals.
 
-    The speed over which friction reverses depends on load and lubrication, so it is uncertain by
-    the factor `_WIDTH_FACTOR` in other samples than those of the fit.
+    The speed over which friction reverses depends on load and lubrication. In samples other than
+    those of the fit it is uncertain by the factor `_WIDTH_FACTOR`.
     """
     std = np.zeros(samples.q.shape)
     for name, term in nuisance.of(COULOMB).items():
