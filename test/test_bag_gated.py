@@ -25,16 +25,16 @@ def test_accelerations_are_those_of_the_recording(tmp_path):
     assert len(result.samples) == 301 and result.report.n_samples == 6000
     assert result.dropped == {'rate': 5699}
     expected = -result.samples.q * np.array([0.5, 0.4]) ** 2
-    np.testing.assert_allclose(result.qdd, expected, atol=1e-4)
+    np.testing.assert_allclose(result.samples.qdd, expected, atol=1e-4)
 
 
 def test_a_slow_rate_has_no_accelerations(tmp_path):
-    assert read_gated(bag(tmp_path / 'x.mcap', 10.0)).qdd is None
+    assert read_gated(bag(tmp_path / 'x.mcap', 10.0)).samples.qdd is None
 
 
 def test_no_slow_sample_is_not_an_error(tmp_path):
     result = read_gated(bag(tmp_path / 'x.mcap', 50.0), gate=GateOptions(max_speed=1e-6))
-    assert not len(result.samples) and result.qdd.shape == (0, 2)
+    assert not len(result.samples) and result.samples.qdd.shape == (0, 2)
     assert result.dropped == {'fast': 3000}
 
 
@@ -58,5 +58,5 @@ def test_accelerations_of_bags_with_other_joint_orders(tmp_path):
     assert runs[1].samples.names == ('b', 'a') and recording.joints == ('a', 'b')
     for joint, rate in (('a', 0.5), ('b', 0.4)):
         n = recording.joints.index(joint)
-        np.testing.assert_allclose(recording.slow_qdd[:, n], -rate ** 2 * recording.slow.q[:, n],
+        np.testing.assert_allclose(recording.slow.qdd[:, n], -rate ** 2 * recording.slow.q[:, n],
                                    atol=1e-4)

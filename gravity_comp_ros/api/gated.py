@@ -6,32 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gravity_comp_ros.data.acceleration import with_accelerations
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.printable import counted
 
 
 @dataclass(frozen=True, eq=False)
 class Gated:
-    """
-    Samples that passed the gate, out of `total`, and the number dropped by reason.
-
-    `qdd` (M, N) in rad/s^2 are accelerations at the rate of a recording that was gated while it
-    was read, else None.
-    """
+    """Samples that passed the gate, out of `total`, and the number dropped by reason."""
 
     samples: JointSamples
     total: int
     dropped: Mapping[str, int]
     all_samples: bool
-    qdd: FloatArray | None = None
 
     def select_joints(self, names: Sequence[str]) -> Gated:
         """Return the result with these joints, in this order."""
-        columns = [self.samples.names.index(name) for name in names]
-        return replace(self, samples=self.samples.joints(names),
-                       qdd=None if self.qdd is None else self.qdd[:, columns])
+        return replace(self, samples=self.samples.joints(names))
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate entry of a model's provenance and of `--json`."""
@@ -54,17 +47,16 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> Gated:
     :raises DataError: if none passes.
     """
     if options is None:
-        return Gated(samples, samples.n_samples, {}, True)
+        return Gated(with_accelerations(samples, samples), samples.n_samples, {}, True)
     result = slow_samples(samples, options)
     return gate_result(result.samples, samples.n_samples, result.dropped, options)
 
 
 def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
-                options: GateOptions, qdd: FloatArray | None = None) -> Gated:
+                options: GateOptions) -> Gated:
     """
     Return the result for samples already gated, for example while a file was read.
 
-    :param qdd: accelerations (M, N) in rad/s^2, or None.
     :raises DataError: if there are none.
     """
     if samples.n_samples == 0:
@@ -72,4 +64,4 @@ def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
         limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
         raise DataError(f'none of the {total} samples is slow (every joint under {limits} rad/s)',
                         Hint.SLOW_MOTION)
-    return Gated(samples, total, dict(dropped), False, qdd)
+    return Gated(samples, total, dict(dropped), False)

@@ -13,7 +13,6 @@ from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate
-import numpy as np
 if TYPE_CHECKING:
     # Imports file-format libraries, which arrays do not need.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
@@ -114,10 +113,7 @@ def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Record
     """
     kept, reports = _without_copies([run.report for run in runs])
     samples = concatenate(runs[k].samples for k in kept)
-    parts = [runs[k].accelerations_of(samples.names) for k in kept]
-    known = [qdd for qdd in parts if qdd is not None]
-    qdd = np.concatenate(known) if len(known) == len(parts) else None
     dropped = sum((Counter(runs[k].dropped) for k in kept), Counter())
     total = sum(report.n_samples for report in reports)
-    gated = gate_result(samples, total, dropped, gate, qdd)
+    gated = gate_result(samples, total, dropped, gate)
     return Recording(samples, gate, reports, gated_before=gated)

@@ -10,11 +10,10 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
 from gravity_comp_ros.api.gated import apply_gate, Gated
 from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.data.acceleration import recorded_accelerations
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.runs import rows_of
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.printable import counted
@@ -113,7 +112,7 @@ class Recording(Displayable):
     @cached_property
     def slow(self) -> JointSamples:
         """
-        Return the usable samples that pass the gate.
+        Return the usable samples that pass the gate, with accelerations if the rate resolves them.
 
         :raises DataError: if no sample is slow.
         """
@@ -121,22 +120,6 @@ class Recording(Displayable):
         if self.use is None:
             return slow
         return slow.select(self.use[rows_of(self.samples, slow)])
-
-    @cached_property
-    def slow_qdd(self) -> FloatArray | None:
-        """
-        Return the accelerations (M, N) in rad/s^2 of `slow`, at the rate of the recording.
-
-        None if that rate does not resolve starts and stops.
-
-        :raises DataError: if no sample is slow.
-        """
-        if self.gated_before is None:
-            return recorded_accelerations(self.samples, self.slow)
-        qdd = self.gated_before.qdd
-        if qdd is None or self.use is None:
-            return qdd
-        return qdd[self.use[rows_of(self.samples, self.gated_before.samples)]]
 
     @property
     def used(self) -> JointSamples:

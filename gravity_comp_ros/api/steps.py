@@ -63,10 +63,8 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     if effects:
         result, refitted = _with_effects(recording, options, effects, speeds, progress)
     else:
-        slow = recording.slow
-        qdd = recording.slow_qdd
-        result, refitted = fit_gravity(slow, options, progress, qdd), None
-        warning = _convergence_warning(slow, result, options, qdd)
+        result, refitted = fit_gravity(recording.slow, options, progress), None
+        warning = _convergence_warning(recording.slow, result, options)
         result = result.with_warning(warning) if warning else result
     if recording.ungated:
         result = result.with_warning(recording.ungated)
@@ -76,20 +74,15 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     return replace(result, model=replace(result.model, provenance=provenance)), refitted
 
 
-def _convergence_warning(samples: JointSamples, result: FitResult, options: FitOptions,
-                         qdd: FloatArray | None) -> str:
+def _convergence_warning(samples: JointSamples, result: FitResult, options: FitOptions) -> str:
     """Return a warning if a fit to part of a short recording gives another model, else ''."""
     if recorded_time(samples) > _MAX_TESTED_TIME:
         return ''
     axes = None if result.model.geometry is None else options.geometry
     options = replace(options, formulation=result.model.formulation, geometry=axes)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
-
-    def fit_part(part: JointSamples) -> GravityModel:
-        part_qdd = None if qdd is None else qdd[rows_of(samples, part)]
-        return fit_gravity(part, options, qdd=part_qdd).model
-
-    change = convergence_objection(result.model, samples, noise, fit_part)
+    change = convergence_objection(result.model, samples, noise,
+                                   lambda part: fit_gravity(part, options).model)
     return '' if change is None else f'{change}. Record more motion'
 
 
@@ -171,7 +164,7 @@ def update_model(model: GravityModel, recording: Recording,
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
-    result = update(model, gravity, geometry=geometry, qdd=recording.slow_qdd)
+    result = update(model, gravity, geometry=geometry)
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {

@@ -7,7 +7,7 @@ sample and within one run, so that it is not shifted in time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.data.runs import rows_of, run_slices
@@ -40,7 +40,13 @@ class AccelerationOptions:
 
 def accelerations(samples: JointSamples,
                   options: AccelerationOptions = AccelerationOptions()) -> FloatArray:
-    """Return qdd (M, N) in rad/s^2, within each run; 0 at isolated samples."""
+    """
+    Return qdd (M, N) in rad/s^2: `samples.qdd` if known, else the slope of qd within each run.
+
+    The slope is 0 at isolated samples.
+    """
+    if samples.qdd is not None:
+        return samples.qdd
     qdd = np.zeros_like(samples.qd)
     if not samples.qd.any():
         return qdd
@@ -50,18 +56,17 @@ def accelerations(samples: JointSamples,
     return np.nan_to_num(qdd, nan=0.0)
 
 
-def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
+def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
     """
-    Return accelerations (M, N) in rad/s^2 of `part`, from all samples.
+    Return `part`, a selection of `samples`, with accelerations computed from all of these.
 
-    The gate reduces the sample rate, which smooths quick starts and stops. None if the samples do
-    not resolve these either.
-
-    :param part: a selection of the samples.
+    The gate reduces the sample rate, which smooths quick starts and stops. If `samples` do not
+    resolve these either, accelerations stay unknown.
     """
-    if not is_resolved(samples):
-        return None
-    return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
+    if part.qdd is not None or not is_resolved(samples):
+        return part
+    qdd = accelerations(checked_velocity(samples)[0])
+    return replace(part, qdd=qdd if part is samples else qdd[rows_of(samples, part)])
 
 
 def is_resolved(samples: JointSamples) -> bool:

@@ -72,7 +72,8 @@ class Condensation:
             return samples
         return JointSamples(samples.names, self.mean(samples.t), self.mean(samples.q),
                             self.mean(samples.qd), self.mean(samples.tau),
-                            samples.runs[self.first], samples.run_labels, samples.starts)
+                            samples.runs[self.first], samples.run_labels, samples.starts,
+                            None if samples.qdd is None else self.mean(samples.qdd))
 
 
 def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()) -> Condensation:

@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
+from gravity_comp_ros.data.acceleration import with_accelerations
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
@@ -155,7 +156,9 @@ class Gate:
 
 def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
     """
-    Return the samples that pass the gate, which starts again with every run.
+    Return the samples that pass the gate, with their accelerations if the rate resolves these.
+
+    The gate starts again with every run.
 
     :raises OptionError: if the options have another number of thresholds than joints.
     """
@@ -167,10 +170,11 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
         if max_acceleration is not None:
             accelerating[run] = ~fast[run] & _accelerating(
                 t, samples.qd[run], max_acceleration, options.acceleration_window)
-        slow = np.flatnonzero(~(fast[run] | accelerating[run]))
-        kept[run.start + slow[_one_per_slot(t[slow], t[0], options.rate_hz)]] = True
+        steady = np.flatnonzero(~(fast[run] | accelerating[run]))
+        kept[run.start + steady[_one_per_slot(t[steady], t[0], options.rate_hz)]] = True
     dropped = {FAST: fast, ACCELERATING: accelerating, RATE: ~(fast | accelerating | kept)}
-    return GateResult(samples.select(kept), int(kept.sum()), len(samples),
+    slow = with_accelerations(samples.select(kept), samples)
+    return GateResult(slow, int(kept.sum()), len(samples),
                       {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()})
 
 

@@ -26,7 +26,9 @@ class JointSamples:
     positive tau accelerates q upwards). `runs` (M,) is the run number of each sample, in
     non-decreasing order from 0; `run_labels` are the names of the runs. Samples of a run are in
     order of time. `starts` has for each run the time on a common clock, in s, at which its t is
-    0; it is empty without a known clock. Arrays are finite and read-only.
+    0; it is empty without a known clock. `qdd` (M, N) in rad/s^2 are accelerations at the rate of
+    the recording from which the samples were selected, None where they are unknown. Arrays are
+    finite and read-only.
 
     :raises DataError: if shapes disagree, a value is not finite, names repeat, or time does
         not increase within a run.
@@ -40,13 +42,14 @@ class JointSamples:
     runs: IntArray
     run_labels: tuple[str, ...]
     starts: tuple[float, ...] = ()
+    qdd: FloatArray | None = None
 
     def __post_init__(self) -> None:
         names = tuple(str(name) for name in self.names)
         object.__setattr__(self, 'names', names)
         object.__setattr__(self, 'run_labels', tuple(str(x) for x in self.run_labels))
         _check_names(names)
-        for field in ('t', 'q', 'qd', 'tau'):
+        for field in self._arrays():
             object.__setattr__(self, field, _frozen(getattr(self, field), np.float64))
         object.__setattr__(self, 'runs', _frozen(self.runs, np.int64))
         self._check_shapes()
@@ -57,10 +60,14 @@ class JointSamples:
             raise DataError(f'samples: starts must be one finite time for each of '
                             f'{self.n_runs} runs, or none')
 
+    def _arrays(self) -> tuple[str, ...]:
+        """Return the names of the arrays of numbers."""
+        return ('t', 'q', 'qd', 'tau') if self.qdd is None else ('t', 'q', 'qd', 'tau', 'qdd')
+
     def _check_shapes(self) -> None:
         m, n = self.t.shape[0] if self.t.ndim == 1 else -1, len(self.names)
-        for field, shape in (('t', (m,)), ('q', (m, n)), ('qd', (m, n)), ('tau', (m, n)),
-                             ('runs', (m,))):
+        for field in (*self._arrays(), 'runs'):
+            shape = (m,) if field in ('t', 'runs') else (m, n)
             actual = getattr(self, field).shape
             if m < 0 or actual != shape:
                 raise DataError(f'samples: {field} has shape {actual}; expected {shape} for '
@@ -71,7 +78,7 @@ class JointSamples:
                             f'{len(self.run_labels)} run labels')
 
     def _check_values(self) -> None:
-        for field in ('t', 'q', 'qd', 'tau'):
+        for field in self._arrays():
             values = getattr(self, field)
             if not np.isfinite(values).all():
                 where = np.argwhere(~np.isfinite(values))[0]
@@ -107,7 +114,8 @@ class JointSamples:
         """
         samples = object.__new__(cls)
         samples.__dict__.update(names=names, t=_ONE_TIME, q=q[None], qd=qd[None], runs=_ONE_RUN,
-                                tau=np.zeros((1, len(q))), run_labels=('single',), starts=())
+                                tau=np.zeros((1, len(q))), run_labels=('single',), starts=(),
+                                qdd=None)
         return samples
 
     @property
@@ -133,7 +141,8 @@ class JointSamples:
         """
         keep = np.asarray(keep)
         return JointSamples(self.names, self.t[keep], self.q[keep], self.qd[keep],
-                            self.tau[keep], self.runs[keep], self.run_labels, self.starts)
+                            self.tau[keep], self.runs[keep], self.run_labels, self.starts,
+                            None if self.qdd is None else self.qdd[keep])
 
     def joints(self, names: Sequence[str]) -> JointSamples:
         """
@@ -149,15 +158,16 @@ class JointSamples:
             return self
         order = [self.names.index(name) for name in names]
         return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
-                            self.tau[:, order], self.runs, self.run_labels, self.starts)
+                            self.tau[:, order], self.runs, self.run_labels, self.starts,
+                            None if self.qdd is None else self.qdd[:, order])
 
     def run(self, number: int) -> JointSamples:
         """Return the samples of one run, as a set with that single run."""
         rows = self.runs == number
         return JointSamples(self.names, self.t[rows], self.q[rows], self.qd[rows],
                             self.tau[rows], np.zeros(int(rows.sum()), dtype=np.int64),
-                            (self.run_labels[number],),
-                            self.starts[number:number + 1])
+                            (self.run_labels[number],), self.starts[number:number + 1],
+                            None if self.qdd is None else self.qdd[rows])
 
     def each_run(self) -> Iterator[JointSamples]:
         """Yield every run in order, empty ones included."""
@@ -169,7 +179,8 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
     """
     Return all samples of `parts` as one set, with separate runs.
 
-    Joints are matched by name, in the order of the first part.
+    Joints are matched by name, in the order of the first part. Accelerations are known if those
+    of all parts are.
 
     :raises DataError: if there are no parts.
     :raises ModelMismatchError: if the joint names of two parts differ.
@@ -186,13 +197,15 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
                 f'runs {parts[0].run_labels[0]} and {part.run_labels[0]} are of different '
                 f'robots: joints {", ".join(names)} against {", ".join(part.names)}')
     parts = [part.joints(names) for part in parts]
+    accelerations = [part.qdd for part in parts if part.qdd is not None]
     first_run = np.cumsum([0] + [part.n_runs for part in parts[:-1]])
     return JointSamples(
         names, _joined([p.t for p in parts]), _joined([p.q for p in parts]),
         _joined([p.qd for p in parts]), _joined([p.tau for p in parts]),
         _joined([p.runs + k for p, k in zip(parts, first_run)]),
         tuple(label for p in parts for label in p.run_labels),
-        tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
+        tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else (),
+        _joined(accelerations) if len(accelerations) == len(parts) else None)
 
 
 def evenly_picked(count: int, max_count: int) -> IntArray:

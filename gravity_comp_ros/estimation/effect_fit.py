@@ -139,6 +139,8 @@ def _fit_once(motion: Motion, rows: IntArray, model: GravityModel,
     effects, nuisance = effects_and_nuisance
     terms = (*effects, *nuisance)
     part = motion.samples.select(rows)
+    if is_resolved(motion.samples):
+        part = replace(part, qdd=motion.qdd[rows])
     fixed = np.zeros(part.tau.shape)
     if kept:
         fixed = effect_torque(_with_effects(model, kept, motion), motion.samples)[rows]
@@ -146,8 +148,7 @@ def _fit_once(motion: Motion, rows: IntArray, model: GravityModel,
     condensation = condense(target)
     few, dense = condensation.samples(target), _condensed(condensation, columns)
     regression = build_regression(
-        target, qdd=motion.qdd[rows] if is_resolved(motion.samples) else None, effects=dense,
-        condensation=condensation,
+        target, effects=dense, condensation=condensation,
         excluded=excluded | replaced_terms(motion, terms),
         effect_std=_prior_std(motion, terms, few, dense),
         geometry=_nominal_axes(model, (*terms, *kept), known))

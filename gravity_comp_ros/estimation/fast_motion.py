@@ -31,7 +31,7 @@ _WHY = 'rigid-body dynamics was a nuisance term'
 
 
 def fit_gravity(samples: JointSamples, options: FitOptions = FitOptions(),
-                progress: Progress | None = None, qdd: FloatArray | None = None) -> FitResult:
+                progress: Progress | None = None) -> FitResult:
     """
     Learn the gravity torque from samples of any speed.
 
@@ -40,11 +40,10 @@ def fit_gravity(samples: JointSamples, options: FitOptions = FitOptions(),
 
     :param samples: slow or fast motion.
     :param progress: called with a word and a share from 0 to 1.
-    :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
-    first = fit(samples, options, progress, qdd=qdd)
+    first = fit(samples, options, progress)
     if not is_fast(samples) or options.formulation not in ('auto', 'chain'):
         return first
     if progress:

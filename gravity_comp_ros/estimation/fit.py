@@ -129,15 +129,14 @@ class Estimate:
 
 
 def fit(samples: JointSamples, options: FitOptions = FitOptions(),
-        progress: Progress | None = None, old: GravityModel | None = None,
-        qdd: FloatArray | None = None) -> FitResult:
+        progress: Progress | None = None, old: GravityModel | None = None) -> FitResult:
     """
     Learn the gravity torque from samples.
 
-    :param samples: slow motion, or motion of any speed: inertia is then a nuisance term.
+    :param samples: slow motion, or motion of any speed: inertia is then a nuisance term. In slow
+        motion it is one if the accelerations of the samples are known.
     :param progress: called with a word and a share from 0 to 1.
     :param old: a model of the same joints as the start of the search; it is no constraint.
-    :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
@@ -147,9 +146,8 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     samples, warning = checked_velocity(samples)
     described = options.geometry
     if options.known_axes(samples) is not None and described is not None:
-        options = replace(options, geometry=_fitted_geometry(
-            described, samples, accelerations(samples) if qdd is None else qdd))
-    estimate = _estimate(samples, options, old, qdd)
+        options = replace(options, geometry=_fitted_geometry(described, samples))
+    estimate = _estimate(samples, options, old)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning,
                           described)
@@ -164,7 +162,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     return FitResult(model, report, converged)
 
 
-def _fitted_geometry(geometry: Geometry, samples: JointSamples, qdd: FloatArray) -> Geometry:
+def _fitted_geometry(geometry: Geometry, samples: JointSamples) -> Geometry:
     """
     Return the geometry with the vertical and the zero angles fitted to the torque.
 
@@ -175,18 +173,17 @@ def _fitted_geometry(geometry: Geometry, samples: JointSamples, qdd: FloatArray)
     if is_fast(samples):
         return geometry
     rows = evenly_picked(samples.n_samples, _MAX_ZERO_ANGLE_SAMPLES)
-    return with_zero_angles(geometry, without_motion(samples.select(rows), geometry, qdd[rows]))
+    qdd = accelerations(samples)[rows]
+    return with_zero_angles(geometry, without_motion(samples.select(rows), geometry, qdd))
 
 
-def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,
-              qdd: FloatArray | None) -> Estimate:
+def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None) -> Estimate:
     """Return gravity, fitted with the dynamic torque of the nominal arm subtracted."""
-    estimate = estimate_gravity(
-        build_regression(samples, qdd=qdd, geometry=options.geometry), options, old)
+    estimate = estimate_gravity(build_regression(samples, geometry=options.geometry), options, old)
     if not estimate.choice.warning:
         return estimate
     # The axes were rejected, so the dynamic torque computed from them was wrong as well.
-    return estimate_gravity(build_regression(samples, qdd=qdd), options, old)
+    return estimate_gravity(build_regression(samples), options, old)
 
 
 def estimate_gravity(regression: Regression, options: FitOptions,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.acceleration import recorded_accelerations
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
@@ -47,5 +46,5 @@ def fit_with_effects(samples: JointSamples, slow: JointSamples, effects: Sequenc
     :raises FitError: if there are too few slow samples.
     :raises DataError: if an effect is not identifiable from the recording.
     """
-    first = fit_gravity(slow, options, progress, recorded_accelerations(samples, slow))
+    first = fit_gravity(slow, options, progress)
     return FitWithEffects(first, refit(samples, first.model, effects, speeds, use, progress))

@@ -188,14 +188,11 @@ def white_noise(samples: JointSamples) -> FloatArray:
     return np.maximum(of_second_differences(samples.tau, within), floor(samples.tau))
 
 
-def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples,
-                    qdd: FloatArray | None = None) -> FloatArray:
+def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:
     """
     Return the torque (M, N) in N·m of fitted nuisance terms on other samples of the same joints.
 
     Terms of joints that are missing from the samples are left out.
-
-    :param qdd: accelerations (M, N) in rad/s^2; None computes those of the samples.
     """
     total = np.zeros(samples.q.shape)
     inertia = None
@@ -209,7 +206,7 @@ def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples,
             column = samples.qd[:, n]
         elif term.kind == INERTIA:
             if inertia is None:
-                inertia = inertia_of(samples, accelerations(samples) if qdd is None else qdd)
+                inertia = inertia_of(samples, accelerations(samples))
             column = inertia.qdd[:, samples.names.index(term.source or term.joint)]
         else:
             column = np.ones(samples.n_samples)

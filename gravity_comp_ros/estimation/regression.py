@@ -106,8 +106,7 @@ class Regression:
                        robust_weights=self.robust_weights[keep], effects=effects)
 
 
-def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
-                     effects: FloatArray | None = None,
+def build_regression(samples: JointSamples, effects: FloatArray | None = None,
                      condensation: Condensation | None = None,
                      excluded: frozenset[tuple[str, int]] = frozenset(),
                      effect_std: FloatArray | None = None,
@@ -115,8 +114,8 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     """
     Return the regression of samples with all identifiable nuisance columns.
 
-    :param qdd: accelerations (M, N) in rad/s^2 of a recording that resolves starts and stops;
-        None computes those of the samples, and slow motion then has no inertia terms.
+    Slow motion has inertia terms if the accelerations of the samples are known.
+
     :param effects: columns (K, N, m) of effects, condensed by `condensation`.
     :param condensation: of the samples; None computes it.
     :param excluded: kinds and joint numbers of nuisance terms that effects replace.
@@ -124,8 +123,8 @@ def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
     :param geometry: known axes: the dynamic torque of a nominal arm is subtracted first.
     """
     condensation = condensation or condense(samples)
-    has_own_inertia = qdd is not None and geometry is None
-    qdd = accelerations(samples) if qdd is None else qdd
+    has_own_inertia = samples.qdd is not None and geometry is None
+    qdd = accelerations(samples)
     every = inertia_of(samples, qdd)
     inertia = every if every.is_coupled or has_own_inertia else None
     if geometry is not None:

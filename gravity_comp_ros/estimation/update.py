@@ -70,7 +70,7 @@ class UpdateResult:
 
 def update(model: GravityModel, samples: JointSamples,
            options: UpdateOptions = UpdateOptions(),
-           geometry: Geometry | None = None, qdd: FloatArray | None = None) -> UpdateResult:
+           geometry: Geometry | None = None) -> UpdateResult:
     """
     Update a model to samples recorded after a payload change, by a sparse change.
 
@@ -81,45 +81,36 @@ def update(model: GravityModel, samples: JointSamples,
         Their torque is gravity: the torque of the model's effects must have been subtracted.
     :param geometry: of this arm, to estimate the payload; the new model is a chain on its axes,
         with the joints in its order.
-    :param qdd: accelerations (M, N) in rad/s^2 of a recording that resolves starts and stops;
-        None computes those of the samples.
     :raises ModelMismatchError: if a joint is missing from the samples, the model is per_joint and
         there is no geometry, or the geometry is of another arm.
     :raises FitError: if there are too few samples.
     """
-    names, samples = samples.names, samples.joints(model.joints)
+    samples = samples.joints(model.joints)
     if samples.n_samples < options.min_samples:
         raise FitError(f'{samples.n_samples} slow samples since the payload changed; an update '
                        f'needs {options.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
-        base, ordered = _on_axes(model, geometry), samples.joints(geometry.joints)
-        if any(effect.name in MOTION_EFFECTS for effect in model.applied.effects):
-            qdd = None
-        elif qdd is None:
-            qdd = accelerations(ordered)
-        else:
-            qdd = qdd[:, [names.index(name) for name in geometry.joints]]
-        return _update(base, ordered, options, base.geometry, qdd)
+        base = _on_axes(model, geometry)
+        return _update(base, samples.joints(geometry.joints), options, base.geometry)
     if model.energy is None:
         raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
                                  'fit it again, or keep a chain or potential model')
-    if qdd is not None:
-        qdd = qdd[:, [names.index(name) for name in model.joints]]
-    return _update(model, samples, options, None, qdd)
+    return _update(model, samples, options, None)
 
 
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
-            geometry: Geometry | None, qdd: FloatArray | None) -> UpdateResult:
+            geometry: Geometry | None) -> UpdateResult:
     # Friction, offsets and inertia identified before the change are kept, and inertia is part of
     # the torque of a nominal arm.
-    has_motion = geometry is not None and qdd is not None
+    has_motion = geometry is not None and not any(
+        effect.name in MOTION_EFFECTS for effect in model.applied.effects)
     kept = model.nuisance.without(INERTIA) if has_motion else model.nuisance
-    samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured, qdd))
+    samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     reversal = sigma ** 2 / (sigma ** 2 + reversal_std(kept, measured) ** 2)
     new = _new_samples(model, samples, sigma, reversal)
-    if geometry is not None and qdd is not None:
-        samples = _without_motion(model, samples, new, geometry, qdd)
+    if has_motion and geometry is not None:
+        samples = _without_motion(model, samples, new, geometry)
         new = _new_samples(model, samples, sigma, reversal)
     step = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
@@ -147,12 +138,13 @@ def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
 
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
-                    geometry: Geometry, qdd: FloatArray) -> JointSamples:
+                    geometry: Geometry) -> JointSamples:
     """Subtract the dynamic torque of the nominal arm with the payload."""
     assert model.chain is not None and model.uncertainty is not None
     loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
     moments = loaded.chain.moments / STANDARD_GRAVITY
-    return replace(samples, tau=samples.tau - motion_torque(samples, geometry, moments, qdd))
+    torque = motion_torque(samples, geometry, moments, accelerations(samples))
+    return replace(samples, tau=samples.tau - torque)
 
 
 def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import io
 import json
 from pathlib import Path
@@ -45,10 +45,11 @@ class Store:
             report = ReadReport(**{**head['report'], 'path': Path(head['report']['path']),
                                    'notes': tuple(head['report']['notes'])})
             samples = JointSamples.single_run(head['names'], **arrays, label=head['label'])
+            samples = replace(samples, qdd=qdd if len(qdd) else None)
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError,
                 GravityCompError):
             return None
-        return GatedRecording(samples, report, head['dropped'], qdd if len(qdd) else None)
+        return GatedRecording(samples, report, head['dropped'])
 
     def save_recording(self, key: str, recording: GatedRecording) -> None:
         """Store samples."""
@@ -57,7 +58,7 @@ class Store:
                            'dropped': recording.dropped, 'names': samples.names,
                            'label': samples.run_labels[0]})
         data = io.BytesIO()
-        qdd = np.zeros((0, samples.n_joints)) if recording.qdd is None else recording.qdd
+        qdd = np.zeros((0, samples.n_joints)) if samples.qdd is None else samples.qdd
         np.savez(data, head=np.array(head), qdd=qdd,
                  **{name: getattr(samples, name) for name in _ARRAYS})
         write_atomically(self._folder / f'{key}.npz', data.getvalue(), BagError)
