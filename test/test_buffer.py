@@ -114,3 +114,23 @@ def test_the_buffer_is_bounded_and_its_neighbours_are_correct(poses, capacity):
         np.testing.assert_allclose(ring._near[:n], distances.min(axis=1), rtol=1e-12)
         np.testing.assert_array_equal(
             distances[np.arange(n), ring._nearest[:n]], ring._near[:n])
+
+
+def test_accelerations_are_kept_if_most_are_known():
+    ring = SampleRing(['j'], 100)
+    for k in range(20):
+        value = np.full(1, 0.1 * k)
+        ring.offer(float(k), value, value, value, None if k == 3 else 2.0 * value)
+    qdd = ring.samples().qdd[:, 0]
+    assert qdd[3] == 0.0
+    np.testing.assert_allclose(np.delete(qdd, 3), 0.2 * np.delete(np.arange(20), 3))
+    for k in range(20, 25):
+        ring.offer(float(k), np.full(1, 0.1 * k), np.zeros(1), np.zeros(1))
+    assert ring.samples().qdd is None
+
+
+def test_a_sample_that_replaces_another_has_its_own_acceleration():
+    ring = SampleRing(['j'], 10)
+    ring.offer(0.0, np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, 0.1))
+    ring.offer(1.0, np.full(1, 1e-5), np.zeros(1), np.zeros(1), np.full(1, 0.3))
+    assert ring.samples().qdd.tolist() == [[0.3]]

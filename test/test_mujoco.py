@@ -1,5 +1,7 @@
 """Fit and update of an arm in MuJoCo with damping, Coulomb friction, and a load of 2 kg."""
 
+from dataclasses import replace
+
 from bench.closed_loop.arm import MujocoArm, SlowPath, urdf
 from bench.closed_loop.open_loop import box_poses, error, LOAD, record
 import gravity_comp_ros as gc
@@ -46,7 +48,8 @@ def test_inertia_is_not_part_of_a_tool(tmp_path):
         box_poses(bare)
     assert error(gc.update(model, loaded), arm, poses) < 0.05
     gravity, slow = model.gravity, loaded.slow
-    static = update(gravity, slow, geometry=gravity.geometry, qdd=np.zeros_like(slow.q))
+    static = update(gravity, replace(slow, qdd=np.zeros_like(slow.q)),
+                    geometry=gravity.geometry)
     assert error(static.model, arm, poses) > 0.08
 
 

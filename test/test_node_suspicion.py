@@ -8,12 +8,13 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
-from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
+from gravity_comp_ros.models.nuisance import (
+    COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.fit_messages import PayloadJob
 from gravity_comp_ros.node.fit_worker import run_payload_test
 from gravity_comp_ros.node.live_friction import (
-    expected_residual, interleaved_nuisance, LiveFriction, residual_noise)
+    expected_residual, interleaved_nuisance, LiveNuisance, residual_noise)
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
 from gravity_comp_ros.node.uncertain_change import UncertainChange
@@ -112,20 +113,24 @@ def test_broken_effort_is_no_payload(model):
         assert 'no payload explains' in result.text
 
 
-def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
+def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
     terms = (NuisanceTerm(COULOMB, 'iiwa_joint_2', 2.0, 0.1),
              NuisanceTerm(VISCOUS, 'iiwa_joint_3', 4.0, 0.1),
-             NuisanceTerm(OFFSET, 'iiwa_joint_4', -0.7, 0.1))
+             NuisanceTerm(OFFSET, 'iiwa_joint_4', -0.7, 0.1),
+             NuisanceTerm(INERTIA, 'iiwa_joint_1', 5.0, 0.1),
+             NuisanceTerm(INERTIA, 'iiwa_joint_5', 2.0, 0.1, 'iiwa_joint_6'))
     hold = np.where(np.arange(7) == 1, 1e-4, 0.0)
     nuisance = NuisanceTerms(terms, np.full(7, 0.002), hold, np.full(7, 0.1))
-    live = LiveFriction(replace(model, nuisance=nuisance))
+    live = LiveNuisance(replace(model, nuisance=nuisance))
     q, qd = np.zeros(7), np.full(7, 0.1)
-    live.torque(q, qd)
-    moving = live.torque(q + 0.01, qd)
+    live.torque(q, qd, None)
+    moving = live.torque(q + 0.01, qd, np.arange(7.0))
     np.testing.assert_allclose(moving[1:4], [2.0, 0.4, -0.7], atol=1e-9)
-    still = live.torque(q + 0.01, 0.0 * qd)
+    np.testing.assert_allclose(moving[[0, 4]], [0.0, 10.0], atol=1e-9)
+    still = live.torque(q + 0.01, 0.0 * qd, np.full(7, 0.2))
+    np.testing.assert_allclose(still[[0, 4]], [1.0, 0.4], atol=1e-9)
     np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
-    assert live.torque(q, -qd)[1] == pytest.approx(-2.0)
+    assert live.torque(q, -qd, None)[1] == pytest.approx(-2.0)
     expected = expected_residual(replace(model, nuisance=nuisance))
     np.testing.assert_allclose(expected[1:3], [np.hypot(0.1, 0.6), 0.1])
     assert residual_noise(model).max() < 0.3 * model.noise.max()
@@ -134,7 +139,8 @@ def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
 def offered(watch, ratios, start=0.0, step=0.01):
     for k, ratio in enumerate(ratios):
         t = start + 0.2 * k
-        watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.full(2, ratio))
+        watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.zeros(2),
+                    np.full(2, ratio))
 
 
 def test_a_test_is_due_only_for_a_lasting_residual():
@@ -159,7 +165,8 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     finding = PayloadFinding(True, False, 'a payload')
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
-        watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.array([ratio]))
+        watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.zeros(1),
+                    np.array([ratio]))
         if watch.is_due():
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW

@@ -7,6 +7,7 @@ sample and within one run, so that it is not shifted in time.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
@@ -73,3 +74,42 @@ def is_resolved(samples: JointSamples) -> bool:
     """Return whether the sample rate resolves quick starts and stops."""
     within = np.diff(samples.runs) == 0
     return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
+
+
+class RecentVelocity:
+    """
+    Velocities of the last messages, for accelerations while samples arrive.
+
+    These are the accelerations that `with_accelerations` computes from a recording.
+    """
+
+    def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
+        self._options = DifferentiationOptions(window=options.window)
+        # Messages after a sample arrive while it waits for them.
+        self._span = 1.5 * options.window
+        self._recent: deque[tuple[float, FloatArray]] = deque()
+
+    def restart(self) -> None:
+        """Forget all velocities."""
+        self._recent.clear()
+
+    def add(self, t: float, qd: FloatArray) -> None:
+        """Add a velocity (N,) in rad/s at time t in s, later than those before."""
+        self._recent.append((t, qd))
+        while self._recent[0][0] < t - self._span:
+            self._recent.popleft()
+
+    def acceleration(self, t: float) -> FloatArray | None:
+        """
+        Return the acceleration (N,) in rad/s^2 at the time t in s of one of the velocities.
+
+        None if the messages around it do not resolve quick starts and stops.
+        """
+        half = 0.5 * self._options.window + 1e-9
+        near = [entry for entry in self._recent if abs(entry[0] - t) <= half]
+        times = np.array([time for time, _ in near])
+        here = np.flatnonzero(times == t)
+        if not here.size or len(near) < 2 or np.median(np.diff(times)) > _MAX_INTERVAL:
+            return None
+        slope = differentiate(times, np.array([qd for _, qd in near]), self._options)[here[0]]
+        return slope if np.isfinite(slope).all() else None

@@ -16,6 +16,8 @@ VELOCITY_WEIGHT = 1.0
 # Minimum distance, in rad, of a new sample that is added; a closer one replaces the kept one, so
 # that an arm at rest does not fill the buffer.
 MIN_DISTANCE = 1e-3
+# Minimum share of the samples whose acceleration is known.
+_MIN_KNOWN = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class SampleRing:
         self._run = 0
         self._last = -np.inf
         self._t = np.zeros(rows)
-        self._values = np.zeros((rows, 3, n))
+        self._values = np.zeros((rows, 4, n))
         self._features = np.zeros((rows, 2 * n))
         self._runs = np.zeros(rows, dtype=np.int64)
         self._order = np.zeros(rows, dtype=np.int64)
@@ -83,7 +85,8 @@ class SampleRing:
     def names(self) -> tuple[str, ...]:
         return self._names
 
-    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
+    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
+              qdd: FloatArray | None = None) -> None:
         """
         Add a sample; from a full buffer one is removed.
 
@@ -93,10 +96,12 @@ class SampleRing:
         :param q: positions (N,) in rad.
         :param qd: velocities (N,) in rad/s.
         :param tau: torques (N,) in N·m.
+        :param qdd: accelerations (N,) in rad/s^2, None if they are unknown.
         :raises DataError: if a value is not finite.
         """
-        sample = np.array((q, qd, tau), dtype=np.float64)
-        if not (np.isfinite(sample).all() and np.isfinite(t)):
+        unknown = np.full(len(self._names), np.nan)
+        sample = np.array((q, qd, tau, unknown if qdd is None else qdd), dtype=np.float64)
+        if not (np.isfinite(sample[:3]).all() and np.isfinite(t)):
             raise DataError('buffer: a sample is not finite')
         if t <= self._last:
             self._run += 1
@@ -119,14 +124,21 @@ class SampleRing:
             self._remove(first if self._order[first] < self._order[second] else second)
 
     def samples(self) -> JointSamples:
-        """Return the samples in order of time, with runs numbered from 0."""
+        """
+        Return the samples in order of time, with runs numbered from 0.
+
+        They have accelerations if most are known; unknown ones are then 0, as at isolated samples.
+        """
         n = self._count
         order = np.lexsort((self._t[:n], self._runs[:n]))
         runs, numbers = np.unique(self._runs[:n][order], return_inverse=True)
         values = self._values[:n][order]
         labels = tuple(f'live {run}' for run in runs) or ('live 0',)
+        known = np.asarray(np.isfinite(values[:, 3]).all(axis=1))
+        qdd = np.where(known[:, None], values[:, 3], 0.0) if (
+            n and known.mean() >= _MIN_KNOWN) else None
         return JointSamples(self._names, self._t[:n][order], values[:, 0], values[:, 1],
-                            values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels))
+                            values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels), qdd)
 
     def coverage(self) -> Coverage:
         """Return the range of every joint over the samples."""

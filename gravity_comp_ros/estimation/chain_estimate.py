@@ -124,7 +124,24 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
         chain = fit.chain
         if (fit.inflation == 1.0).all():
             break
+    regression, fit = _without_insignificant(regression, fit, known)
     return ChainEstimate(replace(fit, starts=starts), regression)
+
+
+def _without_insignificant(regression: Regression, fit: ChainFit, known: FloatArray | None
+                           ) -> tuple[Regression, ChainFit]:
+    """
+    Return the fit without nuisance terms that are insignificant in it.
+
+    A term that was significant beside all others may not be without these, and an offset that the
+    samples do not determine is an error of gravity.
+    """
+    k = regression.n_effects
+    kept = significant(fit.nuisance[k:], fit.nuisance_covariance[k:, k:])
+    if len(kept) == len(fit.nuisance) - k:
+        return regression, fit
+    regression = regression.with_terms(kept)
+    return regression, _fit(regression, fit.chain, known, _WARM)
 
 
 def _part(regression: Regression, start: float, end: float) -> Regression:

@@ -12,12 +12,13 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
+from gravity_comp_ros.node.delayed_samples import DelayedSamples, SlowSample
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
-from gravity_comp_ros.node.live_friction import expected_residual, LiveFriction, residual_noise
+from gravity_comp_ros.node.live_friction import expected_residual, LiveNuisance, residual_noise
 from gravity_comp_ros.node.messages import (
-    CompleteReading, JointStateReader, Reading, TIME_BACK, TIME_STILL)
+    JointStateReader, Reading, TIME_BACK, TIME_STILL)
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
@@ -50,12 +51,13 @@ class Arm:
         self.gate_counts: Counter[str] = Counter()
         self.health = EffortHealth()
         self.sent = SentTorqueHistory(len(joints))
+        self.delayed = DelayedSamples()
         self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.payload = PayloadWatch(joints, settings.suspect_after)
-        self._friction: LiveFriction | None = None
-        # Sums of squared residuals since the last report: with and without friction and offset.
+        self._nuisance: LiveNuisance | None = None
+        # Sums of squared residuals since the last report: with and without nuisance terms.
         self._squares = np.zeros((2, len(joints)))
         self.n_residual = 0
         self.learn_from = 0.0
@@ -114,6 +116,13 @@ class Arm:
         self.epoch.set_options(epoch_options(settings))
         self._effects = EffectsInUse(self._model, self._settings)
 
+    def restart(self) -> None:
+        """Forget earlier messages: the clock has started again."""
+        self.gate.reset()
+        self.delayed.restart()
+        self.health.restart()
+        self.payload.restart()
+
     def use(self, model: GravityModel, before: GravityModel | None, learned: int,
             change: UncertainChange | None = None) -> None:
         """
@@ -125,7 +134,7 @@ class Arm:
         """
         self._model = model
         self._watch = ModelWatch(model, before, learned)
-        self._friction = LiveFriction(model)
+        self._nuisance = LiveNuisance(model)
         self.payload.forget()
         self.health.restart()
         self._source, self._change = torque_source(model), change
@@ -158,21 +167,21 @@ class Arm:
             self.sent.published(now, tau)
         return tau
 
-    def record_residual(self, reading: CompleteReading, predicted: FloatArray) -> None:
+    def record_residual(self, sample: SlowSample, predicted: FloatArray) -> None:
         """Record the residual of a slow sample for diagnostics, model watch and payload watch."""
-        q, qd, tau, model = reading.q, reading.qd, reading.tau, self._model
+        reading, model = sample.reading, self._model
+        q, qd, tau = reading.q, reading.qd, reading.tau
+        qdd = reading.acceleration() if sample.qdd is None else sample.qdd
         error = tau - predicted
-        without_friction = error if self._friction is None else (
-            error - self._friction.torque(q, qd))
-        self._squares += np.square([error, without_friction])
+        residual = error if self._nuisance is None else error - self._nuisance.torque(q, qd, qdd)
+        self._squares += np.square([error, residual])
         self.n_residual += 1
         if model is None or self._watch is None or self.distance(q).any():
             return
         gravity = model.predict_one(q)
-        self._watch.offer(q, gravity + without_friction, gravity)
-        acceleration = reading.acceleration()
-        if acceleration is not None and float(np.abs(acceleration).max()) < MAX_ACCELERATION:
-            self.payload.offer(reading.t, q, qd, tau, without_friction / residual_noise(model))
+        self._watch.offer(q, gravity + residual, gravity)
+        if qdd is not None and float(np.abs(qdd).max()) < MAX_ACCELERATION:
+            self.payload.offer(reading.t, q, qd, tau, qdd, residual / residual_noise(model))
 
     def objection(self) -> str | None:
         """Return why the previous model should come back, None if it should not."""
@@ -247,6 +256,7 @@ class Arm:
         self.learn_from = now + self._settings.settle_time
         self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(self._settings),
                            has_base=has_base)
+        self.delayed.restart()
         self.health.restart()
         self.payload.forget()
         self._squares[:] = 0.0
@@ -273,7 +283,7 @@ class Arm:
         self._squares[:] = 0.0
         self.n_residual = 0
         noise = None
-        if model is not None and self._friction is not None:
+        if model is not None and self._nuisance is not None:
             noise = np.array([model.noise, expected_residual(model)])
         return [
             diagnostics.feedforward_status(

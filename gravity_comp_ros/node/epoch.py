@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.runs import in_one_run
 from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
@@ -97,7 +98,7 @@ class Epoch:
         self._options = options
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
-              sent: FloatArray | None = None) -> None:
+              qdd: FloatArray | None = None, sent: FloatArray | None = None) -> None:
         """
         Add a sample that passed the gate; the arguments are those of `SampleRing`.
 
@@ -109,7 +110,7 @@ class Epoch:
                 del self._sent[next(iter(self._sent))]
         block = self._offered // self._options.block
         ring = self._held_out if block % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 else self._train
-        ring.offer(t, q, qd, tau)
+        ring.offer(t, q, qd, tau, qdd)
         self._offered += 1
 
     @property
@@ -145,8 +146,7 @@ class Epoch:
         both = concatenate((self.train(), self.held_out()))
         order = np.argsort(both.t, kind='stable')
         order = order[np.concatenate(([True], np.diff(both.t[order]) > 0))]
-        return JointSamples.single_run(both.names, both.t[order], both.q[order],
-                                       both.qd[order], both.tau[order], 'live')
+        return in_one_run(both, order)
 
     def coverage(self) -> Coverage:
         """Return the coverage of the training samples."""

@@ -23,7 +23,7 @@ from gravity_comp_ros.node.effort_plausibility import (
     reference_noise)
 from gravity_comp_ros.node.fit_messages import FitJob, FitResult
 from gravity_comp_ros.node.live_friction import (
-    expected_residual, interleaved_nuisance, moving_rms, residual_noise, rms)
+    expected_residual, interleaved_nuisance, moving_rms, residual_noise, rms, without_nuisance)
 from gravity_comp_ros.node.model_acceptance import compare_models, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 from gravity_comp_ros.node.self_confirmation import echo_objection
@@ -248,11 +248,11 @@ def _without_effects(base: GravityModel, samples: JointSamples) -> JointSamples:
 
 
 def _gravity_samples(model: GravityModel, job: FitJob) -> tuple[JointSamples, JointSamples]:
-    """Return both sets of samples without the effects, friction and offset of a model."""
+    """Return both sets of samples without the effects and nuisance terms of a model."""
     train, held_out = (_without_effects(model, part) for part in (job.train, job.held_out))
-    friction = interleaved_nuisance(model, job.train, job.held_out)
-    return (replace(train, tau=train.tau - friction[0]),
-            replace(held_out, tau=held_out.tau - friction[1]))
+    nuisance = interleaved_nuisance(model, job.train, job.held_out)
+    return (without_nuisance(model, train, nuisance[0]),
+            without_nuisance(model, held_out, nuisance[1]))
 
 
 def full_fit(job: FitJob, options: FitOptions) -> GravityModel:

@@ -1,20 +1,22 @@
 """
-Friction and offset of a model, subtracted from the live residual.
+Nuisance terms of a model, subtracted from the live residual.
 
-A fit estimates friction and offset jointly with gravity (`models.nuisance`), and the model does
-not predict them. They are subtracted from the live residual before it is compared with the noise
-of the training. Inertia is neglected, because the samples are slow.
+A fit estimates friction, offset and inertia jointly with gravity (`models.nuisance`), and the
+model does not predict them. They are subtracted from the live residual before it is compared with
+the noise of the training.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
+from gravity_comp_ros.data.runs import in_one_run
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import smooth_sign
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.nuisance import COULOMB, OFFSET, VISCOUS
+from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 import numpy as np
 
 # Relative change of friction with temperature and load.
@@ -62,7 +64,7 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
 def interleaved_nuisance(model: GravityModel, train: JointSamples,
                          held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
     """
-    Return friction and offset (M, N) in N·m at interleaved training and held-out samples.
+    Return nuisance torque (M, N) in N·m at interleaved training and held-out samples.
 
     The direction of friction at rest follows from the path of the joint, so both sets are
     evaluated together in order of time.
@@ -72,16 +74,25 @@ def interleaved_nuisance(model: GravityModel, train: JointSamples,
     if (np.diff(both.t[order]) <= 0.0).any():
         return (nuisance_torque(model.nuisance, train),
                 nuisance_torque(model.nuisance, held_out))
-    whole_run = JointSamples.single_run(both.names, both.t[order], both.q[order],
-                                        both.qd[order], both.tau[order])
     torque = np.empty_like(both.tau)
-    torque[order] = nuisance_torque(model.nuisance, whole_run)
+    torque[order] = nuisance_torque(model.nuisance, in_one_run(both, order))
     return torque[:len(train)], torque[len(train):]
 
 
-class LiveFriction:
+def without_nuisance(model: GravityModel, samples: JointSamples,
+                     torque: FloatArray) -> JointSamples:
     """
-    The friction and offset of a model, sample by sample.
+    Return the samples minus the torque (M, N) in N·m of a model's nuisance terms.
+
+    If the model has inertia terms, the rest has no inertia: the accelerations are then 0.
+    """
+    qdd = np.zeros_like(samples.q) if model.nuisance.of(INERTIA) else samples.qdd
+    return replace(samples, tau=samples.tau - torque, qdd=qdd)
+
+
+class LiveNuisance:
+    """
+    The nuisance terms of a model, sample by sample.
 
     Where static friction keeps its direction at rest (`effects.motion_direction`), so does this.
     """
@@ -93,6 +104,13 @@ class LiveFriction:
             for kind, terms in ((kind, nuisance.of(kind)) for kind in (COULOMB, VISCOUS, OFFSET))}
         self._width = np.maximum(nuisance.width if nuisance.width.size else np.ones(n),
                                  _MIN_WIDTH)
+        self._inertia = np.zeros((n, n))
+        for term in nuisance.terms:
+            if term.kind == INERTIA and {term.joint, term.source or term.joint} <= set(
+                    model.joints):
+                joint, source = (model.joints.index(name)
+                                 for name in (term.joint, term.source or term.joint))
+                self._inertia[joint, source] += term.value
         hold = nuisance.hold if nuisance.hold.size else np.zeros(n)
         self._ramp = nuisance.ramp > 0.0 if nuisance.ramp.size else np.zeros(n, dtype=bool)
         self._holds = hold > 0.0
@@ -100,8 +118,12 @@ class LiveFriction:
         self._direction = np.zeros(n)
         self._q: FloatArray | None = None
 
-    def torque(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Return friction and offset (N,) in N·m at pose q (N,) and speed qd (N,)."""
+    def torque(self, q: FloatArray, qd: FloatArray, qdd: FloatArray | None) -> FloatArray:
+        """
+        Return the nuisance torque (N,) in N·m at pose q (N,), speed qd and acceleration qdd.
+
+        Without an acceleration inertia is neglected.
+        """
         moved = np.zeros_like(q) if self._q is None else q - self._q
         self._q = q
         sign = np.sign(moved)
@@ -109,5 +131,6 @@ class LiveFriction:
             -np.abs(moved) / self._hold))
         self._direction = np.where(self._holds, kept,
                                    smooth_sign(qd, self._width, self._ramp))
-        return np.asarray(self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
-                          + self._size[OFFSET])
+        torque = (self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
+                  + self._size[OFFSET])
+        return np.asarray(torque if qdd is None else torque + self._inertia @ qdd)

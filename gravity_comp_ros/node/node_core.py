@@ -14,6 +14,7 @@ from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionErro
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
+from gravity_comp_ros.node.delayed_samples import SlowSample
 from gravity_comp_ros.node.fit_requests import Reply
 from gravity_comp_ros.node.learner import can_change, Learner
 from gravity_comp_ros.node.live_friction import expected_residual
@@ -129,11 +130,11 @@ class NodeCore:
         if arm is None:
             return
         if reading.new_run:
-            arm.gate.reset()
-            arm.health.restart()
-            arm.payload.restart()
+            arm.restart()
         if isinstance(reading, CompleteReading) and arm.accepts_samples(now):
-            self._offer(arm, reading, now)
+            self._filter(arm, reading, now)
+            for sample in arm.delayed.due(reading.t):
+                self._offer(arm, sample, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
@@ -169,12 +170,18 @@ class NodeCore:
                 f'base outwards it is {", ".join(order.joints)} ({order.source}): set the '
                 'parameter joints to that order, or no chain explains this arm'))
 
-    def _offer(self, arm: Arm, reading: CompleteReading, now: float) -> None:
+    def _filter(self, arm: Arm, reading: CompleteReading, now: float) -> None:
+        """Keep a slow reading until its acceleration can be measured."""
+        arm.delayed.add_velocity(reading.t, reading.qd)
         reason = arm.gate.offer(reading.t, reading.q, reading.qd)
-        if reason is not None:
-            if reason != RATE:
-                arm.gate_counts[reason] += 1
-            return
+        if reason is None:
+            arm.delayed.hold(reading, arm.sent.before(now))
+        elif reason != RATE:
+            arm.gate_counts[reason] += 1
+
+    def _offer(self, arm: Arm, sample: SlowSample, now: float) -> None:
+        """Learn from a slow sample, and compare the model in use with it."""
+        reading = sample.reading
         predicted = arm.predicted(reading)
         model = self.models.model
         fault = arm.health.fault(reading.q, reading.tau, predicted,
@@ -182,9 +189,9 @@ class NodeCore:
         if fault is not None:
             arm.count_broken_effort(fault)
             return
-        arm.epoch.offer(reading.t, reading.q, reading.qd, reading.tau, arm.sent.before(now))
+        arm.epoch.offer(reading.t, reading.q, reading.qd, reading.tau, sample.qdd, sample.sent)
         if predicted is not None:
-            arm.record_residual(reading, predicted)
+            arm.record_residual(sample, predicted)
             if (objection := arm.objection()) is not None:
                 self.learner.roll_back_automatically(arm, objection, now)
 

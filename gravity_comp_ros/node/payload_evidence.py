@@ -21,8 +21,6 @@ where * is the product entry by entry; the mass of a weight is constant.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
@@ -32,7 +30,8 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.node.base_chain import changed_by_payload, without_friction
 from gravity_comp_ros.node.effort_plausibility import reference_noise
-from gravity_comp_ros.node.live_friction import expected_residual, residual_noise
+from gravity_comp_ros.node.live_friction import (
+    expected_residual, residual_noise, without_nuisance)
 from gravity_comp_ros.node.payload import PARTS, PayloadFinding, PayloadLimits
 from gravity_comp_ros.node.payload_test import axes_under, objections, PayloadEvidence
 import numpy as np
@@ -72,9 +71,9 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
     :param geometry: axes of the arm where they are known; used if the chain has these axes.
     """
     geometry = axes_under(chain, geometry)
-    gravity = replace(samples, tau=samples.tau - effect_torque(model, samples)
-                      - nuisance_torque(model.nuisance, samples))
-    window = _Window(gravity, samples.tau - gravity.tau, model, chain, limits, geometry)
+    others = effect_torque(model, samples) + nuisance_torque(model.nuisance, samples)
+    gravity = without_nuisance(model, samples, others)
+    window = _Window(gravity, others, model, chain, limits, geometry)
     evidence = window.body_evidence()
     explained = window.explained(
         np.arange(len(samples)) * PARTS // len(samples) == np.arange(PARTS)[:, None])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -57,6 +57,7 @@ class _Row:
     q: FloatArray
     qd: FloatArray
     tau: FloatArray
+    qdd: FloatArray
     ratio: FloatArray
     is_large: bool
 
@@ -93,9 +94,9 @@ class PayloadWatch:
         self.suspicion, self.other = None, ''
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
-              ratio: FloatArray) -> None:
+              qdd: FloatArray, ratio: FloatArray) -> None:
         """
-        Add a slow sample at a pose within the trained range.
+        Add a slow sample at a pose within the trained range; arrays (N,) as in `JointSamples`.
 
         :param ratio: residual without friction in units of noise (N,).
         """
@@ -103,7 +104,7 @@ class PayloadWatch:
         if rows and (t < rows[-1].t + 0.9 * PERIOD or
                      float(np.abs(q - rows[-1].q).max()) < _MIN_MOTION):
             return
-        rows.append(_Row(t, q, qd, tau, ratio, float(np.abs(ratio).max()) > _LARGE))
+        rows.append(_Row(t, q, qd, tau, qdd, ratio, float(np.abs(ratio).max()) > _LARGE))
         self._wait = max(0, self._wait - 1)
         self._due = self._due_lengths()
         if (self.suspicion is not None or self.other) and len(rows) >= MIN_WINDOW:
@@ -124,9 +125,9 @@ class PayloadWatch:
         self._duration = rows[-1].t - rows[0].t
         picked = np.unique(
             np.linspace(0, length - 1, min(length, MAX_WINDOW)).round().astype(int))
-        t, q, qd, tau = (np.array(column) for column in zip(
-            *((row.t, row.q, row.qd, row.tau) for row in (rows[k] for k in picked))))
-        return JointSamples.single_run(self._names, t, q, qd, tau, 'live')
+        t, q, qd, tau, qdd = (np.array(column) for column in zip(
+            *((row.t, row.q, row.qd, row.tau, row.qdd) for row in (rows[k] for k in picked))))
+        return replace(JointSamples.single_run(self._names, t, q, qd, tau, 'live'), qdd=qdd)
 
     def add_finding(self, finding: PayloadFinding, since: float) -> Suspicion | None:
         """Record a finding; return a suspicion if it is new and has lasted long enough."""
