@@ -24,8 +24,8 @@ import numpy as np
 _ROBUST_ROUNDS = 3
 _ROUGH = SearchOptions(starts=24, rivals=0)
 _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
-# Maximum number of selections of nuisance terms: a local minimum may hide significant terms, so
-# they are tested again while the residual is not white.
+# Maximum number of selections of friction shapes and nuisance terms: a local minimum may hide
+# significant terms, so they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
 # Samples of the first search, and of those that follow while the residual is not white, as shares
 # of the recording: the wrong minima of other samples are others.
@@ -110,15 +110,15 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
         part = _part(regression, *_PARTS[seed]).thinned(_MAX_SEARCH_SAMPLES)
         first = _search(part, known, start, seed)
         chain, starts = first.chain, first.starts
-    regression = _refined(regression, chain)
-    all_terms, selected = regression, None
+    last = None
     for _ in range(_MAX_SELECTIONS):
+        all_terms = _refined(regression, chain)
         rough = _fit(all_terms.thinned(_MAX_TEST_SAMPLES), chain, known)
         k = regression.n_effects
-        last, selected = selected, significant(rough.nuisance[k:],
-                                               rough.nuisance_covariance[k:, k:])
-        if selected == last:
+        selected = significant(rough.nuisance[k:], rough.nuisance_covariance[k:, k:])
+        if (selected, all_terms.nuisance.shapes) == last:
             break
+        last = selected, all_terms.nuisance.shapes
         regression = all_terms.with_terms(selected)
         fit = _fit(regression, rough.chain, known, _WARM if warm else _FINAL)
         chain = fit.chain
