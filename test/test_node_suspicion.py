@@ -13,7 +13,7 @@ from gravity_comp_ros.models.nuisance import (
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.fit_messages import PayloadJob
 from gravity_comp_ros.node.fit_worker import run_payload_test
-from gravity_comp_ros.node.live_friction import (
+from gravity_comp_ros.node.live_nuisance import (
     expected_residual, interleaved_nuisance, LiveNuisance, residual_noise)
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD

@@ -80,11 +80,11 @@ class RecentVelocity:
     """
     Velocities of the last messages, for accelerations while samples arrive.
 
-    These are the accelerations that `with_accelerations` computes from a recording.
+    The cubic is that of `with_accelerations`, without interpolation on a regular grid.
     """
 
     def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
-        self._options = DifferentiationOptions(window=options.window)
+        self._half = 0.5 * options.window
         # Messages after a sample arrive while it waits for them.
         self._span = 1.5 * options.window
         self._recent: deque[tuple[float, FloatArray]] = deque()
@@ -101,15 +101,14 @@ class RecentVelocity:
 
     def acceleration(self, t: float) -> FloatArray | None:
         """
-        Return the acceleration (N,) in rad/s^2 at the time t in s of one of the velocities.
+        Return the acceleration (N,) in rad/s^2 at the time t in s.
 
         None if the messages around it do not resolve quick starts and stops.
         """
-        half = 0.5 * self._options.window + 1e-9
-        near = [entry for entry in self._recent if abs(entry[0] - t) <= half]
-        times = np.array([time for time, _ in near])
-        here = np.flatnonzero(times == t)
-        if not here.size or len(near) < 2 or np.median(np.diff(times)) > _MAX_INTERVAL:
+        near = [entry for entry in self._recent if abs(entry[0] - t) <= self._half + 1e-9]
+        times = (np.array([time for time, _ in near]) - t) / self._half
+        if len(near) < 2 or np.median(np.diff(times)) * self._half > _MAX_INTERVAL:
             return None
-        slope = differentiate(times, np.array([qd for _, qd in near]), self._options)[here[0]]
-        return slope if np.isfinite(slope).all() else None
+        powers = np.vander(times, min(len(near), 4), increasing=True)
+        cubic = np.linalg.lstsq(powers, np.array([qd for _, qd in near]), rcond=None)[0]
+        return np.asarray(cubic[1] / self._half)

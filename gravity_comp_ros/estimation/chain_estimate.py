@@ -133,8 +133,8 @@ def _without_insignificant(regression: Regression, fit: ChainFit, known: FloatAr
     """
     Return the fit without nuisance terms that are insignificant in it.
 
-    A term that was significant beside all others may not be without these, and an offset that the
-    samples do not determine is an error of gravity.
+    A term may be significant only in a fit with all others. An offset that the samples do not
+    determine is an error of gravity.
     """
     k = regression.n_effects
     kept = significant(fit.nuisance[k:], fit.nuisance_covariance[k:, k:])

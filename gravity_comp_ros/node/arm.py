@@ -16,7 +16,7 @@ from gravity_comp_ros.node.delayed_samples import DelayedSamples, SlowSample
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
-from gravity_comp_ros.node.live_friction import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.live_nuisance import expected_residual, LiveNuisance, residual_noise
 from gravity_comp_ros.node.messages import (
     JointStateReader, Reading, TIME_BACK, TIME_STILL)
 from gravity_comp_ros.node.model_watch import ModelWatch

@@ -174,9 +174,9 @@ def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArr
 
     :param span: range of motion in this epoch (N,), rad.
     :param residual: RMS over the slow samples since the last report (2, N), N·m, of measured
-        minus predicted torque, with and without friction and offset; None without samples.
-    :param noise: residual of the training, and expected residual without friction (2, N), N·m;
-        None without a model.
+        minus predicted torque, with and without nuisance terms; None without samples.
+    :param noise: residual of the training, and expected residual without nuisance terms (2, N),
+        N·m; None without a model.
     :param outside: distance outside the trained range (N,), rad; None without a model.
     :param is_closed: whether the epoch is closed; in an open epoch a large residual is expected.
     """

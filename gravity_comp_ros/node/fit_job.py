@@ -22,7 +22,7 @@ from gravity_comp_ros.node.effort_plausibility import (
     dead_joint_objection, first_model_objection, lost_gravity_objection, objection_without_chain,
     reference_noise)
 from gravity_comp_ros.node.fit_messages import FitJob, FitResult
-from gravity_comp_ros.node.live_friction import (
+from gravity_comp_ros.node.live_nuisance import (
     expected_residual, interleaved_nuisance, moving_rms, residual_noise, rms, without_nuisance)
 from gravity_comp_ros.node.model_acceptance import compare_models, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.node.live_friction import moving_rms, rms
+from gravity_comp_ros.node.live_nuisance import moving_rms, rms
 import numpy as np
 
 # Share of a joint's effort variance explained by pose below which the effort has no gravity.
@@ -20,7 +20,7 @@ class Prediction:
     """
     A model's torque at training and held-out samples (M, N), and its noise (N,), N·m.
 
-    `nuisance_train` and `nuisance_held_out` are the friction and offset that it was fitted with.
+    `nuisance_train` and `nuisance_held_out` are the nuisance torque that it was fitted with.
     They count as explained, but not as gravity.
     """
 

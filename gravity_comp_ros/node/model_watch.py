@@ -11,7 +11,7 @@ from collections import deque
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.node.live_friction import expected_residual
+from gravity_comp_ros.node.live_nuisance import expected_residual
 import numpy as np
 
 # Number of slow samples that are evaluated together, three seconds at the default rate.

@@ -17,7 +17,7 @@ from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.delayed_samples import SlowSample
 from gravity_comp_ros.node.fit_requests import Reply
 from gravity_comp_ros.node.learner import can_change, Learner
-from gravity_comp_ros.node.live_friction import expected_residual
+from gravity_comp_ros.node.live_nuisance import expected_residual
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters

@@ -16,7 +16,7 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.update import payload_change_weights
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.node.live_friction import moving_rms, REST_SPEED
+from gravity_comp_ros.node.live_nuisance import moving_rms, REST_SPEED
 from gravity_comp_ros.node.self_confirmation import SentTorque
 import numpy as np
 

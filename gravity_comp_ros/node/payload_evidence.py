@@ -30,7 +30,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.node.base_chain import changed_by_payload, without_friction
 from gravity_comp_ros.node.effort_plausibility import reference_noise
-from gravity_comp_ros.node.live_friction import (
+from gravity_comp_ros.node.live_nuisance import (
     expected_residual, residual_noise, without_nuisance)
 from gravity_comp_ros.node.payload import PARTS, PayloadFinding, PayloadLimits
 from gravity_comp_ros.node.payload_test import axes_under, objections, PayloadEvidence

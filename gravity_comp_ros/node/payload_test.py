@@ -15,7 +15,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.live_friction import moving_rms, rms
+from gravity_comp_ros.node.live_nuisance import moving_rms, rms
 from gravity_comp_ros.node.payload import PayloadLimits
 import numpy as np
 

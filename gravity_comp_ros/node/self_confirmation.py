@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
-from gravity_comp_ros.node.live_friction import rms
+from gravity_comp_ros.node.live_nuisance import rms
 import numpy as np
 
 # Possible delays of a driver from command to reported effort, s.
