@@ -45,6 +45,18 @@ def test_the_filter_is_that_of_savitzky_and_golay(count, rate):
     np.testing.assert_allclose(differentiate(t, q), expected, atol=1e-9)
 
 
+@pytest.mark.parametrize(('count', 'few'), [(2000, 30), (2000, 1), (300, 29), (40, 20)])
+def test_some_samples_have_the_velocity_of_all(count, few):
+    rng = np.random.default_rng(few)
+    t = np.cumsum(rng.uniform(0.8e-2, 1.2e-2, count)) + 5.0 * (np.arange(count) > count // 3)
+    q = rng.standard_normal((count, 3))
+    rows = np.sort(rng.choice(count, few, replace=False))
+    rows[0], rows[-1] = min(rows[0], 1), count - 1
+    np.testing.assert_allclose(differentiate(t, q, rows=rows), differentiate(t, q)[rows],
+                               atol=1e-9)
+    assert differentiate(t, q, rows=rows[:0]).shape == (0, 3)
+
+
 def test_noise_of_the_encoder_stays_small():
     t = np.arange(0, 10, 0.001)
     noise = 1e-4 * np.random.default_rng(0).standard_normal((t.size, 1))

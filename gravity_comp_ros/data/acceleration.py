@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.data.runs import rows_of, run_slices
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -48,13 +48,7 @@ def accelerations(samples: JointSamples,
     """
     if samples.qdd is not None:
         return samples.qdd
-    qdd = np.zeros_like(samples.qd)
-    if not samples.qd.any():
-        return qdd
-    how = DifferentiationOptions(window=options.window)
-    for run in run_slices(samples):
-        qdd[run] = differentiate(samples.t[run], samples.qd[run], how)
-    return np.nan_to_num(qdd, nan=0.0)
+    return _slopes(samples, np.arange(samples.n_samples), options)
 
 
 def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
@@ -66,8 +60,20 @@ def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSample
     """
     if part.qdd is not None or not is_resolved(samples):
         return part
-    qdd = accelerations(checked_velocity(samples)[0])
-    return replace(part, qdd=qdd if part is samples else qdd[rows_of(samples, part)])
+    rows = np.arange(len(samples)) if part is samples else rows_of(samples, part)
+    return replace(part, qdd=_slopes(checked_velocity(samples)[0], rows, AccelerationOptions()))
+
+
+def _slopes(samples: JointSamples, rows: IntArray, options: AccelerationOptions) -> FloatArray:
+    """Return the slope (R, N) of qd at samples number `rows`, rising, within each run."""
+    qdd = np.zeros((len(rows), samples.n_joints))
+    if not samples.qd.any():
+        return qdd
+    how = DifferentiationOptions(window=options.window)
+    for run in run_slices(samples):
+        here = slice(*np.searchsorted(rows, [run.start, run.stop]))
+        qdd[here] = differentiate(samples.t[run], samples.qd[run], how, rows[here] - run.start)
+    return np.nan_to_num(qdd, nan=0.0)
 
 
 def is_resolved(samples: JointSamples) -> bool:
