@@ -109,12 +109,13 @@ class RecentVelocity:
         """
         Return the acceleration (N,) in rad/s^2 at the time t in s.
 
-        None if the messages around it do not resolve quick starts and stops.
+        None if the messages on either side do not resolve quick starts and stops.
         """
         near = [entry for entry in self._recent if abs(entry[0] - t) <= self._half + 1e-9]
         times = (np.array([time for time, _ in near]) - t) / self._half
-        if len(near) < 2 or np.median(np.diff(times)) * self._half > _MAX_INTERVAL:
+        has_both_sides = len(near) >= 4 and times[0] < -0.5 and times[-1] > 0.5
+        if not has_both_sides or np.median(np.diff(times)) * self._half > _MAX_INTERVAL:
             return None
-        powers = np.vander(times, min(len(near), 4), increasing=True)
+        powers = np.vander(times, 4, increasing=True)
         cubic = np.linalg.lstsq(powers, np.array([qd for _, qd in near]), rcond=None)[0]
         return np.asarray(cubic[1] / self._half)
