@@ -77,9 +77,13 @@ def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
 
 def with_findings(model: gc.Model, recording: gc.Recording,
                   findings: Sequence[gc.Finding]) -> gc.Model:
-    """Return the model refitted with the effects of findings, to all samples."""
+    """Return the model refitted with the effects of findings, unchanged if it is refused."""
     targets = [target(f.effect, f.joint) for f in findings if f.effect]
-    return gc.add_effects(model, recording, targets, all_samples=True) if targets else model
+    try:
+        return gc.add_effects(model, recording, targets, all_samples=True) if targets else model
+    except gc.GravityCompError as problem:
+        print(f'    refused: {problem}')
+        return model
 
 
 def show(title: str, model: gc.Model, recording: gc.Recording) -> None:

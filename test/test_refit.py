@@ -145,6 +145,9 @@ def test_rows_of_finds_every_sample_of_a_selection():
 def test_a_chain_includes_the_tilt_of_its_base():
     with pytest.raises(DataError, match='first axis'):
         added(fitted('chain'), 'base_tilt')
+    result = added(fitted('chain'), 'base_tilt', 'coulomb_friction:shoulder')
+    assert result.added == ('coulomb_friction:shoulder',)
+    assert 'fitted again' in result.skipped['base_tilt']
 
 
 def test_requests_are_expanded_and_corrected():

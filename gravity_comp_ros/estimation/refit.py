@@ -90,9 +90,11 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     picked = evenly_picked(samples.n_samples, _MAX_SAMPLES)
     samples, use = samples.select(picked), None if use is None else use[picked]
     report('motion', 0.0)
+    effects, left_out = _without_tilt(model, effects)
     base = _base(samples, model, effects)
     motion = build_motion(samples, base)
     new, skipped = _new_terms(motion, model, effects)
+    skipped.update(left_out)
     if effects and not new:
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
     old, kept = _old_terms(motion, model)
@@ -106,8 +108,8 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     if optional and len(optional) < len(new):
         rest = [r for r in effects if r.target not in optional]
         result = refit(samples, model, rest, options, use, progress)
-        left_out = {name: implausible[name] for name in sorted(optional)}
-        return replace(result, skipped={**result.skipped, **left_out})
+        unphysical = {name: implausible[name] for name in sorted(optional)}
+        return replace(result, skipped={**result.skipped, **left_out, **unphysical})
     report('held-out error', 0.6)
     residuals = _held_out_residuals(work, fitted, old, chosen, kept, known, report)
     blocks = cut(samples.select(work.rows), residuals[1])
@@ -217,6 +219,25 @@ def _check_not_worse(before: GravityModel, after: GravityModel, motion: Motion,
                        f'fewer effects')
 
 
+def _without_tilt(model: GravityModel, effects: Sequence[Request]
+                  ) -> tuple[Sequence[Request], dict[str, str]]:
+    """
+    Return the effects without a base tilt if gravity is a chain, and the reason for omitting it.
+
+    :raises DataError: if nothing else is wanted.
+    """
+    rest = [request for request in effects if request.effect.name != _TILT]
+    is_chain = model.chain is not None or (
+        model.geometry is None and any(request.effect.name == _DYNAMICS for request in rest))
+    if not is_chain or len(rest) == len(effects):
+        return effects, {}
+    if not rest:
+        raise DataError(f'{_TILT} cannot be added: the first axis of a chain includes the tilt '
+                        f'of its base. Fit gravity again, with all recordings that show the tilt')
+    return rest, {_TILT: 'the first axis of a chain includes the tilt of its base, and gravity is '
+                         'fitted again'}
+
+
 def _base(samples: JointSamples, model: GravityModel,
           effects: Sequence[Request]) -> GravityModel:
     """
@@ -229,12 +250,7 @@ def _base(samples: JointSamples, model: GravityModel,
         chain = fit(samples, FitOptions('chain')).model
         model = replace(chain, applied=model.applied, history=model.history,
                         provenance=model.provenance)
-    if _TILT not in names or model.energy is None:
-        return model
-    if model.chain is not None:
-        raise DataError(f'{_TILT} cannot be added: the first axis of a chain includes the tilt '
-                        f'of its base already')
-    return levelled(model, samples.q)
+    return levelled(model, samples.q) if _TILT in names and model.energy is not None else model
 
 
 def _new_terms(motion: Motion, model: GravityModel,
