@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation import robust
-from gravity_comp_ros.estimation.nuisance_columns import fitted_shapes, significant
+from gravity_comp_ros.estimation.nuisance_columns import (
+    fitted_shapes, NuisanceColumns, significant)
 from gravity_comp_ros.estimation.regression import Regression
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions, STRUCTURE_LIMIT
 from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.nuisance import COULOMB
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 
@@ -27,6 +29,10 @@ _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 # Maximum number of selections of friction shapes and nuisance terms: a local minimum may hide
 # significant terms, so they are tested again while the residual is not white.
 _MAX_SELECTIONS = 3
+# Maximum difference of the log width or distance of similar friction shapes.
+_SIMILAR_WIDTH = 0.3
+# Minimum decrease of the log residual by a selection for which another one follows.
+_MIN_SELECTION_GAIN = 0.02
 # Samples of the first search, and of those that follow while the residual is not white, as shares
 # of the recording: the wrong minima of other samples are others.
 _PARTS = ((0.0, 1.0), (0.0, 0.7), (0.3, 1.0))
@@ -110,22 +116,38 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
         part = _part(regression, *_PARTS[seed]).thinned(_MAX_SEARCH_SAMPLES)
         first = _search(part, known, start, seed)
         chain, starts = first.chain, first.starts
-    last = None
+    last: NuisanceColumns | None = None
+    best: tuple[float, Regression, ChainFit] | None = None
     for _ in range(_MAX_SELECTIONS):
         all_terms = _refined(regression, chain)
         rough = _fit(all_terms.thinned(_MAX_TEST_SAMPLES), chain, known)
         k = regression.n_effects
         selected = significant(rough.nuisance[k:], rough.nuisance_covariance[k:, k:])
-        if (selected, all_terms.nuisance.shapes) == last:
-            break
-        last = selected, all_terms.nuisance.shapes
         regression = all_terms.with_terms(selected)
-        fit = _fit(regression, rough.chain, known, _WARM if warm else _FINAL)
-        chain = fit.chain
-        if (fit.inflation == 1.0).all():
+        if last is not None and _are_similar(last, regression.nuisance):
             break
-    regression, fit = _without_insignificant(regression, fit, known)
+        last = regression.nuisance
+        fit = _fit(regression, rough.chain, known, _WARM if warm else _FINAL)
+        chain, size = fit.chain, _log_residual(fit, regression)
+        gain = np.inf if best is None else best[0] - size
+        if gain > 0.0:
+            best = size, regression, fit
+        if (fit.inflation == 1.0).all() or gain < _MIN_SELECTION_GAIN:
+            break
+    assert best is not None
+    regression, fit = _without_insignificant(*best[1:], known)
     return ChainEstimate(replace(fit, starts=starts), regression)
+
+
+def _are_similar(one: NuisanceColumns, other: NuisanceColumns) -> bool:
+    """Return whether two selections have the same terms and nearly the same friction shapes."""
+    if one.columns != other.columns:
+        return False
+    pairs = [(one.shapes[c.joint], other.shapes[c.joint]) for c in one.columns
+             if c.kind == COULOMB]
+    return all(a.ramp == b.ramp and (a.hold > 0.0) == (b.hold > 0.0) and
+               abs(np.log((a.hold or a.width) / (b.hold or b.width))) < _SIMILAR_WIDTH
+               for a, b in pairs)
 
 
 def _without_insignificant(regression: Regression, fit: ChainFit, known: FloatArray | None
