@@ -1,4 +1,4 @@
-"""Messages for `NodeCore` without ROS, and waiting for its fits."""
+"""Messages for `NodeCore` without ROS, its fits, and waiting."""
 
 import time
 
@@ -20,6 +20,23 @@ def send_message(node, message, now, arrival=0.0):
     if reading is not None:
         node.learn(reading, now)
     return reading, tau
+
+
+def play(node, samples, start=1.0):
+    """Send samples, the first one at `start` s; return the time of the last one."""
+    for t, q, qd, tau in zip(samples.t - samples.t[0] + start, samples.q, samples.qd,
+                             samples.tau):
+        send_message(node, joint_state(samples.names, float(t), q, qd, tau), float(t))
+    return float(samples.t[-1] - samples.t[0] + start)
+
+
+def refit(node):
+    """Request a fit of a `NodeCore`, and wait for it; return the reply."""
+    until(node, lambda: node.learner.fits.state == 'ready')
+    replies = []
+    node.refit(time.monotonic(), lambda *reply: replies.append(reply))
+    until(node, lambda: replies)
+    return replies[0]
 
 
 def until(node, condition, seconds=60.0):

@@ -1,7 +1,6 @@
 """Inertia in the node: samples wait for later messages, which determine their acceleration."""
 
 from dataclasses import replace
-import time
 
 from gravity_comp_ros.data.acceleration import with_accelerations
 from gravity_comp_ros.data.gate import slow_samples
@@ -17,7 +16,7 @@ from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
-from node_messages import joint_state, send_message, until
+from node_messages import play, refit
 import numpy as np
 import pytest
 
@@ -35,22 +34,6 @@ def error(model, samples):
     """Return the RMS error in N·m of gravity of the worst joint over the range of samples."""
     q = np.random.default_rng(0).uniform(samples.q.min(axis=0), samples.q.max(axis=0), (300, 7))
     return np.sqrt(((model.predict(q) - gravity_torque(ARM, q)) ** 2).mean(axis=0)).max()
-
-
-def play(node, samples):
-    """Send the samples as messages; return the time of the last one."""
-    for t, q, qd, tau in zip(samples.t + 1.0, samples.q, samples.qd, samples.tau):
-        send_message(node, joint_state(ARM.joints, float(t), q, qd, tau), float(t), 0.0)
-    return float(samples.t[-1] + 1.0)
-
-
-def refit(node):
-    """Request a fit, and wait until its model is in use."""
-    until(node, lambda: node.learner.fits.state == 'ready')
-    replies = []
-    node.refit(time.monotonic(), lambda *reply: replies.append(reply))
-    until(node, lambda: replies)
-    assert replies[0][0], replies
 
 
 @pytest.fixture
@@ -93,6 +76,13 @@ def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     node.payload_changed(now)
     assert node.arm.epoch.n_samples == 0
     assert not node.arm.delayed.due(1e9)
+    learned = play(node, samples, now + 0.02)
+    before = node.arm.epoch.n_samples
+    # The clock is set back: the last five messages are rejected at first.
+    play(node, samples.select(np.arange(6)), 1.0)
+    assert learned and node.arm.epoch.n_samples == before
+    waiting = node.arm.delayed.due(1e9)
+    assert [sample.reading.t for sample in waiting] == [pytest.approx(1.08)]
     delayed = DelayedSamples()
     zero = np.zeros(7)
     delayed.add_velocity(0.0, zero)
@@ -109,7 +99,8 @@ def test_the_node_learns_inertia_and_gravity_is_more_accurate(live):
     for seed in (64, 70, 72):
         node = live(auto_fit=False, formulation='chain')
         play(node, recorded(seed))
-        refit(node)
+        success, text = refit(node)
+        assert success, text
         model, train = node.models.model, node.arm.epoch.train()
         inertia = model.nuisance.of(INERTIA)
         assert all(0.5 < inertia[name].value < 8.0 for name in ARM.joints[:2] if name in inertia)

@@ -13,64 +13,46 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import sys
-import time
 
 from bench.closed_loop.arm import BUILDS, MujocoArm, SlowPath
 from bench.closed_loop.open_loop import box_poses, error, LOAD, record
-from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'test'))
-# Start of the stamps and pause between two parts, s.
-START, PAUSE = 1.0, 0.01
+# Pause between two parts, s.
+PAUSE = 0.01
 
 
-class Replay:
-    """A node without ROS that receives samples as joint states."""
-
-    def __init__(self) -> None:
-        self.node = NodeCore(Parameters(unlimited_torque=True, settle_time=0.0, auto_fit=False),
-                             '/joint_states', 0.0)
-        self.now = START
-
-    def play(self, samples: JointSamples) -> None:
-        """Send samples after those before."""
-        from node_messages import joint_state, send_message
-        for t, q, qd, tau in zip(samples.t - samples.t[0] + self.now, samples.q, samples.qd,
-                                 samples.tau):
-            send_message(self.node, joint_state(samples.names, float(t), q, qd, tau), float(t))
-        self.now += float(samples.t[-1] - samples.t[0]) + PAUSE
-
-    def fitted(self):
-        """Return the model in use after a fit of the samples since the payload changed."""
-        from node_messages import until
-        until(self.node, lambda: self.node.learner.fits.state == 'ready')
-        replies: list[tuple[bool, str]] = []
-        self.node.refit(time.monotonic(), lambda *reply: replies.append(reply))
-        until(self.node, lambda: replies)
-        if not replies[0][0]:
-            print(f'       refused: {replies[0][1]}', flush=True)
-        return self.node.models.model
+def fitted(node: NodeCore):
+    """Return the model in use after a fit of the samples since the payload changed."""
+    from node_messages import refit
+    success, text = refit(node)
+    if not success:
+        print(f'       refused: {text}', flush=True)
+    return node.models.model
 
 
 def measure(build: str, seed: int) -> list[float]:
     """Return the errors of one arm and one path in N·m, nan without a model."""
+    from node_messages import play
     bare, loaded = MujocoArm(build, None, seed), MujocoArm(build, LOAD, seed + 100)
     path = SlowPath.random(len(bare.joints), seed)
     first, second = record(bare, path, 0.0, 75.0), record(loaded, path, 75.0, 75.0)
-    poses, replay = box_poses(first), Replay()
+    poses = box_poses(first)
+    node = NodeCore(Parameters(unlimited_torque=True, settle_time=0.0, auto_fit=False),
+                    '/joint_states', 0.0)
     try:
-        replay.play(first)
-        models = [(replay.fitted(), bare)]
-        replay.node.payload_changed(replay.now)
+        now = play(node, first)
+        models = [(fitted(node), bare)]
+        node.payload_changed(now)
         for part in (second.t < 90.0, second.t >= 90.0):
-            replay.play(second.select(part))
-            models.append((replay.fitted(), loaded))
+            now = play(node, second.select(part), now + PAUSE)
+            models.append((fitted(node), loaded))
     finally:
-        replay.node.close()
+        node.close()
     return [np.nan if model is None else error(model, arm, poses) for model, arm in models]
 
 

@@ -31,7 +31,7 @@ GUIDED_RATE = 50.0
 # Torque error allowed in addition to that of the old model, N·m.
 ALLOWED_ERROR = 1.0
 # Rate limit of the torque, N·m/s, for motion that is sent faster than its stamps.
-RATE = 1e6
+RATE = 10000.0
 # Maximum torque change between two poses, N·m.
 MAX_STEP = 20.0
 PARAMETERS: dict[str, object] = {

@@ -76,6 +76,5 @@ def in_one_run(samples: JointSamples, order: IntArray) -> JointSamples:
     :raises DataError: if their time does not increase.
     """
     qdd = None if samples.qdd is None else samples.qdd[order]
-    return JointSamples(samples.names, samples.t[order], samples.q[order], samples.qd[order],
-                        samples.tau[order], np.zeros(len(order), dtype=np.int64), ('live',), (),
-                        qdd)
+    return JointSamples.single_run(samples.names, samples.t[order], samples.q[order],
+                                   samples.qd[order], samples.tau[order], 'live', qdd=qdd)

@@ -92,8 +92,8 @@ class JointSamples:
 
     @classmethod
     def single_run(cls, names: Sequence[str], t: ArrayLike, q: ArrayLike, qd: ArrayLike,
-                   tau: ArrayLike, label: str = 'run',
-                   start: float | None = None) -> JointSamples:
+                   tau: ArrayLike, label: str = 'run', start: float | None = None,
+                   qdd: ArrayLike | None = None) -> JointSamples:
         """
         Return the samples of one run; arrays as in the class.
 
@@ -103,7 +103,8 @@ class JointSamples:
         return cls(tuple(names), t, np.asarray(q, dtype=np.float64),
                    np.asarray(qd, dtype=np.float64), np.asarray(tau, dtype=np.float64),
                    np.zeros(t.shape, dtype=np.int64), (label,),
-                   () if start is None else (start,))
+                   () if start is None else (start,),
+                   None if qdd is None else np.asarray(qdd, dtype=np.float64))
 
     @classmethod
     def single_sample(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:

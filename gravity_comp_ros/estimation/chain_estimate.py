@@ -121,9 +121,7 @@ def _estimate(regression: Regression, known: FloatArray | None, start: Chain | N
     for _ in range(_MAX_SELECTIONS):
         all_terms = _refined(regression, chain)
         rough = _fit(all_terms.thinned(_MAX_TEST_SAMPLES), chain, known)
-        k = regression.n_effects
-        selected = significant(rough.nuisance[k:], rough.nuisance_covariance[k:, k:])
-        regression = all_terms.with_terms(selected)
+        regression = _with_significant(all_terms, rough)
         if last is not None and _are_similar(last, regression.nuisance):
             break
         last = regression.nuisance
@@ -158,12 +156,16 @@ def _without_insignificant(regression: Regression, fit: ChainFit, known: FloatAr
     A term may be significant only in a fit with all others. An offset that the samples do not
     determine is an error of gravity.
     """
-    k = regression.n_effects
-    kept = significant(fit.nuisance[k:], fit.nuisance_covariance[k:, k:])
-    if len(kept) == len(fit.nuisance) - k:
+    fewer = _with_significant(regression, fit)
+    if fewer.nuisance.columns == regression.nuisance.columns:
         return regression, fit
-    regression = regression.with_terms(kept)
-    return regression, _fit(regression, fit.chain, known, _WARM)
+    return fewer, _fit(fewer, fit.chain, known, _WARM)
+
+
+def _with_significant(regression: Regression, fit: ChainFit) -> Regression:
+    """Return the regression with the nuisance terms that are significant in a fit of it."""
+    k = regression.n_effects
+    return regression.with_terms(significant(fit.nuisance[k:], fit.nuisance_covariance[k:, k:]))
 
 
 def _part(regression: Regression, start: float, end: float) -> Regression:

@@ -102,15 +102,15 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None) -> UpdateResult:
     # Friction, offsets and inertia identified before the change are kept, and inertia is part of
     # the torque of a nominal arm.
-    has_motion = geometry is not None and not any(
-        effect.name in MOTION_EFFECTS for effect in model.applied.effects)
-    kept = model.nuisance.without(INERTIA) if has_motion else model.nuisance
+    nominal = None if any(effect.name in MOTION_EFFECTS for effect in model.applied.effects) \
+        else geometry
+    kept = model.nuisance if nominal is None else model.nuisance.without(INERTIA)
     samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     reversal = sigma ** 2 / (sigma ** 2 + reversal_std(kept, measured) ** 2)
     new = _new_samples(model, samples, sigma, reversal)
-    if has_motion and geometry is not None:
-        samples = _without_motion(model, samples, new, geometry)
+    if nominal is not None:
+        samples = _without_motion(model, samples, new, nominal)
         new = _new_samples(model, samples, sigma, reversal)
     step = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 import io
 import json
 from pathlib import Path
@@ -44,8 +44,8 @@ class Store:
                 qdd = file['qdd']
             report = ReadReport(**{**head['report'], 'path': Path(head['report']['path']),
                                    'notes': tuple(head['report']['notes'])})
-            samples = JointSamples.single_run(head['names'], **arrays, label=head['label'])
-            samples = replace(samples, qdd=qdd if len(qdd) else None)
+            samples = JointSamples.single_run(head['names'], **arrays, label=head['label'],
+                                              qdd=qdd if len(qdd) else None)
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError,
                 GravityCompError):
             return None

@@ -82,7 +82,7 @@ def interleaved_nuisance(model: GravityModel, train: JointSamples,
 def without_nuisance(model: GravityModel, samples: JointSamples,
                      torque: FloatArray) -> JointSamples:
     """
-    Return the samples minus the torque (M, N) in N·m of a model's nuisance terms.
+    Return the samples minus a torque (M, N) in N·m that includes a model's nuisance terms.
 
     If the model has inertia terms, the rest has no inertia: the accelerations are then 0.
     """

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -127,7 +127,7 @@ class PayloadWatch:
             np.linspace(0, length - 1, min(length, MAX_WINDOW)).round().astype(int))
         t, q, qd, tau, qdd = (np.array(column) for column in zip(
             *((row.t, row.q, row.qd, row.tau, row.qdd) for row in (rows[k] for k in picked))))
-        return replace(JointSamples.single_run(self._names, t, q, qd, tau, 'live'), qdd=qdd)
+        return JointSamples.single_run(self._names, t, q, qd, tau, 'live', qdd=qdd)
 
     def add_finding(self, finding: PayloadFinding, since: float) -> Suspicion | None:
         """Record a finding; return a suspicion if it is new and has lasted long enough."""
