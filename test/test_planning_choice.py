@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
+from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.context import DesignContext, DesignProblem, Hypothesis
-from gravity_comp_ros.planning.criterion import effect_score, power
+from gravity_comp_ros.planning.criterion import effect_score, EffectScore, power
 from gravity_comp_ros.planning.targets import design_problem, observed_separation, open_targets
 from hypothesis import given, settings, strategies
 import numpy as np
@@ -88,7 +89,7 @@ def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
     # An offset of the elbow, gravity's parameters, and nuisance terms of every joint.
     old = build_motion(one_way(0, duration=20.0, rate=20.0), model())
     rate = np.array([400.0, 100.0, 900.0])
-    context = DesignContext(old, model(), rate, 0.05, 20.0)
+    context = DesignContext(old, model(), rate, np.full(len(rate), 20.0), 0.05, 20.0)
     offset = Hypothesis(all_effects()['torque_offset'], 1, {})
     problem = DesignProblem(offset, (), np.ones(1), (1,), False)
     information = context.information(problem, old, 0.05)
@@ -188,3 +189,40 @@ def test_observed_separation_of_open_and_resolved_targets(verdict, p, low, high)
     assert low <= seen <= high
     assert observed_separation(Target('viscous_friction', 'a'), diagnosis) == 0.0
     assert observed_separation(Target('joint_spring', 'a'), diagnosis) == np.inf
+
+
+def test_a_rare_effect_needs_a_share_of_the_error():
+    # 20 s recorded and 30 s planned at 20 independent samples per second: n = 1000. The share
+    # lambda / (lambda + n) is 0.1 at a separation of sqrt(1000 / 9).
+    context = DesignContext(build_motion(one_way(0, duration=20.0, rate=20.0), model()), model(),
+                            np.full(3, 400.0), np.full(3, 20.0), 0.05, 20.0)
+
+    def required(name, seconds):
+        hypothesis = Hypothesis(all_effects()[name], 1, {})
+        return context.required_separation(
+            DesignProblem(hypothesis, (), np.ones(1), (1,), False), seconds)
+
+    assert required('joint_flexibility', 30.0) == pytest.approx(10.54, rel=1e-2)
+    assert required('joint_flexibility', 0.0) < required('joint_flexibility', 30.0)
+    assert required('torque_offset', 30.0) == 0.0
+    assert power(30.0, 30.0) == pytest.approx(0.5) and power(30.0) > 0.95
+    # A required separation below that of half the power has no influence.
+    assert power(10.0, 5.0) == power(10.0)
+
+
+def test_an_effect_that_gravity_absorbs_has_less_chance_and_utility():
+    scores = [EffectScore((50.0,), np.ones(1), unabsorbed) for unabsorbed in
+              (0.2 * MIN_UNABSORBED, MIN_UNABSORBED, 3.0 * MIN_UNABSORBED)]
+    chances = [score.chance_of_certain_size for score in scores]
+    assert chances[0] < 1e-3 and chances[1] == pytest.approx(0.5) and chances[2] > 0.999
+    assert scores[0].utility < 0.1 and scores[1].utility < scores[2].utility
+
+
+def test_a_motion_leaves_enough_of_an_offset_unabsorbed():
+    # Viscous friction of all joints is resolved sooner, and its motion is narrow.
+    targets = [*(Target('viscous_friction', joint) for joint in NAMES),
+               Target('torque_offset', 'shoulder')]
+    wide = PlanOptions(20.0, low=np.full(3, -1.2), high=np.full(3, 1.2), reach=np.inf)
+    *_, offset = plan(one_way(0), model(), targets, wide).expectations
+    assert offset.target.effect == 'torque_offset' and offset.unabsorbed > 1.4 * MIN_UNABSORBED
+    assert offset.chance > 2.0 * offset.chance_before

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.planning.criterion import power
+from gravity_comp_ros.planning.criterion import EffectScore, power
 from gravity_comp_ros.planning.targets import OPEN
 import numpy as np
 
@@ -95,7 +95,9 @@ def true_chance(expected: dict[str, Any]) -> float:
     """Return the power of the diagnosis at the true size of the effect."""
     if expected['untestable']:
         return 0.0
-    return power(expected['share'] * expected['separation'])
+    score = EffectScore((), np.empty(0), expected['unabsorbed'])
+    return (power(expected['share'] * expected['separation'], expected['required_separation'])
+            * score.chance_of_certain_size)
 
 
 def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -14,7 +14,8 @@ from functools import cached_property
 
 from gravity_comp_ros.data.runs import have_common_clock, recorded_time, session_time
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Effect, Setting
+from gravity_comp_ros.diagnosis.options import SelectionOptions
+from gravity_comp_ros.effects.effect import Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -92,13 +93,15 @@ class DesignContext:
     Recorded motion, gravity model and noise.
 
     `information_rate` (N,) in 1/(N·m)² is the information of one second of motion: one over the
-    variance of the residual, per correlation time. `step` in s is the time between samples of the
-    recordings, of which `recorded` is a subset; `rate` in Hz is that of planned motion.
+    variance of the residual, per correlation time. `independent_rate` (N,) in 1/s is one over the
+    correlation time. `step` in s is the time between samples of the recordings, of which
+    `recorded` is a subset; `rate` in Hz is that of planned motion.
     """
 
     recorded: Motion
     model: GravityModel
     information_rate: FloatArray
+    independent_rate: FloatArray
     step: float
     rate: float
     memo: dict[str, FloatArray] = field(default_factory=dict, repr=False)
@@ -243,7 +246,7 @@ class DesignContext:
         These are gravity, rigid-body terms and all targets and alternatives: the torque of an
         effect is not noise, nor is a gravity error that a diagnosis refits.
         """
-        motion, rates = self.recorded, np.empty(self.n_joints)
+        motion, variances, times = self.recorded, *np.empty((2, self.n_joints))
         samples = motion.samples
         residual, qd = samples.tau - motion.gravity, samples.qd
         one, other = np.triu_indices(self.n_joints)
@@ -255,8 +258,26 @@ class DesignContext:
                 motion.direction(n), qd[:, n], np.ones(len(qd)), motion.qdd,
                 qd[:, one] * qd[:, other], self._gravity(motion)[:, n],
                 *(columns[:, n] for columns in effects)])
-            rates[n] = _information_rate(residual[:, n], columns, samples, self.step)
-        return replace(self, information_rate=rates, memo={})
+            variances[n], times[n] = _noise(residual[:, n], columns, samples, self.step)
+        return replace(self, information_rate=1.0 / (variances * times),
+                       independent_rate=1.0 / times, memo={})
+
+    def required_separation(self, problem: DesignProblem, planned: float) -> float:
+        """
+        Return the separation with which a rare effect has its minimum share of the error.
+
+        A diagnosis of n independent samples requires a share of lambda / (lambda + n), with lambda
+        the squared separation. 0 for common effects, which need no such share. Torque on several
+        joints counts as if it were on one.
+
+        :param planned: duration of the planned motion in s, 0 for the recordings alone.
+        """
+        if problem.target.effect.expectation != Expectation.RARE:
+            return 0.0
+        seconds = recorded_time(self.recorded.samples) + planned
+        n = float(self.independent_rate[list(problem.joints)].mean()) * seconds
+        share = SelectionOptions().min_rare_share
+        return float(np.sqrt(n * share / (1.0 - share)))
 
     def prior(self, problem: DesignProblem) -> FloatArray:
         """Return the prior information (Z,) on gravity and nuisance terms."""
@@ -277,9 +298,13 @@ class DesignContext:
         return self.memo['std']
 
 
-def _information_rate(residual: FloatArray, columns: FloatArray, samples: JointSamples,
-                      step: float) -> float:
-    """Return the information of one second; `step` s is the time between recorded samples."""
+def _noise(residual: FloatArray, columns: FloatArray, samples: JointSamples,
+           step: float) -> tuple[float, float]:
+    """
+    Return the variance of the noise and its correlation time in s.
+
+    :param step: the time between recorded samples, s.
+    """
     scale = np.sqrt((columns ** 2).mean(axis=0))
     columns = columns[:, scale > 1e-9] / scale[scale > 1e-9]
     basis, size, _ = svd(columns)
@@ -291,7 +316,7 @@ def _information_rate(residual: FloatArray, columns: FloatArray, samples: JointS
     time = correlation_time(rest, samples.runs) * apart
     # A thinned recording does not show correlation between the samples in between.
     time = step if time <= 1.5 * apart else time
-    return 1.0 / (max(float(rest @ rest) / dof, 1e-12) * max(time, 1e-9))
+    return max(float(rest @ rest) / dof, 1e-12), max(time, 1e-9)
 
 
 def _nuisance(target: str, motion: Motion, joint: int) -> FloatArray:

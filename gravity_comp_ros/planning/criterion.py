@@ -25,7 +25,10 @@ from scipy.linalg import cho_factor, cho_solve
 # Power of a diagnosis: the separation, in standard errors, with power 0.5, and the standard
 # deviation of its logarithm. They allow for the many effects and joints that a diagnosis tests, on
 # held-out data. Fitted to simulated arms (`bench.planning.calibrate`).
-_HALF_POWER, _LOG_STD = 7.69, 0.59
+_HALF_POWER, _LOG_STD = 9.34, 0.66
+# Standard deviation of the logarithm of the unabsorbed share in a diagnosis, relative to that of a
+# plan: the diagnosis fits gravity again.
+_ABSORPTION_LOG_STD = 0.3
 # Separation from which on the utility grows with the logarithm of the information.
 _UTILITY_SCALE = 4.0
 
@@ -62,6 +65,12 @@ class EffectScore:
             np.inf if k - 1 in alternatives else s for k, s in enumerate(self.separations)))
 
     @property
+    def chance_of_certain_size(self) -> float:
+        """Return the probability that the unabsorbed share in a diagnosis is large enough."""
+        ratio = max(self.unabsorbed, 1e-9) / MIN_UNABSORBED
+        return float(special.ndtr(np.log(ratio) / _ABSORPTION_LOG_STD))
+
+    @property
     def utility(self) -> float:
         """
         Return the utility that the selection of a motion maximises.
@@ -69,13 +78,19 @@ class EffectScore:
         It is logarithmic in the information: the effect may be smaller than assumed, and one
         target must not take the whole duration.
         """
-        effective = min(1.0, self.unabsorbed / MIN_UNABSORBED) * self.separation
+        effective = self.chance_of_certain_size * self.separation
         return float(np.log1p((effective / _UTILITY_SCALE) ** 2))
 
 
-def power(separation: float) -> float:
-    """Return the probability that a diagnosis detects an effect with this separation."""
-    return float(special.ndtr(np.log(max(separation, 1e-9) / _HALF_POWER) / _LOG_STD))
+def power(separation: float, required: float = 0.0) -> float:
+    """
+    Return the probability that a diagnosis detects an effect with this separation.
+
+    :param required: the separation that its minimum share of the error corresponds to
+        (`DesignContext.required_separation`).
+    """
+    half = max(_HALF_POWER, required)
+    return float(special.ndtr(np.log(max(separation, 1e-9) / half) / _LOG_STD))
 
 
 def effect_score(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],

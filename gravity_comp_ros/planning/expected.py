@@ -36,7 +36,9 @@ class Expectation:
     are in standard errors; `closest_alternative` may be ''. `half_width` is half the 95 % interval
     of each coefficient after the motion, by symbol, with its unit. `assumed` are the coefficients
     of the effect, estimates from the recordings if `size_is_measured`. `untestable` gives the
-    reason why a diagnosis will not test the effect, '' if it will.
+    reason why a diagnosis will not test the effect, '' if it will. A rare effect must remove a
+    minimum share of the error: `required_separation`, 0 for other effects. `unabsorbed` is the
+    share of its torque outside the gravity terms.
     """
 
     target: Target
@@ -49,6 +51,8 @@ class Expectation:
     separation_before: float
     separation: float
     untestable: str
+    required_separation: float = 0.0
+    unabsorbed: float = 1.0
 
     @property
     def is_likely(self) -> bool:
@@ -62,6 +66,7 @@ class Expectation:
         return {'effect': self.target.effect, 'joint': self.target.joint,
                 'chance_before': self.chance_before, 'chance': self.chance,
                 'separation_before': self.separation_before, 'separation': self.separation,
+                'required_separation': self.required_separation, 'unabsorbed': self.unabsorbed,
                 'untestable': self.untestable or None,
                 'closest_alternative': self.closest_alternative or None,
                 'assumed': self.assumed, 'size_is_measured': self.size_is_measured,

@@ -9,7 +9,6 @@ from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -44,6 +43,8 @@ _NOMINAL_SHARE, _MIN_NOMINAL, _MAX_NOMINAL = 0.25, 3.0, 8.0
 _PROBE_PARTS = 6
 # Family of effects that need the ends of a joint's travel to be distinguished from gravity.
 _ELASTIC = 'elastic'
+# Smallest chance of a certain size that is not stated as 0.
+_MIN_CHANCE = 0.05
 # Quantile of a joint's speed that counts as its top speed; smallest speed limit, rad/s.
 _TOP_QUANTILE, _MIN_SPEED = 0.98, 0.03
 
@@ -94,6 +95,7 @@ class _DesignTask:
     def expectations(self, motion: Sequence[Segment]) -> tuple[Expectation, ...]:
         """Return the expected result of each effect."""
         both = self.context.joined(motion)
+        duration = sum(segment.duration for segment in motion)
         expected = []
         for target, problem, before, after, reason in zip(
                 self.targets, self.problems, self.selector.scores_before(),
@@ -103,11 +105,11 @@ class _DesignTask:
             untestable = (reason or problem.remaining_ambiguity(both, target.alternatives)
                           or _absorbed(after))
             expected.append(self._expectation(target, problem, before.without(untested),
-                                              after.without(untested), untestable))
+                                              after.without(untested), untestable, duration))
         return tuple(expected)
 
     def _expectation(self, target: Target, problem: DesignProblem, before: EffectScore,
-                     after: EffectScore, untestable: str) -> Expectation:
+                     after: EffectScore, untestable: str, duration: float) -> Expectation:
         symbols = problem.target.effect.coefficients_of(
             self.context.recorded, problem.target.joint or 0, problem.target.setting)
         widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.std)}
@@ -120,9 +122,12 @@ class _DesignTask:
                                     observed_separation(target, self.diagnosis))
         added = max(after.separation ** 2 - before.separation ** 2, 0.0)
         separation = float(np.sqrt(separation_before ** 2 + added))
-        return Expectation(target, power(separation_before),
-                           0.0 if untestable else power(separation), widths, closest, assumed,
-                           problem.known_size, separation_before, separation, untestable)
+        required = [self.context.required_separation(problem, t) for t in (0.0, duration)]
+        chance_before = power(separation_before, required[0]) * before.chance_of_certain_size
+        chance = power(separation, required[1]) * after.chance_of_certain_size
+        return Expectation(target, chance_before, 0.0 if untestable else chance, widths, closest,
+                           assumed, problem.known_size, separation_before, separation, untestable,
+                           required[1], after.unabsorbed)
 
     def gravity_expectations(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
         """Return the standard deviations of the uncertain joints before and after the motion."""
@@ -216,7 +221,8 @@ def _context(samples: JointSamples, model: GravityModel) -> DesignContext:
     between = np.diff(samples.t)[np.diff(samples.runs) == 0]
     step = float(np.median(between)) if len(between) else 1.0
     rate = 1.0 / (np.maximum(white_noise(samples), 1e-6) ** 2 * step)
-    return DesignContext(build_motion(few, model), model, rate, step, _RATE)
+    return DesignContext(build_motion(few, model), model, rate, np.full(len(rate), 1.0 / step),
+                         step, _RATE)
 
 
 def _candidates(space: Workspace, model: GravityModel, targets: Sequence[Target],
@@ -268,8 +274,8 @@ def _design_problems(targets: Sequence[Target], parts: Sequence[Part], context: 
 
 
 def _absorbed(after: EffectScore) -> str:
-    """Return why a diagnosis will report the size as uncertain, '' if it will not."""
-    if after.unabsorbed >= MIN_UNABSORBED:
+    """Return why a diagnosis will report the size as uncertain, '' if it may not."""
+    if after.chance_of_certain_size >= _MIN_CHANCE:
         return ''
     return f'gravity may absorb all but {after.unabsorbed:.1%} of its torque'
 

@@ -9,6 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
 from gravity_comp_ros.planning.context import DesignContext
+from gravity_comp_ros.planning.criterion import EffectScore
 from gravity_comp_ros.planning.objectives import Objective, Score
 from gravity_comp_ros.planning.segments import Limits, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
@@ -23,6 +24,8 @@ _MIN_GAIN = 0.02
 _AUXILIARY_WEIGHT = 0.5
 # A part informs about a target if its gain is at least this share of its largest.
 _MIN_GAIN_SHARE = 0.3
+# A target with a smaller chance of a certain size counts as untestable.
+_MIN_CHANCE_OF_SIZE = 0.9
 # Shortest time by which a gain is divided, s.
 _MIN_TIME = 0.5
 
@@ -199,12 +202,15 @@ class Selector:
                 n_untestable = self._n_untestable(chosen)
 
     def _n_untestable(self, chosen: Sequence[int]) -> int:
-        """Return the number of targets that are untestable with a selection."""
+        """Return the number of targets that are untestable with a selection, or absorbed."""
         motion = [segment for k in chosen for segment in self._parts[k].segments]
         if not motion:
             return 0
         reasons = self.untestable(self._context.joined(motion))
-        return sum(reason is not None for reason in reasons)
+        scores = self._scores(self._total(chosen))
+        return sum(reason is not None or (isinstance(score, EffectScore) and
+                                          score.chance_of_certain_size < _MIN_CHANCE_OF_SIZE)
+                   for reason, score in zip(reasons, scores))
 
     def _ordered(self, parts: list[Part]) -> list[Part]:
         """Return parts grouped by joint and posture, unless that takes too long."""
