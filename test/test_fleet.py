@@ -1,6 +1,7 @@
 """Fleets in one process, in several, and on a Dask cluster with a killed worker."""
 
 import json
+import multiprocessing
 import os
 from pathlib import Path
 import signal
@@ -115,6 +116,24 @@ def test_a_task_that_kills_every_worker_fails():
     results = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
     assert (results[0], results[2]) == ('x', 'y')
     assert isinstance(results[1], Failure) and 'died 3 times' in results[1].reason
+
+
+class AfterDeath(list):
+    """Items that follow the first one when its worker is dead."""
+
+    def __iter__(self):
+        first, *others = super().__iter__()
+        yield first
+        end = time.monotonic() + DEADLINE
+        while multiprocessing.active_children() and time.monotonic() < end:
+            time.sleep(0.01)
+        yield from others
+
+
+def test_a_worker_may_die_before_all_tasks_are_submitted():
+    results = dict(Engine(workers=2).run(die_of, AfterDeath(['kill', 'x', 'y'])))
+    assert (results[1], results[2]) == ('x', 'y')
+    assert isinstance(results[0], Failure)
 
 
 def test_other_tasks_go_on_after_an_error():

@@ -74,8 +74,7 @@ def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
                   ) -> Results[Result]:
     remaining = set(range(len(items)))
     with _pool(workers) as pool:
-        futures: dict[Future[Result | Failure], int] = {
-            pool.submit(attempt, task, item): number for number, item in enumerate(items)}
+        futures = _submitted(pool, task, items)
         for future in as_completed(futures):
             if not isinstance(future.exception(), BrokenProcessPool):
                 remaining.discard(futures[future])
@@ -86,8 +85,19 @@ def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
         yield number, _in_own_process(task, items[number])
 
 
+def _submitted(pool: ProcessPoolExecutor, task: Task[Item, Result], items: Sequence[Item]
+               ) -> dict[Future[Result | Failure], int]:
+    futures: dict[Future[Result | Failure], int] = {}
+    for number, item in enumerate(items):
+        try:
+            futures[pool.submit(attempt, task, item)] = number
+        except BrokenProcessPool:  # a worker died before all tasks were submitted
+            break
+    return futures
+
+
 def _in_own_process(task: Task[Item, Result], item: Item) -> Result | Failure:
-    for _ in range(_ATTEMPTS - 1):
+    for _ in range(_ATTEMPTS):
         with _pool(1) as pool:
             future = pool.submit(attempt, task, item)
             if not isinstance(future.exception(), BrokenProcessPool):
