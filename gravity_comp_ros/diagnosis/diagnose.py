@@ -10,7 +10,7 @@ from gravity_comp_ros.diagnosis.assemble import assemble
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.criteria import Criteria
-from gravity_comp_ros.diagnosis.evidence import join_columns, joint_rows
+from gravity_comp_ros.diagnosis.evidence import join_columns, sorted_joint_rows
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.nonparametric import PRIOR_BLOCKS, UnknownTorque
@@ -141,19 +141,21 @@ def _fits(base: Base, columns: Columns) -> Fits:
     rows, information = [], _information(columns, motion)
     # Columns with little excitation are tiny. Divided by their RMS, their prior would dominate
     # the mean of the diagonal, to which the ridge of a solution is relative.
-    common = np.maximum(np.sqrt((columns.shared ** 2).mean(axis=(0, 1))),
+    mean_squares = np.einsum('mns,mns->s', columns.shared, columns.shared) / tau.size
+    common = np.maximum(np.sqrt(mean_squares),
                         _MIN_SCALE * float(sigma.max()) * np.sqrt(information / blocks.count))
     for joint, own in enumerate(columns.own):
-        x = join_columns([columns.shared[:, joint], *own])
+        x = join_columns([columns.shared[:, joint], *own], blocks.by_fold[0])
         own.clear()
-        scale = np.concatenate([common, np.sqrt((x[:, len(common):] ** 2).mean(axis=0))])
+        mine = x[:, len(common):]
+        scale = np.concatenate([common, np.sqrt(np.einsum('ij,ij->j', mine, mine) / len(x))])
         scale[scale < 1e-12] = 1.0
         prior = information * (float(sigma[joint]) ** 2 * len(x) / blocks.count)
         prior = np.concatenate([prior, np.zeros(x.shape[1] - len(prior))])
         # Unknown torques and structure tests have many columns, so a prior keeps them near 0.
         prior[layout.n_core[joint]:] = PRIOR_BLOCKS * len(x) / blocks.count
-        rows.append(joint_rows(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior,
-                               layout.n_core[joint]))
+        rows.append(sorted_joint_rows(x, tau[:, joint], blocks, scale, float(sigma[joint]),
+                                      prior, layout.n_core[joint]))
     return Fits(tuple(rows), layout, blocks)
 
 

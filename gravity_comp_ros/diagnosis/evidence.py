@@ -124,9 +124,16 @@ def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, 
         equivalent number of samples with the column at 1; 0 for no prior.
     :param n_core: number of leading columns whose products are stored; None for all.
     """
+    return sorted_joint_rows(join_columns([x], blocks.by_fold[0]), y, blocks, scale, sigma,
+                             prior_samples, n_core)
+
+
+def sorted_joint_rows(rows: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray,
+                      sigma: float, prior_samples: FloatArray, n_core: int | None = None
+                      ) -> JointRows:
+    """Return the same from columns whose rows are sorted by fold; they are divided in place."""
     row_of, folds = blocks.by_fold
-    # Column-major order: columns are selected far more often than rows.
-    rows, torque = np.take(x.T, row_of, axis=1).T, y[row_of] / sigma
+    torque = y[row_of] / sigma
     rows /= scale * sigma
     core = rows[:, :n_core]
     return JointRows(rows, torque, blocks, row_of,
@@ -135,12 +142,13 @@ def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, 
                      scale, sigma, prior_samples / (scale * sigma) ** 2)
 
 
-def join_columns(parts: Sequence[FloatArray]) -> FloatArray:
-    """Return the columns of parts (M, K) in one column-major array."""
-    whole = np.empty((len(parts[0]), sum(part.shape[1] for part in parts)), order='F')
+def join_columns(parts: Sequence[FloatArray], row_of: IntArray) -> FloatArray:
+    """Return some rows of the columns of parts (M, K) in one column-major array."""
+    # Column-major order: columns are selected far more often than rows.
+    whole = np.empty((len(row_of), sum(part.shape[1] for part in parts)), order='F')
     at = 0
     for part in parts:
-        whole[:, at:at + part.shape[1]] = part
+        whole[:, at:at + part.shape[1]] = part[row_of]
         at += part.shape[1]
     return whole
 
@@ -154,7 +162,8 @@ def with_gravity_columns(joint: JointRows, base: FloatArray, n_before: int) -> J
     k, shift = base.shape[1], base.shape[1] - n_before
     scale = np.concatenate([np.ones(k), joint.scale[n_before:]])
     ridge = np.concatenate([np.zeros(k), joint.ridge[n_before:]])
-    x = join_columns([base[joint.row_of] / joint.sigma, joint.x[:, n_before:]])
+    x = np.empty((len(joint.x), joint.x.shape[1] + shift), order='F')
+    x[:, :k], x[:, k:] = base[joint.row_of] / joint.sigma, joint.x[:, n_before:]
     core = joint.grams.shape[1] + shift
     grams = np.empty((len(joint.grams), core, core))
     grams[:, k:, k:] = joint.grams[:, n_before:, n_before:]

@@ -32,6 +32,13 @@ class StructureTest(Regressor):
 
 def _features(motion: Motion, joint: int) -> FloatArray:
     """Return the columns (M, K) of the energy's largest terms for a joint."""
+    key = f'features {joint}'
+    if key not in motion.memo:
+        motion.memo[key] = _largest_terms(motion, joint)
+    return motion.memo[key]
+
+
+def _largest_terms(motion: Motion, joint: int) -> FloatArray:
     energy = motion.model.energy if motion.model is not None else None
     m, n = motion.samples.q.shape
     if energy is None or not energy.indices.size:

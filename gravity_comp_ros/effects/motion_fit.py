@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -97,15 +98,12 @@ class MotionProblem:
         It is the mean over joints of the logarithm of the mean squared error, which is comparable
         between problems with different columns.
         """
-        m, n, k = self.x.shape
+        m, n, _ = self.x.shape
         weight = _weight(self._weighted_fit(1.0)[1])
-        x, y = self.x * weight[None, :, None], self.tau * weight
-        parts = np.array_split(np.arange(m), _FOLDS)
-        products = [(rows.T @ rows, rows.T @ y[part].ravel())
-                    for part in parts for rows in [x[part].reshape(-1, k)]]
+        products = [_weighted(*part, weight) for part in zip(*self._products)]
         gram, right = (np.sum(list(each), axis=0) for each in zip(*products))
         errors = np.zeros((len(shares), n))
-        for part, (part_gram, part_right) in zip(parts, products):
+        for part, (part_gram, part_right) in zip(self._parts, products):
             for number, share in enumerate(shares):
                 fit = _ridge(gram - part_gram, right - part_right, self._prior(share))
                 errors[number] += ((self.tau[part] - self.x[part] @ fit) ** 2).sum(axis=0)
@@ -121,12 +119,30 @@ class MotionProblem:
     def _weighted_fit(self, share: float) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (K,) and the residual (M, N), weighted by residual per joint."""
         prior, residual = self._prior(share), self.tau
+        gram, right = (each.sum(axis=0) for each in self._products)
         for _ in range(_ROUNDS):
-            weight = _weight(residual)
-            rows = (self.x * weight[None, :, None]).reshape(self.tau.size, -1)
-            x = _ridge(rows.T @ rows, rows.T @ (self.tau * weight).ravel(), prior)
+            x = _ridge(*_weighted(gram, right, _weight(residual)), prior)
             residual = self.tau - self.x @ x
         return x, residual
+
+    @property
+    def _parts(self) -> list[slice]:
+        """Return the samples of each fold."""
+        ends = np.linspace(0, len(self.tau), _FOLDS + 1).astype(int).tolist()
+        return [slice(start, end) for start, end in zip(ends, ends[1:])]
+
+    @cached_property
+    def _products(self) -> tuple[FloatArray, FloatArray]:
+        """Return the products (F, N, K, K) and (F, N, K) of each fold and joint."""
+        x, y = self.x.transpose(1, 0, 2), self.tau.T[:, None]
+        return (np.stack([x[:, part].transpose(0, 2, 1) @ x[:, part] for part in self._parts]),
+                np.stack([(y[:, :, part] @ x[:, part])[:, 0] for part in self._parts]))
+
+
+def _weighted(gram: FloatArray, right: FloatArray,
+              weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sums over joints of products (N, K, K) and (N, K), weighted by (N,)."""
+    return (np.einsum('n,nij->ij', weight ** 2, gram), weight ** 2 @ right)
 
 
 def _weight(residual: FloatArray) -> FloatArray:
