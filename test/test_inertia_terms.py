@@ -1,6 +1,7 @@
 """Inertia as a nuisance term of slow motion, and friction near reversals after an update."""
 
 from dataclasses import replace
+from functools import cache
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.acceleration import accelerations
@@ -19,6 +20,7 @@ import pytest
 ARM = iiwa7()
 
 
+@cache
 def recording(seed):
     """Return a minute of slow motion with all rigid-body torque and 0.1 N·m of noise."""
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,

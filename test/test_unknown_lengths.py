@@ -14,6 +14,7 @@ from gravity_comp_ros.effects.arm_dynamics import (
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms
@@ -136,7 +137,7 @@ def test_motion_shows_which_way_a_vertical_axis_turns(seed):
     arm = generated_arm(seed, 5)
     chain = chain_of(arm)
     samples = recording(arm, seed, 20.0, 50.0)
-    model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
+    model = fit(samples, FitOptions('chain')).model
     effect, signs = known_effect('rigid_body_dynamics'), []
     for start in (with_axis_signs(chain, (1.0,)), with_axis_signs(chain, (-1.0,))):
         motion = build_motion(samples, replace(model, chain=start))
