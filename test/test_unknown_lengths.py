@@ -156,7 +156,8 @@ def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     data = gc.Recording(runs, gate=None)
     friction = [f'{name}:{joint}' for joint in arm.joints
                 for name in ('coulomb_friction', 'viscous_friction')]
-    added = gc.add_effects(gc.fit(data, formulation='chain'), data,
+    model = gc.Model(fit(runs, FitOptions('chain')).model)
+    added = gc.add_effects(model, data,
                            ['rigid_body_dynamics', *friction], all_samples=True)
     later = recording(arm, 10 * seed + 9, 20.0, 50.0)
     qdd = accelerations(later)
