@@ -120,10 +120,10 @@ def _shifted(trials: Sequence[T], shared: int, own: int) -> tuple[T, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """All columns: `shared` (M, N, S), and `own`, for each joint a list of (M, K)."""
+    """All columns: `shared`, a list of (M, N, K), and `own`, for each joint a list of (M, K)."""
 
     layout: Layout
-    shared: FloatArray
+    shared: list[FloatArray]
     own: tuple[list[FloatArray], ...]
 
 
@@ -147,7 +147,7 @@ def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
     layout = Layout(base.shape[2], _shifted(named, 0, first), _shifted(others, 0, first),
                     _shifted(bumps, 0, first), _shifted(tests, 0, first), untestable,
                     tuple(first + n for n in core))
-    return Columns(layout, np.concatenate(builder.shared, axis=2), tuple(builder.own))
+    return Columns(layout, builder.shared, tuple(builder.own))
 
 
 class _Builder:

@@ -92,6 +92,8 @@ def gather(samples: JointSamples, model: GravityModel | None = None,
     named = [known[name] for name in (known if effects is None else effects)]
     others = [other for effect in named if (other := effect.alternative()) is not None]
     columns = build(base.motion, base.columns, named, others, [UnknownTorque()], STRUCTURE_TESTS)
+    # All that is needed of these caches is in the columns now.
+    base.motion.memo.clear()
     return Evidence(base, _fits(base, columns), span, noise)
 
 
@@ -141,11 +143,13 @@ def _fits(base: Base, columns: Columns) -> Fits:
     rows, information = [], _information(columns, motion)
     # Columns with little excitation are tiny. Divided by their RMS, their prior would dominate
     # the mean of the diagonal, to which the ridge of a solution is relative.
-    mean_squares = np.einsum('mns,mns->s', columns.shared, columns.shared) / tau.size
+    mean_squares = np.concatenate([np.einsum('mnk,mnk->k', part, part)
+                                   for part in columns.shared]) / tau.size
     common = np.maximum(np.sqrt(mean_squares),
                         _MIN_SCALE * float(sigma.max()) * np.sqrt(information / blocks.count))
     for joint, own in enumerate(columns.own):
-        x = join_columns([columns.shared[:, joint], *own], blocks.by_fold[0])
+        x = join_columns([*(part[:, joint] for part in columns.shared), *own],
+                         blocks.by_fold[0])
         own.clear()
         mine = x[:, len(common):]
         scale = np.concatenate([common, np.sqrt(np.einsum('ij,ij->j', mine, mine) / len(x))])
@@ -161,7 +165,7 @@ def _fits(base: Base, columns: Columns) -> Fits:
 
 def _information(columns: Columns, motion: Motion) -> FloatArray:
     """Return the prior information (S,) about shared coefficients, divided among the joints."""
-    information = np.zeros(columns.shared.shape[2])
+    information = np.zeros(sum(part.shape[2] for part in columns.shared))
     for c in columns.layout.candidates:
         prior_std = c.effect.spread(motion, c.joint_index, c.setting) if c.shared else None
         if prior_std is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Regressor, Setting
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.sparse.dictionary import derivative, Halves
 import numpy as np
 
 # Minimum travel, in rad, of a joint that counts as moving.
@@ -39,17 +39,16 @@ def _features(motion: Motion, joint: int) -> FloatArray:
 
 
 def _largest_terms(motion: Motion, joint: int) -> FloatArray:
-    energy = motion.model.energy if motion.model is not None else None
-    m, n = motion.samples.q.shape
+    energy, q = motion.model.energy if motion.model is not None else None, motion.samples.q
     if energy is None or not energy.indices.size:
-        return np.zeros((m, 0))
-    if 'features' not in motion.memo:
-        columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
-        motion.memo['features'] = columns.reshape(n, m, -1).transpose(1, 0, 2)
-    mine = motion.memo['features'][:, joint]
-    acting = np.flatnonzero(np.ptp(mine, axis=0) > 1e-9)
-    size = np.abs(energy.weights[acting]) * mine[:, acting].std(axis=0)
-    return np.asarray(mine[:, np.sort(acting[np.argsort(-size, kind='stable')[:_MAX_TERMS]])])
+        return np.zeros((len(q), 0))
+    terms, signs = derivative(energy.indices, q.shape[1], joint)
+    present = np.flatnonzero(signs)
+    columns = Halves(q).columns(terms[present]) * signs[present, None]
+    acting = np.flatnonzero(np.ptp(columns, axis=1) > 1e-9)
+    size = np.abs(energy.weights[present[acting]]) * columns[acting].std(axis=1)
+    largest = np.sort(acting[np.argsort(-size, kind='stable')[:_MAX_TERMS]])
+    return np.ascontiguousarray(columns[largest].T)
 
 
 class LevelBase(StructureTest):
