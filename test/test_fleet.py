@@ -118,22 +118,19 @@ def test_a_task_that_kills_every_worker_fails():
     assert isinstance(results[1], Failure) and 'died 3 times' in results[1].reason
 
 
-class AfterDeath(list):
-    """Items that follow the first one when its worker is dead."""
-
-    def __iter__(self):
-        first, *others = super().__iter__()
-        yield first
-        end = time.monotonic() + DEADLINE
-        while multiprocessing.active_children() and time.monotonic() < end:
-            time.sleep(0.01)
-        yield from others
+def test_workers_that_die_at_once_fail_their_own_tasks_alone():
+    words = ['kill', 'a', 'b', 'kill', 'c', 'd']
+    results = dict(Engine(workers=3).run(die_of, words))
+    assert {k: r for k, r in results.items() if not isinstance(r, Failure)} == {
+        k: word for k, word in enumerate(words) if word != 'kill'}
+    assert sorted(results) == list(range(6))
 
 
-def test_a_worker_may_die_before_all_tasks_are_submitted():
-    results = dict(Engine(workers=2).run(die_of, AfterDeath(['kill', 'x', 'y'])))
-    assert (results[1], results[2]) == ('x', 'y')
-    assert isinstance(results[0], Failure)
+def test_no_worker_is_left_when_results_are_no_longer_wanted():
+    results = Engine(workers=2).run(die_of, ['a', 'b', 'c', 'd'])
+    next(results)
+    results.close()
+    assert not multiprocessing.active_children()
 
 
 def test_other_tasks_go_on_after_an_error():

@@ -8,10 +8,11 @@ worker, become a `Failure`, so that the other tasks go on.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed, Future, ProcessPoolExecutor
+from concurrent.futures import as_completed, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
+from queue import SimpleQueue
 from typing import TypeVar
 
 from gravity_comp_ros.errors import DataError, GravityCompError
@@ -72,42 +73,57 @@ def attempt(task: Task[Item, Result], item: Item) -> Result | Failure:
 
 def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
                   ) -> Results[Result]:
-    remaining = set(range(len(items)))
-    with _pool(workers) as pool:
-        futures = _submitted(pool, task, items)
-        for future in as_completed(futures):
-            if not isinstance(future.exception(), BrokenProcessPool):
-                remaining.discard(futures[future])
-                yield futures[future], future.result()
-    # A dying worker breaks the whole pool, and its task is unknown. The remaining tasks run in
-    # one process each, so that only the task at fault fails.
-    for number in sorted(remaining):
-        yield number, _in_own_process(task, items[number])
+    idle: SimpleQueue[_Process] = SimpleQueue()
+    processes = [_Process() for _ in range(workers)]
+    for process in processes:
+        idle.put(process)
 
-
-def _submitted(pool: ProcessPoolExecutor, task: Task[Item, Result], items: Sequence[Item]
-               ) -> dict[Future[Result | Failure], int]:
-    futures: dict[Future[Result | Failure], int] = {}
-    for number, item in enumerate(items):
+    def run(item: Item) -> Result | Failure:
+        process = idle.get()
         try:
-            futures[pool.submit(attempt, task, item)] = number
-        except BrokenProcessPool:  # a worker died before all tasks were submitted
-            break
-    return futures
+            return process.run(task, item)
+        finally:
+            idle.put(process)
+
+    with ThreadPoolExecutor(workers) as threads:
+        futures = {threads.submit(run, item): number for number, item in enumerate(items)}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            threads.shutdown(cancel_futures=True)
+            for process in processes:
+                process.close()
 
 
-def _in_own_process(task: Task[Item, Result], item: Item) -> Result | Failure:
-    for _ in range(_ATTEMPTS):
-        with _pool(1) as pool:
-            future = pool.submit(attempt, task, item)
-            if not isinstance(future.exception(), BrokenProcessPool):
-                return future.result()
-    return _died(_ATTEMPTS)
+class _Process:
+    """
+    A worker process that runs one task at a time, and is replaced when it dies.
+
+    A dying worker breaks its whole pool, and a pool of several workers can wait for ever if a task
+    is submitted at that moment (seen with Python 3.11). So each worker has a pool of its own.
+    """
+
+    def __init__(self) -> None:
+        self._pool = _pool()
+
+    def run(self, task: Task[Item, Result], item: Item) -> Result | Failure:
+        """Return the result, or a `Failure` if workers die of the task."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return self._pool.submit(attempt, task, item).result()
+            except BrokenProcessPool:
+                self.close()
+                self._pool = _pool()
+        return _died(_ATTEMPTS)
+
+    def close(self) -> None:
+        self._pool.shutdown()
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
+def _pool() -> ProcessPoolExecutor:
     # A fork would copy locks held by other threads.
-    return ProcessPoolExecutor(workers, mp_context=get_context('spawn'))
+    return ProcessPoolExecutor(1, mp_context=get_context('spawn'))
 
 
 def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> Results[Result]:
