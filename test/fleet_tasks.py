@@ -24,6 +24,10 @@ def die_of(word: str) -> str:
     return word
 
 
+def process_id(item: int) -> int:
+    return os.getpid()
+
+
 def until_killed(log: str) -> int:
     """Append the process id to a log, then run until a worker was killed; return the id."""
     with open(log, 'a') as file:

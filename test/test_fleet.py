@@ -1,7 +1,6 @@
 """Fleets in one process, in several, and on a Dask cluster with a killed worker."""
 
 import json
-import multiprocessing
 import os
 from pathlib import Path
 import signal
@@ -10,7 +9,7 @@ import sys
 import threading
 import time
 
-from fleet_tasks import DEADLINE, die_of, die_once, until_killed
+from fleet_tasks import DEADLINE, die_of, die_once, process_id, until_killed
 from gravity_comp_ros import cli
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
@@ -21,6 +20,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
+from running_process import is_running
 from serial_arms import poses, samples_of, serial_arm
 
 pytestmark = pytest.mark.slow
@@ -127,10 +127,11 @@ def test_workers_that_die_at_once_fail_their_own_tasks_alone():
 
 
 def test_no_worker_is_left_when_results_are_no_longer_wanted():
-    results = Engine(workers=2).run(die_of, ['a', 'b', 'c', 'd'])
-    next(results)
+    results = Engine(workers=2).run(process_id, range(4))
+    _, worker = next(results)
+    assert is_running(worker)
     results.close()
-    assert not multiprocessing.active_children()
+    assert not is_running(worker)
 
 
 def test_other_tasks_go_on_after_an_error():

@@ -7,31 +7,15 @@ worker, become a `Failure`, so that the other tasks go on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
-from queue import SimpleQueue
-from typing import TypeVar
 
-from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.fleet.attempt import attempt, died, Failure, Item, Result, Task
+from gravity_comp_ros.fleet.processes import in_processes
 
-Item = TypeVar('Item')
-Result = TypeVar('Result')
-Task = Callable[[Item], Result]
-# Number of dead workers after which a task has failed.
-_ATTEMPTS = 3
 # Timeout of the connection to a Dask scheduler, s.
 _CONNECT = 30.0
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Failure of a task, with its reason in one line."""
-
-    reason: str
-
 
 # Index of the item, and its result.
 Results = Iterator[tuple[int, Result | Failure]]
@@ -57,73 +41,7 @@ class Engine:
         elif self.workers <= 1 or len(items) <= 1:
             yield from ((number, attempt(task, item)) for number, item in enumerate(items))
         else:
-            yield from _in_processes(self.workers, task, items)
-
-
-def attempt(task: Task[Item, Result], item: Item) -> Result | Failure:
-    """Return the result of a task, or its error as a `Failure`."""
-    try:
-        return task(item)
-    except GravityCompError as error:
-        return Failure(str(error))
-    except Exception as error:  # other tasks must go on
-        return Failure(f'internal error: {type(error).__name__}: '
-                       + ' '.join(str(error).split()))
-
-
-def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
-                  ) -> Results[Result]:
-    idle: SimpleQueue[_Process] = SimpleQueue()
-    processes = [_Process() for _ in range(workers)]
-    for process in processes:
-        idle.put(process)
-
-    def run(item: Item) -> Result | Failure:
-        process = idle.get()
-        try:
-            return process.run(task, item)
-        finally:
-            idle.put(process)
-
-    with ThreadPoolExecutor(workers) as threads:
-        futures = {threads.submit(run, item): number for number, item in enumerate(items)}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            threads.shutdown(cancel_futures=True)
-            for process in processes:
-                process.close()
-
-
-class _Process:
-    """
-    A worker process that runs one task at a time, and is replaced when it dies.
-
-    A dying worker breaks its whole pool, and a pool of several workers can wait for ever if a task
-    is submitted at that moment (seen with Python 3.11). So each worker has a pool of its own.
-    """
-
-    def __init__(self) -> None:
-        self._pool = _pool()
-
-    def run(self, task: Task[Item, Result], item: Item) -> Result | Failure:
-        """Return the result, or a `Failure` if workers die of the task."""
-        for _ in range(_ATTEMPTS):
-            try:
-                return self._pool.submit(attempt, task, item).result()
-            except BrokenProcessPool:
-                self.close()
-                self._pool = _pool()
-        return _died(_ATTEMPTS)
-
-    def close(self) -> None:
-        self._pool.shutdown()
-
-
-def _pool() -> ProcessPoolExecutor:
-    # A fork would copy locks held by other threads.
-    return ProcessPoolExecutor(1, mp_context=get_context('spawn'))
+            yield from in_processes(self.workers, task, items)
 
 
 def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> Results[Result]:
@@ -146,11 +64,7 @@ def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> R
             if problem is None:
                 yield number, future.result()
             elif isinstance(problem, KilledWorker):
-                yield number, _died(_ATTEMPTS)
+                yield number, died()
             else:
                 yield number, Failure(' '.join(f'{type(problem).__name__}: {problem}'.split()))
             future.release()
-
-
-def _died(times: int) -> Failure:
-    return Failure(f'its worker died {times} times, possibly out of memory')

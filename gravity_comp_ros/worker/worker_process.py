@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 import os
 import subprocess
 import sys
@@ -102,6 +102,13 @@ class WorkerProcess:
             except subprocess.TimeoutExpired:
                 return 'it closed its pipe'
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
+
+
+def wait_for_messages(workers: Sequence[WorkerProcess]) -> list[WorkerProcess]:
+    """Return the running workers with messages; wait until there is one."""
+    connections = {worker._connection: worker for worker in workers}
+    ready = wait([connection for connection in connections if connection is not None])
+    return [worker for connection, worker in connections.items() if connection in ready]
 
 
 @contextmanager
