@@ -92,13 +92,26 @@ def choose_base(samples: JointSamples, model: GravityModel | None, max_samples: 
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
     # Directions and accelerations are computed from all samples.
-    motion = replace(build_motion(samples, chosen).at(rows), chain=gravity.arm)
+    motion = replace(build_motion(samples, chosen).at(rows),
+                     chain=gravity.arm or _arm_of_effects(model))
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
     columns = _columns(chosen, motion, gravity.chain)
     residual = (residual_torque(columns, motion) if gravity.residual is None
                 else gravity.residual)
     return Base(chosen, motion, columns, residual, gravity.chain, given)
+
+
+def _arm_of_effects(model: GravityModel | None) -> Chain | None:
+    """
+    Return the serial arm of a model with rigid-body dynamics, None without.
+
+    Columns of an effect that the model includes are required even if no serial arm fits this
+    torque.
+    """
+    if model is None or all(x.name != 'rigid_body_dynamics' for x in model.applied.effects):
+        return None
+    return model.chain
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from gravity_comp_ros.effects.arm_dynamics import (
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
+from gravity_comp_ros.errors import ModelMismatchError
 import numpy as np
 
 # Minimum acceleration in rad/s^2 of a testable motion.
@@ -110,7 +111,10 @@ def _signs(setting: Setting) -> tuple[float, ...]:
 
 def _required_dynamics(motion: Motion, setting: Setting) -> Dynamics:
     dynamics = _dynamics(motion, setting)
-    assert dynamics is not None, 'checked by `untestable`'
+    if dynamics is None:
+        raise ModelMismatchError(
+            'the model has rigid-body dynamics, but neither a serial arm nor a robot description. '
+            'Remove the effect and add it again')
     return dynamics
 
 

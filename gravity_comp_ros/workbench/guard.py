@@ -12,6 +12,7 @@ from ipaddress import ip_address
 import socket
 from typing import Any
 
+from bokeh.server.connection import ServerConnection
 from bokeh.server.tornado import BokehTornado
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.web import ErrorHandler, OutputTransform
@@ -71,6 +72,16 @@ class GuardedApplication(BokehTornado):
         if request.path.startswith(_REFUSED) or request.method not in ('GET', 'HEAD', 'PUT'):
             return self._refusal(request, 404)
         return super().find_handler(request, **more)
+
+    def client_lost(self, connection: ServerConnection) -> None:
+        """
+        Detach the session of a closed connection.
+
+        Bokeh does so after a failed ping too. When the socket of that connection closes
+        afterwards, Bokeh would require the session again and log a failed assertion.
+        """
+        super().client_lost(connection)
+        connection._socket.connection = None
 
     def _refusal(self, request: HTTPServerRequest, status: int) -> Any:
         return self.get_handler_delegate(request, ErrorHandler, {'status_code': status})
