@@ -68,7 +68,7 @@ def test_a_connection_that_closes_after_a_failed_ping_is_no_error(served, caplog
             closed.set()
 
     socket.on_close = watched
-    # What Bokeh does after a ping to a socket that is closing.
+    # Bokeh does this after a ping to a socket that is closing.
     in_loop(lambda: application.client_lost(connections[0]))
     with caplog.at_level(logging.ERROR):
         session.close()

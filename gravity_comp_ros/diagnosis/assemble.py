@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.alternative_models import best_alternative_model
 from gravity_comp_ros.diagnosis.alternatives import alternatives
 from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.criteria import Key
 from gravity_comp_ros.diagnosis.error_metrics import ErrorMetrics
 from gravity_comp_ros.diagnosis.estimates import estimates, half_widths
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport, Verdict
@@ -34,13 +35,24 @@ _NOISE_RATIO = 5.0
 _MIN_REMAINING = 0.01
 
 
-def assemble(selection: Selection, motion: Motion, span: FloatArray, noise: FloatArray,
-             options: VerdictOptions = VerdictOptions()
-             ) -> tuple[Diagnosis, tuple[Candidate, ...]]:
+@dataclass(frozen=True, eq=False)
+class Assembled:
     """
-    Return the findings, the strongest first, with the reports of all joints; and the effects.
+    A diagnosis; the effects in it; and those that are weak only because of another effect.
 
-    The effects are the selected ones except those that an unexplained torque supersedes.
+    `effects` are the selected ones except those that an unexplained torque supersedes.
+    `unresolved` correct an effect that is itself unresolved.
+    """
+
+    diagnosis: Diagnosis
+    effects: tuple[Candidate, ...]
+    unresolved: frozenset[Key]
+
+
+def assemble(selection: Selection, motion: Motion, span: FloatArray, noise: FloatArray,
+             options: VerdictOptions = VerdictOptions()) -> Assembled:
+    """
+    Return the findings, the strongest first, with the reports of all joints.
 
     :param span: (N,) the range of the measured torque in N·m, to which errors are relative.
     :param noise: (N,) standard deviation of the white noise of the torque in N·m.
@@ -61,13 +73,15 @@ def assemble(selection: Selection, motion: Motion, span: FloatArray, noise: Floa
             of_joint, chosen = finding_of_unknown_torque(metrics, joint, chosen, layout.unknown,
                                                          refused)
             findings += filter(None, [of_joint])
-    findings += _Findings(Selection(chosen, refused, criteria), metrics, options).all()
+    of_effects = _Findings(Selection(chosen, refused, criteria), metrics, options)
+    findings += of_effects.all()
     findings.sort(key=lambda f: f.verdict not in FOUND)
     arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
            if joint is None}
     reports = {name: _report(metrics, n, float(noise[n]), chosen, findings, options)
                for n, name in enumerate(metrics.names)}
-    return Diagnosis(tuple(findings), reports, arm), chosen
+    return Assembled(Diagnosis(tuple(findings), reports, arm), chosen,
+                     frozenset(of_effects.unresolved))
 
 
 class _Findings:
@@ -81,6 +95,7 @@ class _Findings:
         self.chosen = _in_order(self.fits, selection.chosen)
         self._widths: dict[int, FloatArray] = {}
         folds = pose_folds(metrics.motion.samples, self.fits.blocks)
+        self.unresolved: set[Key] = set()
         self._by_pose: tuple[Fits, list[Candidate]] | None = None
         if self.chosen and folds is not None:
             self._by_pose = self.fits.refolded(self.chosen, folds)
@@ -102,8 +117,9 @@ class _Findings:
         if not parents or any(f.verdict in FOUND or set(f.rivals) & set(corrects)
                               for f in parents):
             return finding
+        self.unresolved.add(candidate.key)
         names = ' or '.join(str(f.effect) for f in parents)
-        return replace(finding, verdict=Verdict.WEAK,
+        return replace(finding, verdict=Verdict.WEAK, next_step=self._experiment(candidate),
                        why=f'{finding.why}; it corrects {names}, which is unresolved')
 
     def _finding(self, number: int) -> Finding:
@@ -113,14 +129,18 @@ class _Findings:
         level, reason = verdict(self.fits, self.chosen, candidate, evidence, self.options)
         why = evidence_sentence(candidate.effect.title, joint or 'the whole arm', evidence.before,
                                 evidence.after, evidence.gain.p)
-        next_step = '' if level in FOUND else candidate.effect.experiment.replace(
-            '{joint}', joint or 'the arm')
+        next_step = '' if level in FOUND else self._experiment(candidate)
         return Finding(
             joint, candidate.effect.name, level,
             evidence.alternatives or evidence.indistinguishable, evidence.sizes, evidence.before,
             evidence.after, self.fits.absorbed(candidate), evidence.runs_better,
             f'{why}; {reason}' if reason else why, next_step, evidence.gain.p,
             dict(candidate.setting))
+
+    def _experiment(self, candidate: Candidate) -> str:
+        """Return the motion that distinguishes an effect from similar ones."""
+        joint = 'the arm' if candidate.joint is None else self.metrics.names[candidate.joint]
+        return candidate.effect.experiment.replace('{joint}', joint)
 
     def _evidence(self, number: int) -> EffectEvidence:
         candidate, metrics, motion = self.chosen[number], self.metrics, self.metrics.motion
@@ -218,13 +238,16 @@ def _report(metrics: ErrorMetrics, n: int, noise: float, chosen: Sequence[Candid
     untestable = {effect: reason for (effect, joint), reason in fits.layout.untestable.items()
                   if joint == n}
     untestable.update(_absorbed_effects(metrics, n, here, options.min_unabsorbed))
-    after = fits.errors(n, chosen)
-    rmse, share = metrics.rmse(after, n), metrics.nrmse_of(after, n)
+    remaining = fits.errors(n, chosen)
+    rmse, share = metrics.rmse(remaining, n), metrics.nrmse_of(remaining, n)
     unexplained = rmse > _NOISE_RATIO * noise and share > _MIN_REMAINING
     parts = [f'{f.effect} ({f.verdict})' if f.effect else 'unexplained torque' for f in here]
     if unexplained:
         parts.append(f'{rmse:.3g} N·m ({share:.1%} of the torque range) remain unexplained')
+    to_add = {(f.effect, f.joint) for f in findings if f.verdict in FOUND}
+    added = [c for c in chosen if (c.effect.name, None if c.joint is None else
+                                   metrics.names[c.joint]) in to_add]
     return JointReport(', '.join(parts) or 'no missing effect detectable in this recording',
                        noise, effective_sample_size(fits, metrics.motion, n, chosen),
-                       metrics.rmse(fits.errors(n, []), n), rmse, untestable,
-                       share if unexplained else 0.0)
+                       metrics.rmse(fits.errors(n, []), n), metrics.rmse(fits.errors(n, added), n),
+                       untestable, share if unexplained else 0.0)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.diagnosis.assemble import assemble
+from gravity_comp_ros.diagnosis.assemble import assemble, Assembled
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.criteria import Criteria
@@ -15,7 +15,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.nonparametric import PRIOR_BLOCKS, UnknownTorque
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
-from gravity_comp_ros.diagnosis.selection import select
+from gravity_comp_ros.diagnosis.selection import select, Selection
 from gravity_comp_ros.diagnosis.structure_check import check_structure
 from gravity_comp_ros.diagnosis.structure_tests import STRUCTURE_TESTS
 from gravity_comp_ros.effects.motion import Motion
@@ -116,11 +116,32 @@ def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),
         fits = fits.with_gravity(better.columns)
         selection = select(_criteria(base, fits, options))
     report('verdicts', 0.8)
-    diagnosis, chosen = assemble(selection, base.motion, evidence.span, evidence.noise,
-                                 options.verdict)
-    laws = check_structure(fits, chosen, base.motion.samples.names)
+    assembled = _assembled(evidence, selection, options)
+    laws = check_structure(fits, assembled.effects, base.motion.samples.names)
     report('verdicts', 1.0)
-    return replace(diagnosis, laws=laws)
+    return replace(assembled.diagnosis, laws=laws)
+
+
+def _assembled(evidence: Evidence, selection: Selection, options: DiagnosisOptions) -> Assembled:
+    """
+    Return the diagnosis of selected effects, or of simpler ones with a smaller error.
+
+    A friction law and its correction can mask each other, so that neither is significant in
+    addition to the other and both are weak. Then the effects are selected again without the correction.
+    """
+    motion, span, noise = evidence.base.motion, evidence.span, evidence.noise
+    first = assemble(selection, motion, span, noise, options.verdict)
+    if not first.unresolved:
+        return first
+    simpler = assemble(select(selection.criteria, first.unresolved), motion, span, noise,
+                       options.verdict)
+    return simpler if _error(simpler) < _error(first) else first
+
+
+def _error(assembled: Assembled) -> float:
+    """Return the mean logarithm of the joints' errors with the effects to add."""
+    return float(np.mean([np.log(max(report.rmse_after, 1e-12))
+                          for report in assembled.diagnosis.joints.values()]))
 
 
 def _criteria(base: Base, fits: Fits, options: DiagnosisOptions) -> Criteria:

@@ -82,9 +82,10 @@ class JointReport:
     """
     Report of one joint: `noise_floor` in N·m and effective sample size `n_effective`.
 
-    `rmse_before` and `rmse_after` are held-out errors in N·m without and with the findings.
-    `remaining_share` is the remaining error as a share of the torque range if it is far above the
-    sensor noise, else 0. `untestable` maps effects to the reason why they cannot be tested.
+    `rmse_before` and `rmse_after` are held-out errors in N·m without and with the effects to add,
+    which are established or likely. `remaining_share` is the error that remains with weak and
+    ambiguous effects as well, as a share of the torque range, if it is far above the sensor
+    noise, else 0. `untestable` maps effects to the reason why they cannot be tested.
     """
 
     summary: str

@@ -8,12 +8,12 @@ equal gain within one standard error, the simplest is chosen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.criteria import Criteria, MAX_COLUMNS
+from gravity_comp_ros.diagnosis.criteria import Criteria, Key, MAX_COLUMNS
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.evaluation.gain import Gain, gain, log_ratio, within_standard_error
@@ -30,7 +30,7 @@ class Selection:
     """The chosen effects, the refused ones with the reason, and the criteria."""
 
     chosen: tuple[Candidate, ...]
-    refused: Mapping[tuple[str, int | None], str]
+    refused: Mapping[Key, str]
     criteria: Criteria
 
     @property
@@ -43,24 +43,23 @@ class Selection:
                                 for joint in range(self.fits.n_joints)])
 
 
-def select(criteria: Criteria) -> Selection:
+def select(criteria: Criteria, refused: Collection[Key] = ()) -> Selection:
     """
     Return the selected effects.
 
     A rare effect can be a substitute for several simple ones. It is kept only if it is needed in
     addition to the effects that are selected without it.
+
+    :param refused: effects that are not selected; they remain alternatives of simpler effects.
     """
-    selection = _searched(criteria, {})
+    selection = _searched(criteria, refused)
     for candidate in selection.chosen:
         if _may_be_substitute(candidate, selection.chosen):
-            without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
+            without = _searched(criteria, {*refused, candidate.key})
             if not (criteria.is_needed(candidate, without.chosen)
                     and criteria.exceeds_dynamics(candidate, without.chosen)
                     or _explains_more(candidate, selection, without)):
-                # It remains an alternative of the simpler effects.
-                refused = {key: why for key, why in without.refused.items()
-                           if key != candidate.key}
-                return replace(without, refused=refused)
+                return without
     return selection
 
 
@@ -86,9 +85,13 @@ def _may_be_substitute(candidate: Candidate, chosen: Sequence[Candidate]) -> boo
         and not any((c.effect.name, c.joint) == (_FRICTION, candidate.joint) for c in chosen))
 
 
-def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:
-    """Return the selection if some effects are refused from the start."""
-    search = _Search(criteria, refused)
+def _searched(criteria: Criteria, simplified: Collection[Key]) -> Selection:
+    """
+    Return the selection without some effects.
+
+    These remain alternatives of the simpler effects that explain as much.
+    """
+    search = _Search(criteria, dict.fromkeys(simplified, 'simpler effects explain as much'))
     if search.chosen:
         search.remove_useless()
         search.add_all()
@@ -97,14 +100,15 @@ def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str])
         search.add_all()
         if not (search.remove_redundant() or search.replace_one()):
             break
-    return Selection(tuple(search.chosen), search.refused, criteria)
+    refused = {key: why for key, why in search.refused.items() if key not in simplified}
+    return Selection(tuple(search.chosen), refused, criteria)
 
 
 class _Search:
     """The effects chosen so far, and the gain of every other one in addition to them."""
 
     def __init__(self, criteria: Criteria,
-                 refused: Mapping[tuple[str, int | None], str]) -> None:
+                 refused: Mapping[Key, str]) -> None:
         self.criteria = criteria
         self.fits = criteria.fits
         self.chosen = criteria.initial(refused)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bokeh.layouts import row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
-from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.findings import Finding, FOUND
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import Contents
@@ -53,8 +53,8 @@ def error_bars(contents: Contents, style: Style) -> list[Bars]:
         reports = [diagnosis.joints[name] for name in joints]
         bars = [Bars('sensor noise', [r.noise_floor for r in reports], style.still),
                 Bars('held-out error', [r.rmse_before for r in reports], style.down)]
-        if any(visible(f) for f in diagnosis.findings):
-            bars.append(Bars('with the findings', [r.rmse_after for r in reports],
+        if any(f.verdict in FOUND for f in diagnosis.findings):
+            bars.append(Bars('with the effects to add', [r.rmse_after for r in reports],
                              style.after))
         return bars
     noise = contents.model.noise[contents.numbers].tolist()
