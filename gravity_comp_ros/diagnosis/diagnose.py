@@ -127,7 +127,8 @@ def _assembled(evidence: Evidence, selection: Selection, options: DiagnosisOptio
     Return the diagnosis of selected effects, or of simpler ones with a smaller error.
 
     A friction law and its correction can mask each other, so that neither is significant in
-    addition to the other and both are weak. Then the effects are selected again without the correction.
+    addition to the other and both are weak. Then the effects are selected again without the
+    correction.
     """
     motion, span, noise = evidence.base.motion, evidence.span, evidence.noise
     first = assemble(selection, motion, span, noise, options.verdict)
