@@ -8,7 +8,7 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-DEADLINE = 120.0
+DEADLINE = 400.0
 
 
 @pytest.fixture(scope='module')
