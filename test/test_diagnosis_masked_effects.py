@@ -55,8 +55,8 @@ def test_effects_that_mask_each_other_are_replaced_by_simpler_ones(gathered):
     assert first.unresolved == {('degressive_friction', 0)}
     assert {named(first)[name] for name in ('viscous_friction', 'degressive_friction')} == {
         Verdict.WEAK}
-    found = named(diagnose._assembled(evidence, masked, OPTIONS))
-    assert found['viscous_friction'] in FOUND
+    verdicts = named(diagnose._assembled(evidence, masked, OPTIONS))
+    assert verdicts['viscous_friction'] in FOUND
 
 
 def test_without_masked_effects_the_selection_is_kept(gathered):
