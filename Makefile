@@ -2,11 +2,11 @@
 VENV ?= .venv
 VENV_OLDEST ?= .venv-oldest
 PYTEST_ARGS ?=
-# Test files run in parallel (test/file_scheduling.py), one more than the number of cores, because
+# Test files run in parallel (test/file_scheduling.py), two more than the number of cores, because
 # tests of nodes and pages wait half of the time. A worker that crashes or hangs fails one test and
 # is replaced, eight times at most.
 CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
-PYTEST_JOBS ?= -n $(shell expr $(CORES) + 1) --maxprocesses 4 --max-worker-restart 8
+PYTEST_JOBS ?= -n $(shell expr $(CORES) + 2) --maxprocesses 4 --max-worker-restart 8
 # Each test has a time limit (pyproject.toml). This limit ends a run in which pytest itself hangs.
 TEST_LIMIT ?= 45m
 PYTEST = timeout --kill-after 30s $(TEST_LIMIT)
