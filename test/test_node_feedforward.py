@@ -44,6 +44,17 @@ def test_a_first_model_ramps_from_zero():
     assert feed.state(1.2) == ff.ACTIVE
 
 
+@pytest.mark.parametrize('action', ['fade', 'hold'])
+def test_after_a_restart_torque_ramps_from_zero(action):
+    feed, t = started(replace(FREE, stale_action=action))
+    feed.use(constant(20.0))
+    assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(11.0)
+    feed.restart()
+    assert feed.watch(t + 9.0) is None and feed.state(t + 9.0) == ff.WAITING
+    torques = [float(feed.update(t + 9.0 + 0.1 * k, Q)[0]) for k in range(12)]
+    np.testing.assert_allclose(torques, [*np.arange(0, 22, 2), 20], atol=1e-9)
+
+
 def test_a_swap_blends_from_old_to_new():
     feed, t = started()
     feed.use(constant(20.0))

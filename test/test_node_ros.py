@@ -326,6 +326,27 @@ def test_life_cycle(iiwa_model_file, bags):
         assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN) and state() == 'finalized'
 
 
+def test_torque_ramps_from_zero_after_each_activation(iiwa_model_file, bags):
+    later = bags['eq17_later']
+    options = {'model_file': iiwa_model_file, 'ramp_time': 0.0, 'max_torque_rate': '[]',
+               'stale_action': 'hold', 'unlimited_torque': True}
+    with running(options) as (_, probe):
+        probe.stream(part(later, 0, 20))
+        probe.until(lambda: len(answers(probe.torques)) == 20, 60)
+        whole = np.abs(probe.torques[-1].effort).max()
+        assert set_parameter(probe, 'ramp_time', 60.0).successful
+        for number in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+            request = ChangeState.Request(transition=Transition(id=number))
+            assert probe.call('change_state', request=request).success
+        count = len(probe.torques)
+        assert 'waiting for input' in probe.report('feed-forward').message
+        assert len(probe.torques) == count
+        probe.stream(part(later, 20, 40))
+        probe.until(lambda: len(probe.torques) >= count + 20, 60)
+        torques = np.abs(matrix(probe.torques[count:])).max(axis=1)
+        assert torques[0] == 0.0 and 0.0 < torques[-1] < 0.5 * whole
+
+
 def test_stale_input_holds_then_fades(iiwa_model_file, bags):
     later = bags['eq17_later']
     options = {'model_file': iiwa_model_file, 'ramp_time': 0.0, 'max_torque_rate': '[]',

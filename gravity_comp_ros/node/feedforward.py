@@ -106,6 +106,15 @@ class FeedForward:
         """Allow or forbid torque; it ramps either way."""
         self._enabled = enabled
 
+    def restart(self) -> None:
+        """Forget torque and input; with the next message torque ramps up from zero."""
+        self._gain, self._blend, self._old = 0.0, 1.0, None
+        self._share = self._share_goal
+        self._effects, self._last = np.zeros(self._n), np.zeros(self._n)
+        self._fresh = self._now = None
+        self._owed = 0.0
+        self._intervals.clear()
+
     @property
     def enabled(self) -> bool:
         return self._enabled

@@ -244,6 +244,11 @@ class NodeCore:
             return True, f'torque ramps up over {seconds} s'
         return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
 
+    def deactivate(self) -> None:
+        """Keep the model and the samples; torque ramps up from zero at the next message."""
+        if self.arm is not None:
+            self.arm.deactivate()
+
     def save(self) -> Answer:
         """Write the model file; called from another thread, because a disk may be slow."""
         try:
