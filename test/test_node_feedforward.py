@@ -18,6 +18,10 @@ def constant(torque):
     return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
 
 
+def steady(torque):
+    return lambda q, qd: np.full(1, torque)
+
+
 def linear():
     return TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
 
@@ -249,9 +253,9 @@ def test_no_sequence_of_events_exceeds_the_limits(script, policy):
 
 def test_effects_are_added_and_ramp_to_zero_on_stale_input():
     feed, t = started(torque=10.0)
-    feed.use(constant(10.0))
+    feed.compensate(steady(3.0))
     for k in range(12):
-        tau = feed.update(t + 0.1 * (k + 1), Q, np.array([3.0]))
+        tau = feed.update(t + 0.1 * (k + 1), Q)
     assert tau == pytest.approx(13.0)
     t += 1.2
     torques = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
@@ -265,10 +269,78 @@ def test_effects_end_beyond_the_margin_and_stay_within_limits():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
                                   extrapolation_margin=0.5))
     feed.use(constant(10.0))
+    feed.compensate(lambda q, qd: qd)
     assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
     assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
     assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
     assert feed.update(0.3, Q, np.array([np.nan])) == pytest.approx(10.0)
+    assert feed.update(0.4, Q) == pytest.approx(10.0)
+
+
+def friction(q, qd):
+    return None if qd is None else 3.0 * np.sign(qd)
+
+
+@pytest.mark.parametrize('start', [0.0, 3.0])
+def test_a_change_of_compensation_is_a_ramp(start):
+    feed, t = started()
+    feed.compensate(steady(start))
+    torques = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(12)]
+    assert torques[-1] == pytest.approx(10.0 + start)
+    feed.compensate(steady(7.0))
+    after = [float(feed.update(t + 1.2 + 0.1 * (k + 1), Q)[0]) for k in range(12)]
+    expected = 10.0 + start + (7.0 - start) * np.array([*np.arange(0.1, 1.0, 0.1), 1, 1, 1])
+    np.testing.assert_allclose(after, expected, atol=1e-9)
+    feed.compensate(None)
+    last = [float(feed.update(t + 2.4 + 0.1 * (k + 1), Q)[0]) for k in range(12)]
+    np.testing.assert_allclose(last, 17.0 - 7.0 * (expected - 10.0 - start) / (7.0 - start),
+                               atol=1e-9)
+
+
+def test_during_a_change_of_friction_its_direction_is_that_of_the_motion():
+    feed, t = started()
+    feed.compensate(friction)
+    up, down = np.array([0.1]), np.array([-0.1])
+    assert float(feed.update(t + 0.1, Q, up)[0]) == pytest.approx(10.3)
+    assert float(feed.update(t + 0.2, Q, down)[0]) == pytest.approx(9.4)
+    feed.compensate(lambda q, qd: 2.0 * friction(q, qd))
+    assert float(feed.update(t + 0.3, Q, up)[0]) == pytest.approx(10.0 + 0.9 * 0.6 + 0.1 * 6.0)
+
+
+@given(st.lists(st.sampled_from(['other', 'none', 'far', 'near', 'no speed', 'pause']),
+                max_size=40))
+@settings(deadline=None, max_examples=200)
+def test_effects_never_step(events):
+    """Whatever happens, the torque changes by at most 5% of that of the effects in 10 ms."""
+    feed = FeedForward(1, replace(FREE, extrapolation='hold', extrapolation_margin=0.5))
+    feed.use(constant(10.0))
+    for k in range(101):
+        feed.update(0.01 * k, Q, Q)
+    now, q, qd, size, last = 1.0, Q, Q, 3.0, 10.0
+    for event in events:
+        if event == 'other':
+            size = -size
+            feed.compensate(needs_speed(size))
+        elif event == 'none':
+            feed.compensate(None)
+        elif event in ('far', 'near'):
+            q = Q + (2.0 if event == 'far' else 0.0)
+        elif event == 'no speed':
+            qd = None if qd is not None else Q
+        for k in range(7):
+            now += 0.01
+            tau = feed.watch(now) if event == 'pause' else feed.update(now, q, qd)
+            if tau is not None:
+                assert abs(float(tau[0]) - last) <= 0.05 * 3.0 + 1e-9
+                last = float(tau[0])
+    feed.compensate(needs_speed(2.0))
+    for k in range(400):
+        tau = feed.update(now + 0.01 * (k + 1), Q, Q)
+    assert float(tau[0]) == pytest.approx(12.0)
+
+
+def needs_speed(size):
+    return lambda q, qd: None if qd is None else np.full(1, size)
 
 
 def test_the_watchdog_works_after_the_clock_was_set_back():

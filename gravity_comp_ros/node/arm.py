@@ -114,7 +114,11 @@ class Arm:
         self.gate = Gate(len(self.joints), gate_options(settings))
         self._limit()
         self.epoch.set_options(epoch_options(settings))
+        self._use_effects()
+
+    def _use_effects(self) -> None:
         self._effects = EffectsInUse(self._model, self._settings)
+        self.feed.compensate(self._effects.compensation())
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
@@ -144,7 +148,7 @@ class Arm:
         self.payload.forget()
         self.health.restart()
         self._source, self._change = torque_source(model), change
-        self._effects = EffectsInUse(self._model, self._settings)
+        self._use_effects()
         if change is None or self.pose is None:
             self.feed.use(self._source)
         else:
@@ -153,8 +157,7 @@ class Arm:
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
-        effects = self._effects.compensation(self._model, reading)
-        return self._published(now, self.feed.update(now, reading.q, effects))
+        return self._published(now, self.feed.update(now, reading.q, reading.qd))
 
     def update_change_share(self, now: float) -> None:
         """Evaluate the share of an uncertain change at the present pose, every `SHARE_PERIOD`."""

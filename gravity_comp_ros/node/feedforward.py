@@ -8,6 +8,7 @@ import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
+from gravity_comp_ros.node.compensation_blend import Compensation, CompensationBlend
 from gravity_comp_ros.node.feedforward_options import FeedForwardOptions, per_joint
 from gravity_comp_ros.node.torque_source import TorqueSource
 import numpy as np
@@ -22,8 +23,6 @@ HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
 
-# Effect torque that counts as zero, N·m.
-MIN_TORQUE = 1e-4
 # Maximum time step of one message in units of the message period. The time of a stall is spread
 # over the messages that follow it.
 MAX_PERIODS = 2.0
@@ -61,6 +60,7 @@ class FeedForward:
         self._q: FloatArray | None = None
         self._share, self._share_goal = np.ones(n_joints), np.ones(n_joints)
         self._base = np.zeros(n_joints)
+        self._compensation = CompensationBlend(n_joints)
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
@@ -98,6 +98,15 @@ class FeedForward:
         self._share = np.ones(self._n) if share is None else share
         self._share_goal = self._share
 
+    def compensate(self, compensation: Compensation | None) -> None:
+        """
+        Blend to another torque of effects, which is added to gravity; None for no torque.
+
+        It is added within the margin of the trained range. Beyond it, without a speed and with
+        stale input it ramps to zero.
+        """
+        self._compensation.use(compensation)
+
     def set_share(self, share: FloatArray) -> None:
         """Blend to another share of the change, as slowly as to another model."""
         self._share_goal = share
@@ -110,6 +119,7 @@ class FeedForward:
         """Forget torque and input; with the next message torque ramps up from zero."""
         self._gain, self._blend, self._old = 0.0, 1.0, None
         self._share = self._share_goal
+        self._compensation.restart()
         self._effects, self._last = np.zeros(self._n), np.zeros(self._n)
         self._fresh = self._now = None
         self._owed = 0.0
@@ -125,14 +135,13 @@ class FeedForward:
         return self._margin_of(self._source)
 
     def update(self, now: float, q: FloatArray,
-               effects: FloatArray | None = None) -> FloatArray | None:
+               qd: FloatArray | None = None) -> FloatArray | None:
         """
         Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
 
         A torque of the model that is not finite counts as missing input for the watchdog.
 
-        :param effects: torque (N,) in N·m to add to gravity within the margin of the trained
-            range; beyond it, and with stale input, it ramps to zero.
+        :param qd: speed (N,) in rad/s for the torque of effects, None if unknown.
         """
         dt = self._since_last_message(now)
         if self._source is None:
@@ -142,10 +151,9 @@ class FeedForward:
         if not all_finite(base):
             return None
         self._fresh, self._base, self._q = now, base, q
-        if effects is not None and self._is_near(self._source, q) and np.isfinite(effects).all():
-            self._effects = effects
-        else:
-            self._drop_effects(dt)
+        step = self._ramp_step(dt)
+        self._effects = (self._compensation.torque(q, qd, step) if self._is_near(self._source, q)
+                         else self._compensation.fade(step))
         silent = not self._enabled and self._is_at_rest()
         self._approach(1.0 if self._enabled else 0.0, self.options.ramp_time, dt)
         return None if silent else self._limited(dt)
@@ -164,7 +172,7 @@ class FeedForward:
         if self._is_at_rest():
             return None
         # Friction depends on the direction of motion, which is unknown without input.
-        self._drop_effects(dt)
+        self._effects = self._compensation.fade(self._ramp_step(dt))
         if not self._enabled:
             self._approach(0.0, self.options.ramp_time, dt)
         elif self.options.stale_action == 'fade' and (
@@ -215,11 +223,10 @@ class FeedForward:
         step = 1.0 if duration <= 0.0 else dt / duration
         self._gain += min(max(goal - self._gain, -step), step)
 
-    def _drop_effects(self, dt: float) -> None:
+    def _ramp_step(self, dt: float) -> float:
+        """Return a time step as a fraction of the ramp time, at most 1."""
         ramp = self.options.ramp_time
-        if self._effects.any():
-            self._effects = self._effects * (max(0.0, 1.0 - dt / ramp) if ramp > dt else 0.0)
-            self._effects[np.abs(self._effects) < MIN_TORQUE] = 0.0
+        return 1.0 if ramp <= 0.0 else min(1.0, dt / ramp)
 
     def _margin_of(self, source: TorqueSource | None) -> float:
         reach = math.inf if source is None else source.reach
@@ -238,7 +245,7 @@ class FeedForward:
         if self._blend >= 1.0 and (source.before is None or not share_step.any()):
             return self._torque(source, q)
         ramp = self.options.ramp_time
-        step = 1.0 if ramp <= 0.0 else min(1.0, dt / ramp)
+        step = self._ramp_step(dt)
         blend, share = self._blend, self._share
         before = self._blended(source, q)
 

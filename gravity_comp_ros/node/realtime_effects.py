@@ -12,6 +12,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node.compensation_blend import Compensation
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
@@ -160,6 +161,7 @@ class EffectsInUse:
 
     def __init__(self, model: GravityModel | None, settings: Parameters) -> None:
         self.problem = ''
+        self._model = model
         self._all: InstantEffects | None = None
         self._sent: InstantEffects | None = None
         if model is None or not model.applied.effects:
@@ -190,8 +192,13 @@ class EffectsInUse:
             return gravity
         return gravity + self._all.torque(reading.q, reading.qd, gravity)
 
-    def compensation(self, model: GravityModel | None, reading: Reading) -> FloatArray | None:
-        """Return the torque (N,) in N·m to send in addition to gravity, None for none."""
-        if self._sent is None or model is None or reading.qd is None:
+    def compensation(self) -> Compensation | None:
+        """Return the torque to send in addition to gravity, None for none."""
+        sent, model = self._sent, self._model
+        if sent is None or model is None:
             return None
-        return self._sent.torque(reading.q, reading.qd, model.predict_one(reading.q))
+
+        def torque(q: FloatArray, qd: FloatArray | None) -> FloatArray | None:
+            return None if qd is None else sent.torque(q, qd, model.predict_one(q))
+
+        return torque
