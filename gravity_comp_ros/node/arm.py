@@ -128,10 +128,9 @@ class Arm:
         self.payload.restart()
 
     def deactivate(self) -> None:
-        """Forget messages, pose and torque: nothing is received or published from now on."""
+        """Forget messages and torque: nothing is received or published from now on."""
         self.restart()
         self.feed.restart()
-        self.pose = None
 
     def use(self, model: GravityModel, before: GravityModel | None, learned: int,
             change: UncertainChange | None = None) -> None:
