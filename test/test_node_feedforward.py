@@ -211,7 +211,8 @@ def test_a_clock_jump_causes_no_torque_step():
 
 
 @pytest.mark.parametrize('bad', [{'ramp_time': -1.0}, {'hold_time': float('nan')},
-                                 {'extrapolation': 'guess'}, {'stale_action': 'zero'}])
+                                 {'extrapolation': 'guess'}, {'stale_action': 'zero'},
+                                 {'extrapolation_margin': 0.0, 'extrapolation': 'fade'}])
 def test_bad_options_are_refused(bad):
     with pytest.raises(OptionError, match=next(iter(bad))):
         FeedForwardOptions(**bad)

@@ -18,7 +18,8 @@ class FeedForwardOptions:
     `max_torque` in N·m and `max_torque_rate` in N·m/s have none, one or N values. Times are in s.
     The parameter table describes each field.
 
-    :raises OptionError: if a number is negative or not finite, or a policy unknown.
+    :raises OptionError: if a number is negative or not finite, a policy is unknown, or the
+        margin is 0 with `fade`.
     """
 
     ramp_time: float = 1.0
@@ -40,6 +41,9 @@ class FeedForwardOptions:
         if self.extrapolation not in ('hold', 'fade', 'trust'):
             raise OptionError(f'feed-forward: extrapolation is {self.extrapolation!r}; it must '
                               'be hold, fade or trust')
+        if self.extrapolation == 'fade' and self.extrapolation_margin == 0.0:
+            raise OptionError('feed-forward: extrapolation_margin is 0; with extrapolation fade, '
+                              'which falls over this distance, it must be positive')
         if self.stale_action not in ('fade', 'hold'):
             raise OptionError(f'feed-forward: stale_action is {self.stale_action!r}; it must '
                               'be fade or hold')
