@@ -1,6 +1,7 @@
 """Connections of the workbench server that close at the wrong moment."""
 
 import asyncio
+import inspect
 import logging
 import threading
 
@@ -38,7 +39,8 @@ def served():
         http.stop()
 
     async def call(function):
-        return function()
+        result = function()
+        return await result if inspect.isawaitable(result) else result
 
     def in_loop(function):
         return asyncio.run_coroutine_threadsafe(call(function), server['loop']).result(PATIENCE)
@@ -76,3 +78,21 @@ def test_a_connection_that_closes_after_a_failed_ping_is_no_error(served, caplog
         in_loop(lambda: None)
     assert [record.getMessage() for record in caplog.records] == []
     assert in_loop(lambda: list(application._clients)) == []
+
+
+def test_messages_that_are_read_after_the_end_of_their_connection_are_dropped(served, caplog):
+    port, application, in_loop = served
+    session = pull_session(url=f'http://127.0.0.1:{port}/')
+    connection, = in_loop(lambda: list(application._clients))
+    message = connection.protocol.create('PULL-DOC-REQ')
+
+    async def arrive():
+        for fragment in (message.header_json, message.metadata_json, message.content_json):
+            await connection._socket.on_message(fragment)
+
+    with caplog.at_level(logging.ERROR):
+        in_loop(arrive)
+        in_loop(lambda: application.client_lost(connection))
+        in_loop(arrive)
+        session.close()
+    assert [record.getMessage() for record in caplog.records] == []

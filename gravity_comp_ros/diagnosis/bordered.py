@@ -155,7 +155,7 @@ def _errors_with(base_fit: BaseFit, effects: list[IntArray],
         for fold, rows in enumerate(joint.folds):
             for k, column in enumerate(places.T):
                 residual[rows] -= rest[rows, column] * d[fold, :, k]
-        errors[:, group] = joint.block_sums(residual ** 2)
+        errors[:, group] = joint.block_sums(np.square(residual))
     return list(errors.T)
 
 

@@ -235,7 +235,7 @@ class DesignContext:
         if key not in motion.memo:
             rows = self._gravity(motion)[n_prefix:, joint]
             basis = orthonormal_basis(_nuisance('', motion, joint)[n_prefix:])
-            rest = rows - basis @ (basis.T @ rows)
+            rest: FloatArray = rows - basis @ (basis.T @ rows)
             motion.memo[key] = rest.T @ rest
         return motion.memo[key]
 

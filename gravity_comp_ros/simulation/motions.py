@@ -187,7 +187,7 @@ def sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
 
 def quintic_step(t: FloatArray, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a smooth step from 0 at t = 0 to 1 at the duration, and two derivatives."""
-    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    x: FloatArray = np.clip(np.asarray(t, dtype=np.float64) / duration, 0.0, 1.0)
     return (x ** 3 * (10 - 15 * x + 6 * x ** 2), 30 * x ** 2 * (1 - x) ** 2 / duration,
             60 * x * (1 - x) * (1 - 2 * x) / duration ** 2)
 

@@ -75,16 +75,22 @@ class GuardedApplication(BokehTornado):
 
     def client_lost(self, connection: ServerConnection) -> None:
         """
-        Detach the session of a closed connection.
+        Detach the session of a closed connection, and drop its remaining messages.
 
         Bokeh does so after a failed ping too. When the socket of that connection closes
-        afterwards, Bokeh would require the session again and log a failed assertion.
+        afterwards, or messages that arrived before the end are handled, Bokeh would require the
+        session again and log a failed assertion.
         """
         super().client_lost(connection)
         connection._socket.connection = None
+        connection._socket.on_message = _drop
 
     def _refusal(self, request: HTTPServerRequest, status: int) -> Any:
         return self.get_handler_delegate(request, ErrorHandler, {'status_code': status})
+
+
+async def _drop(message: str | bytes) -> None:
+    """Handle a message of a closed connection."""
 
 
 class _Headers(OutputTransform):
