@@ -1,0 +1,1 @@
+"""Library of physical effects in addition to gravity, and their regressor columns."""

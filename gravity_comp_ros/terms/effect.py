@@ -1,0 +1,176 @@
+"""
+Base class of effects: torques in addition to gravity, linear in a few coefficients.
+
+    tau_residual = sum_k coefficient_k column_k(q, qd, qdd, g, t; setting)
+
+Columns are computed from the motion and the predicted gravity torque g, never from the measured
+torque, whose noise would be correlated with the residual. Nonlinear parameters (a speed, a
+distance, a time) are called a setting; several values are compared.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+import math
+from typing import get_type_hints
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.terms.motion import Motion
+import numpy as np
+
+Setting = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """
+    Physical sizes from which the prior of an effect's coefficients follows.
+
+    `torque` in N·m is the joint's torque scale; `columns` (K,) the RMS of the effect's columns.
+    """
+
+    torque: float
+    columns: FloatArray
+
+
+class Expectation(StrEnum):
+    """Prior expectation of an effect: common in joints, or rare."""
+
+    COMMON = 'common'
+    RARE = 'rare'
+
+    @property
+    def log_odds(self) -> float:
+        """Return the prior log odds that a joint has it: even, or 1 to 55."""
+        return 0.0 if self is Expectation.COMMON else -4.0
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of an effect: its symbol, unit and meaning."""
+
+    symbol: str
+    unit: str
+    meaning: str
+
+
+Coefficients = tuple[Coefficient, ...]
+
+
+class Effect(ABC):
+    """
+    A physical effect as a term of the regression: its columns and its prior.
+
+    Its documentation is that of the effect of the same name in `effects`.
+
+    An effect is a class with these attributes and `columns`; the other methods have defaults.
+    Attributes, set in the body of a class or before `Effect.__init__`:
+
+    - `name`: identifier in reports and model files.
+    - `coefficients`: one for each column. If their number depends on the arm, they are examples
+      of each kind, and `coefficients_of` returns all of them.
+    - `scope`: 'joint' if it acts on the torque of one joint, 'arm' if on several joints.
+    - `per_joint`: whether it belongs to a joint. An encoder offset does, although it acts on
+      several torques. A base tilt does not: it is tested once, and its methods ignore the joint
+      number.
+    - `expectation`: prior expectation, which determines the evidence required.
+    - `is_static`: whether it holds the arm at rest, as gravity does.
+    - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
+      once.
+    - `corrects`: effects of which the joint must have one, because this one corrects it.
+    - `size`: prior RMS of its torque, as a share of the joint's torque scale.
+    - `why_not_negative`: why no coefficient is negative; '' if coefficients can be negative.
+    - `largest`: maximum absolute value of a coefficient.
+
+    :raises OptionError: if an attribute is missing, the scope is unknown or there is no
+        coefficient.
+    """
+
+    name: str
+    coefficients: Coefficients
+    scope: str = 'joint'
+    per_joint: bool = True
+    expectation: Expectation = Expectation.RARE
+    is_static: bool = False
+    uses_gravity: bool = True
+    corrects: tuple[str, ...] = ()
+    size: float = 0.1
+    why_not_negative: str = ''
+    largest: float = math.inf
+
+    def __init__(self) -> None:
+        missing = [word for word in ATTRIBUTES if not hasattr(self, word)]
+        if missing:
+            raise OptionError(f'effect {getattr(self, "name", type(self).__name__)} has no '
+                              f'{", ".join(missing)}')
+        if self.scope not in ('joint', 'arm'):
+            raise OptionError(f'effect {self.name}: scope is {self.scope!r}; it must be '
+                              f"'joint' or 'arm'")
+        if not self.coefficients:
+            raise OptionError(f'effect {self.name} has no coefficient')
+        if not self.per_joint and self.scope == 'joint':
+            raise OptionError(f"effect {self.name}: it has scope 'joint', so it is per_joint")
+
+    @abstractmethod
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        """
+        Return the torque in N·m per unit of each coefficient.
+
+        (M, K) for M samples and K coefficients, or (M, N, K) of all N joints for scope 'arm'.
+
+        :param joint: its number, from 0.
+        :param setting: an element of `settings` or `refine`.
+        """
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return the settings to compare on this motion; none if it is not testable."""
+        return [{}]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        """
+        Return neighbours of a setting, to refine it; none if no refinement is needed.
+
+        :param step: distance of the neighbours, 1 for the first refinement and less later.
+        """
+        return []
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        """Return why this motion does not excite it, as a clause; None if it does."""
+        return None
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        """
+        Return the prior standard deviations (K,) of the coefficients about 0.
+
+        The default is a torque of `size` times the joint's torque scale.
+        """
+        return np.asarray(self.size * sizes.torque / np.maximum(sizes.columns, 1e-9))
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        """Return one coefficient for each column that `columns` returns for the same motion."""
+        return self.coefficients
+
+    def implausible(self, values: FloatArray) -> str | None:
+        """
+        Return why coefficients (K,) are not physical, as a clause; None if they are plausible.
+
+        The default checks the sign if `why_not_negative` is set, and the limit `largest`.
+        """
+        values = np.asarray(values)
+        minimum = float(values.min(initial=0.0))
+        largest = float(np.abs(values).max(initial=0.0))
+        if self.why_not_negative and minimum < 0.0:
+            return f'the coefficient is negative ({minimum:.3g}): {self.why_not_negative}'
+        if largest > self.largest:
+            size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()
+            return f'{size} is too large; at most {self.largest:.3g} is expected'
+        return None
+
+
+# Names of the attributes of every effect.
+ATTRIBUTES = tuple(get_type_hints(Effect))

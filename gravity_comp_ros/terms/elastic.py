@@ -1,0 +1,205 @@
+"""Elastic effects: joint springs, cables, end stops, and joint elasticity."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.effect import Coefficient, Coefficients, Effect, Setting, Sizes
+from gravity_comp_ros.terms.motion import Motion
+import numpy as np
+
+# Minimum travel in rad: over less, a spring is collinear with the sine of gravity.
+_MIN_TRAVEL = 0.2
+# Minimum travel in rad for harmonics: over less, they are close to a parabola.
+_CRANK_TRAVEL = 1.5
+# Parts of the range in which a cable is slack.
+_CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Exponents of the torque of a cable or hose over its stretch.
+_CABLE_ORDERS = (1.0, 2.0)
+_HARNESS_RESTS = (0.35, 0.5, 0.65)
+# Parts of the range in which an end stop acts; a cable acts over larger parts.
+_STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
+_STIFFNESS = Coefficient('k', 'N·m/rad', 'stiffness')
+_REPELS = 'the torque would push the joint away from its rest position'
+_WHOLE_RANGE = ('move joint {joint} slowly back and forth over its whole range, once in each of '
+                'two postures of the other joints')
+
+
+class JointSpring(Effect):
+    """
+    The columns are the angle and the constant of a torsion spring, or harmonics of a crank.
+
+    A spring has a rest angle that the motion need not contain, so its constant is a coefficient
+    of its own. The torque of a spring between two points is periodic in the angle. Its
+    fundamental is collinear with gravity; the columns are the next harmonics.
+    """
+
+    name = 'joint_spring'
+    coefficients = (_STIFFNESS, Coefficient('m', 'N·m', 'torque in the middle of the range'))
+    uses_gravity = False
+    is_static = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = motion.samples.q[:, [joint]]
+        if not _is_crank(setting):
+            return np.column_stack([q - setting['centre'], np.ones(len(q))])
+        orders = np.arange(2, int(setting['overtones']) + 2)
+        return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.full(len(sizes.columns), 0.3 * sizes.torque)
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return a torsion spring, and cranks with 1 and 2 harmonics."""
+        low, span = _range(motion, joint)
+        orders = (0.0,) if span < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
+        return [{'centre': low + 0.5 * span, 'overtones': count} for count in orders]
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        if not _is_crank(setting):
+            return self.coefficients
+        orders = range(2, int(setting['overtones']) + 2)
+        return tuple(Coefficient(f'{symbol}_{order}', 'N·m', f'{wave} of {order} q_n')
+                     for symbol, wave in (('a', 'sine'), ('b', 'cosine')) for order in orders)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return _insufficient_travel(motion, joint)
+
+
+def _is_crank(setting: Setting) -> bool:
+    return bool(setting.get('overtones', 0.0))
+
+
+def _insufficient_travel(motion: Motion, joint: int) -> str | None:
+    travel = excitation.travel(motion, joint)
+    if travel < _MIN_TRAVEL:
+        return (f'the joint travels {travel:.2g} rad; an elastic torque requires at least '
+                f'{_MIN_TRAVEL:g} rad')
+    return None
+
+
+def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return the signed distance (M, 1) of the joint beyond `start` in the direction `side`."""
+    beyond = setting['side'] * (motion.samples.q[:, [joint]] - setting['start'])
+    return setting['side'] * np.maximum(beyond, 0.0)
+
+
+def _range(motion: Motion, joint: int) -> tuple[float, float]:
+    q = motion.samples.q[:, joint]
+    return float(q.min()), float(np.ptp(q))
+
+
+class CableStiffness(Effect):
+    """
+    The column is the pull of a cable that is taut on one side, or, for side 0, a cubic torque.
+
+    The pull is a power of the stretch with exponent `order`. The cubic torque is that of a
+    harness twisted about its rest angle `start`. Both are scaled so that the coefficient is a
+    stiffness: torque over angle at `half`, half the travel, from the start.
+    """
+
+    name = 'cable_stiffness'
+    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),)
+    uses_gravity = False
+    is_static = True
+    why_not_negative = _REPELS
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        order = setting['order']
+        if not setting['side']:
+            twist = motion.samples.q[:, [joint]] - setting['start']
+            return twist * (twist / setting['half']) ** 2
+        pull = _hinge(motion, joint, setting)
+        return pull if order == 1.0 else pull * (np.abs(pull) / setting['half']) ** (order - 1.0)
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return starts within the range, sides and orders, and rest angles of a harness."""
+        low, span = _range(motion, joint)
+
+        def setting(part: float, side: float, order: float) -> dict[str, float]:
+            return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9),
+                    'order': order}
+
+        return [*(setting(part if side > 0 else 1.0 - part, side, order) for order in _CABLE_ORDERS
+                  for side in (1.0, -1.0) for part in _CABLE_STARTS),
+                *(setting(rest, 0.0, 3.0) for rest in _HARNESS_RESTS)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        _, span = _range(motion, joint)
+        return [{**setting, 'start': setting['start'] + part * span}
+                for part in (-0.06 * step, 0.06 * step)]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.5 * sizes.torque])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return _insufficient_travel(motion, joint)
+
+
+class EndStop(Effect):
+    """The start of the stop is compared at several positions near both ends of the range."""
+
+    name = 'end_stop'
+    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),)
+    uses_gravity = False
+    is_static = True
+    why_not_negative = _REPELS
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return _hinge(motion, joint, setting)
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        low, span = _range(motion, joint)
+        return [{'start': low + (1.0 - depth if side > 0 else depth) * span, 'side': side}
+                for side in (1.0, -1.0) for depth in _STOP_DEPTHS]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        low, span = _range(motion, joint)
+        end = low + span if setting['side'] > 0 else low
+        depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
+        factors = (1.3 ** -step, 1.3 ** step)
+        return [{**setting, 'start': end + factor * depth} for factor in factors
+                if abs(factor * depth) <= deepest]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([5.0 * sizes.torque])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if reason := _insufficient_travel(motion, joint):
+            return reason
+        low, span = _range(motion, joint)
+        q, deepest = motion.samples.q[:, joint], max(_STOP_DEPTHS)
+        near = min(np.count_nonzero(q < low + deepest * span),
+                   np.count_nonzero(q > low + (1.0 - deepest) * span))
+        if near < 10:
+            return 'there are too few samples near the ends of the range'
+        return None
+
+
+class JointFlexibility(Effect):
+    """
+    The columns are the change of all torques per compliance c if the joint deflects by -c g_j.
+
+    g(q - c g_j e_j) - g(q) = -c g_j dg/dq_j to first order.
+    """
+
+    name = 'joint_flexibility'
+    coefficients = (Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),)
+    scope = 'arm'
+    is_static = True
+    size = 0.02
+    why_not_negative = 'the link would deflect against its load'
+    largest = 0.01
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return -(motion.gradient[:, :, joint] * motion.gravity[:, [joint]])[:, :, None]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if float(np.abs(self.columns(motion, joint, {})).max(initial=0.0)) < 1e-6:
+            return 'this joint carries no gravity torque that could deflect it'
+        return _insufficient_travel(motion, joint)
+
+
+EFFECTS = (JointSpring(), CableStiffness(), EndStop(), JointFlexibility())

@@ -1,0 +1,127 @@
+"""
+Friction effects of one joint.
+
+The direction of motion d, from -1 to 1, is a smoothed sign (`motion_direction`); its law is a
+nonlinear setting. The load is the predicted gravity torque, never the measured one, which includes
+the friction itself.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.effect import Coefficient, Effect, Expectation, Setting, Sizes
+from gravity_comp_ros.terms.motion import Motion
+from gravity_comp_ros.terms.motion_direction import law_of, laws, refined_laws
+import numpy as np
+
+_THREE_SPEEDS = ('move joint {joint} back and forth over its range at three speeds, with the '
+                 'other joints at rest')
+# Effects that are corrected by friction at low speed.
+DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
+_DISSIPATES = 'friction dissipates energy'
+
+
+class DirectionEffect(Effect):
+    """Friction whose direction follows one of the laws; the law is among its settings."""
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return laws(float(motion.speed_noise[joint]))
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return refined_laws(setting, step)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return excitation.insufficient_directions(motion, joint)
+
+
+class CoulombFriction(DirectionEffect):
+    name = 'coulomb_friction'
+    coefficients = (Coefficient('F_c', 'N·m', 'Coulomb friction torque'),)
+    uses_gravity = False
+    expectation = Expectation.COMMON
+    why_not_negative = _DISSIPATES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return motion.direction(joint, law_of(setting))[:, None]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1 * sizes.torque])
+
+
+class ViscousFriction(Effect):
+    name = 'viscous_friction'
+    coefficients = (Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),)
+    uses_gravity = False
+    expectation = Expectation.COMMON
+    why_not_negative = _DISSIPATES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return motion.samples.qd[:, [joint]]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.5 * sizes.torque])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return excitation.insufficient_speeds(motion, joint)
+
+
+class AsymmetricFriction(DirectionEffect):
+    name = 'asymmetric_friction'
+    coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction in positive and '
+                                              'negative direction'),)
+    uses_gravity = False
+    corrects = DRY
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return np.abs(motion.direction(joint, law_of(setting)))[:, None]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.05 * sizes.torque])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return excitation.insufficient_rest(motion, joint)
+
+
+class LoadDependentFriction(DirectionEffect):
+    name = 'load_dependent_friction'
+    coefficients = (Coefficient('mu', '', 'friction torque per transmitted torque'),)
+    why_not_negative = _DISSIPATES
+    largest = 0.5
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        d = motion.direction(joint, law_of(setting))
+        return (np.abs(motion.gravity[:, joint]) * d)[:, None]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return super().untestable(motion, joint) or excitation.insufficient_load(motion, joint)
+
+
+class CoupledFriction(DirectionEffect):
+    """The column is the direction of q_n + s q_m, m the joint number `partner` (from 1)."""
+
+    name = 'coupled_friction'
+    coefficients = (Coefficient('F_k', 'N·m', 'friction torque of the coupled gear'),)
+    uses_gravity = False
+    why_not_negative = _DISSIPATES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        coupled = {joint: 1.0, int(setting['partner']) - 1: setting['sign']}
+        return motion.coupled_direction(coupled, law_of(setting))[:, None]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1 * sizes.torque])
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return the neighbours and signs with some of the laws."""
+        partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
+        return [{'partner': m + 1.0, 'sign': sign, **law} for m in partners for sign in (1.0, -1.0)
+                for law in laws(float(motion.speed_noise[joint]))[1::4]]
+
+
+EFFECTS = (CoulombFriction(), ViscousFriction(), AsymmetricFriction(), LoadDependentFriction(),
+           CoupledFriction())

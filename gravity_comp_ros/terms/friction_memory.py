@@ -1,0 +1,100 @@
+"""
+Friction with a state: warm-up since the start of a session, and distance since a reversal.
+
+The distance starts again with every run, since earlier motion is unknown. The time of a session
+continues over all recordings with stamps on one clock.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.runs import run_slices, session_time
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.clock import origin_of, since
+from gravity_comp_ros.terms.effect import Coefficient, Effect, Setting, Sizes
+from gravity_comp_ros.terms.friction import DRY
+from gravity_comp_ros.terms.motion import Motion
+from gravity_comp_ros.terms.motion_direction import DISTANCES, law_of, laws
+import numpy as np
+
+# Minimum duration of a session, minimum time constant, in s, and number of time constants.
+_MIN_DURATION = 60.0
+_MIN_TIME = 120.0
+_TIMES = 3
+
+
+class FrictionDrift(Effect):
+    """Time constants from a tenth of the longest session to 1.5 times it are compared."""
+
+    name = 'friction_drift'
+    coefficients = (Coefficient('F_w', 'N·m', 'friction that the gear loses as it warms up'),)
+    uses_gravity = False
+    size = 0.03
+    corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
+                'load_dependent_friction', 'coupled_friction')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        warmth = np.expm1(-since(motion.samples, setting['origin']) / setting['time'])
+        return (motion.direction(joint, law_of(setting)) * warmth)[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        longest, origin = _longest(motion), origin_of(motion.samples)
+        noise = float(motion.speed_noise[joint])
+        middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
+        return [{'time': float(t), 'origin': origin, **law} for t in np.geomspace(
+            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES) for law in middle[::2]]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        reason = excitation.insufficient_directions(motion, joint)
+        longest = _longest(motion)
+        if reason is None and longest < _MIN_DURATION:
+            return (f'the longest session takes {longest:.3g} s, too short for a warm-up of '
+                    f'friction')
+        return reason
+
+
+def _longest(motion: Motion) -> float:
+    return float(session_time(motion.samples).max(initial=0.0))
+
+
+class PreslidingHysteresis(Effect):
+    """Distances longer than those of a reversal, and the rate at which friction builds up."""
+
+    name = 'presliding_hysteresis'
+    coefficients = (Coefficient('F_p', 'N·m', 'friction torque that builds up over the '
+                                              'distance'),
+                    Coefficient('sigma', 'N·m·s', 'damping while it builds up'))
+    uses_gravity = False
+    corrects = DRY
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        z = motion.direction(joint, setting)
+        rate = np.concatenate([_rate(z[run], motion.samples.t[run])
+                               for run in run_slices(motion.samples)])
+        return np.column_stack([z, rate])
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1, 0.02]) * sizes.torque
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return [{'distance': d} for d in (*DISTANCES[1:], 0.06)
+                if d < 0.2 * excitation.travel(motion, joint)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return [{'distance': setting['distance'] * 1.5 ** k} for k in (-step, step)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return (excitation.insufficient_directions(motion, joint)
+                or excitation.insufficient_reversals(motion, joint))
+
+
+def _rate(z: FloatArray, t: FloatArray) -> FloatArray:
+    return np.gradient(z, t) if len(z) > 1 else np.zeros_like(z)
+
+
+EFFECTS = (FrictionDrift(), PreslidingHysteresis())

@@ -1,0 +1,106 @@
+"""
+Nonlinear friction of lubricated surfaces.
+
+At low speed the surfaces are in contact (Stribeck friction). At high speed they slide on a film
+with shear thinning (degressive friction). Both add to Coulomb or viscous friction.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.terms.friction import DRY
+from gravity_comp_ros.terms.motion import Motion
+from gravity_comp_ros.terms.motion_direction import smooth_sign, WIDTHS
+import numpy as np
+
+# Minimum Stribeck speed relative to the lowest speed with a certain direction.
+_ABOVE_WIDTH = 2.0
+# Maximum Stribeck speed relative to the top speed: above, it is collinear with viscous friction.
+_BELOW_TOP = 0.35
+_STRIBECK_SPEEDS = 4
+# Exponents of the speed between 0, Coulomb friction, and 1, viscous friction.
+_POWERS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
+# Minimum ratio of speeds: below, a power of the speed is nearly linear.
+_MIN_SPEED_RATIO = 2.5
+
+
+class StribeckFriction(Effect):
+    """Stribeck speeds between the sign width and the top speed are compared."""
+
+    name = 'stribeck_friction'
+    coefficients = (Coefficient('F_s', 'N·m', 'friction at low speed in excess of Coulomb '
+                                              'friction'),)
+    uses_gravity = False
+    corrects = DRY
+    size = 0.05
+    why_not_negative = 'friction that increases from low speed on is viscous friction'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
+        return (_sign(motion, joint) * fall)[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        low, high = _stribeck_range(motion, joint)
+        if high <= low:
+            return []
+        count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
+        return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        low, high = _stribeck_range(motion, joint)
+        return [{'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
+                for k in (-step, step)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if reason := excitation.insufficient_speeds(motion, joint):
+            return reason
+        low, high = _stribeck_range(motion, joint)
+        if high <= low:
+            return (f'the joint is too slow, or its speed too noisy: a Stribeck speed must lie '
+                    f'above {low:.2g} and below {high:.2g} rad/s')
+        speeds = np.abs(motion.samples.qd[:, joint])
+        if np.count_nonzero(speeds < 0.5 * high) < 20:
+            return 'there are too few samples at low speed'
+        return None
+
+
+def _sign(motion: Motion, joint: int) -> FloatArray:
+    """Return the direction of a joint (M,) with the narrowest law that its speed allows."""
+    width = max(WIDTHS[0], float(motion.speed_noise[joint]))
+    return smooth_sign(motion.samples.qd[:, joint], {'width': width})
+
+
+def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
+    return (_ABOVE_WIDTH * motion.min_speed(joint),
+            _BELOW_TOP * excitation.top_speed(motion, joint))
+
+
+class DegressiveFriction(Effect):
+    name = 'degressive_friction'
+    coefficients = (Coefficient('F_d', 'N·m', 'friction torque at 1 rad/s'),)
+    uses_gravity = False
+    corrects = ('coulomb_friction', 'viscous_friction')
+    why_not_negative = 'this friction increases with speed'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        speed = np.abs(motion.samples.qd[:, joint])
+        return (_sign(motion, joint) * speed ** setting['power'])[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return [{'power': power} for power in _POWERS]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if reason := excitation.insufficient_speeds(motion, joint):
+            return reason
+        speeds = np.abs(motion.samples.qd[excitation.moving(motion, joint), joint])
+        low, high = np.quantile(speeds, (0.1, 0.9))
+        if high < _MIN_SPEED_RATIO * low:
+            return (f'the range of speeds, {low:.2g} to {high:.2g} rad/s, is too narrow to '
+                    f'distinguish a nonlinear from a linear law')
+        return None
+
+
+EFFECTS = (StribeckFriction(), DegressiveFriction())

@@ -1,0 +1,89 @@
+"""
+Direction of a joint's friction: a smoothed sign of its speed, d from -1 to 1.
+
+Measured friction does not jump at zero speed: the speed is noisy and filtered, and friction builds
+up over some distance. Which law a joint follows is a nonlinear setting of the friction effects:
+
+    width:     d = tanh(qd / width)                     friction that vanishes at rest
+    ramp:      d = qd / ramp, between -1 and 1          simulators with soft constraints
+    distance:  dz/dq = (1 - z sign(dq)) / distance      Dahl's element, which persists at rest
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.presliding import (
+    denoised_path, evenly_spaced, noise_of_fourth_differences, presliding_state)
+import numpy as np
+
+WIDTHS = (0.002, 0.005, 0.012, 0.03)            # rad/s
+RAMPS = (0.01, 0.03, 0.08)                      # rad/s
+DISTANCES = (0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
+LAW_UNITS = {'width': 'rad/s', 'ramp': 'rad/s', 'distance': 'rad'}
+# Minimum width relative to the speed noise: below, a law follows the noise.
+_NOISE_WIDTHS = 1.0
+# Factor of a refined law.
+_REFINED = 1.5
+
+
+def laws(speed_noise: float) -> list[dict[str, float]]:
+    """Return the laws to compare on a joint whose speed has this noise, rad/s."""
+    least = _NOISE_WIDTHS * speed_noise
+    widths = [w for w in WIDTHS if w >= least] or [least]
+    return [*({'width': w} for w in widths), *({'ramp': w} for w in RAMPS if w >= least),
+            *({'distance': d} for d in DISTANCES)]
+
+
+def law_of(setting: Mapping[str, float]) -> dict[str, float]:
+    """Return the law among the nonlinear parameters of an effect."""
+    return {name: setting[name] for name in LAW_UNITS if name in setting}
+
+
+def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:
+    """Return the setting with a smaller and a larger parameter of its law."""
+    (name, value), = law_of(setting).items()
+    factor = _REFINED ** step
+    return [{**setting, name: value / factor}, {**setting, name: value * factor}]
+
+
+def direction(samples: JointSamples, path: FloatArray, qd: FloatArray,
+              law: Mapping[str, float]) -> FloatArray:
+    """
+    Return the direction (M,), from -1 to 1, of a joint or a sum of joints.
+
+    :param path: its denoised angle (M,), rad (`path_of`). :param qd: its speed (M,), rad/s.
+    """
+    if 'distance' in law:
+        return np.concatenate([presliding_state(path[run], law['distance'])
+                               for run in run_slices(samples)])
+    return smooth_sign(qd, law)
+
+
+def smooth_sign(qd: FloatArray, law: Mapping[str, float]) -> FloatArray:
+    """Return the direction of speeds in rad/s by a law that depends on speed alone."""
+    if 'ramp' in law:
+        return np.clip(qd / law['ramp'], -1.0, 1.0)
+    return np.asarray(np.tanh(qd / law['width']))
+
+
+def path_of(samples: JointSamples, q: FloatArray) -> FloatArray:
+    """Return an angle (M,) in rad, without encoder noise and monotonic between reversals."""
+    return np.concatenate([denoised_path(q[run], samples.t[run]) for run in run_slices(samples)])
+
+
+def speed_noise(samples: JointSamples) -> FloatArray:
+    """
+    Return the standard deviation in rad/s of the white noise of each joint's speed, (N,).
+
+    Fourth differences remove smooth motion; their median size is robust to the start of motions.
+    Slow noise is not included.
+    """
+    parts = [np.diff(samples.qd[run], n=4, axis=0)[evenly_spaced(samples.t[run])]
+             for run in run_slices(samples)]
+    jumps = np.concatenate(parts) if parts else samples.qd[:0]
+    if not len(jumps):
+        return np.zeros(samples.n_joints)
+    return noise_of_fourth_differences(jumps)

@@ -1,0 +1,143 @@
+"""
+Effects of the tool: payload changes, and forces fixed in the tool frame.
+
+A mass at the tool adds to every first moment h_i of the chain. Without the lengths of the links
+the changes of the moments are free, with a prior of the size of the moments.
+The torque of a force fixed in the tool frame on joint n depends on the joints after n only, not
+on its own angle, unlike gravity. Such a force is not conservative.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+from gravity_comp_ros.data.runs import recorded_time
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.change_points import change_factor, change_points, ChangeEffect
+from gravity_comp_ros.terms.effect import Coefficient, Coefficients, Effect, Setting, Sizes
+from gravity_comp_ros.terms.motion import Motion
+import numpy as np
+
+# Minimum duration of motion before and after a payload change, in s.
+_MIN_DURATION = 10.0
+# Accuracy in s of a duration computed from a share of the samples.
+_ROUNDING = 0.1
+# Number of last joints with all features of a tool force; the joint before has two factors.
+_EXACT_JOINTS = 3
+# Minimum travel in rad of one of the last two joints for a tool force.
+_MIN_TRAVEL = 0.1
+
+
+class PayloadChange(ChangeEffect):
+    """The columns are the torque of each moment of the chain, negative before the change."""
+
+    name = 'payload_change'
+    coefficients = (Coefficient('m_i', 'N·m', 'change of the first moment about joint number i, '
+                                              'in its first direction'),
+                    Coefficient('n_i', 'N·m', 'the same in its second direction'))
+    scope = 'arm'
+    per_joint = False
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        assert motion.chain is not None
+        key = 'moments'
+        if key not in motion.of_gravity:
+            kinematics = ForwardKinematics(motion.chain.axes, motion.samples.q)
+            motion.of_gravity[key] = kinematics.moment_columns().transpose(2, 1, 0)
+        return motion.of_gravity[key] * change_factor(motion, setting)[:, None, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return _long_enough(motion, change_points(motion))
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return _long_enough(motion, super().refine(motion, joint, setting, step))
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.full(len(sizes.columns), 0.5 * sizes.torque)
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        return tuple(Coefficient(f'{symbol}_{n + 1}', 'N·m',
+                                 f'change of the first moment about joint number {n + 1}')
+                     for n in range(motion.samples.n_joints) for symbol in ('m', 'n'))
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.chain is None:
+            return 'a payload change requires a serial arm as the model of gravity'
+        points = change_points(motion)
+        if not points:
+            return 'there is no possible change point'
+        if not _long_enough(motion, points):
+            return (f'the recordings take {recorded_time(motion.samples):.1f} s: a payload change '
+                    f'requires {_MIN_DURATION:.0f} s of motion before and after it')
+        return None
+
+
+def _long_enough(motion: Motion, points: list[dict[str, float]]) -> list[dict[str, float]]:
+    """Return the change points with enough motion before and after them."""
+    seconds = recorded_time(motion.samples)
+    before = [seconds * float((change_factor(motion, point) < 0.0).mean()) for point in points]
+    return [point for point, time in zip(points, before)
+            if min(time, seconds - time) >= _MIN_DURATION - _ROUNDING]
+
+
+class ToolForce(Effect):
+    """One column for each feature, which acts on its joint alone, (M, N, K)."""
+
+    name = 'tool_force'
+    coefficients = (Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),)
+    uses_gravity = False
+    scope = 'arm'
+    per_joint = False
+    is_static = True
+    size = 0.03
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = motion.samples.q
+        pairs = _tool_features(q.shape[1])
+        values = dictionary.columns(q, np.array([feature for _, feature in pairs]))
+        out = np.zeros((*q.shape, len(pairs)))
+        for k, (place, _) in enumerate(pairs):
+            out[:, place, k] = values[:, k]
+        return out
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        n = motion.samples.n_joints
+        return tuple(Coefficient(f'f_{place + 1}[{dictionary.feature_name(feature, n)}]', 'N·m',
+                                 f'torque on joint number {place + 1}')
+                     for place, feature in _tool_features(n))
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        n = motion.samples.n_joints
+        if n < 2:
+            return 'with one joint a tool force cannot be distinguished from an offset'
+        if excitation.travel(motion, n - 1) < _MIN_TRAVEL and (
+                n < 3 or excitation.travel(motion, n - 2) < _MIN_TRAVEL):
+            return ('the last joints hardly move, so that a tool force cannot be distinguished '
+                    'from offsets')
+        return None
+
+
+def _tool_features(n_joints: int) -> list[tuple[int, int]]:
+    """
+    Return (joint, feature) pairs of a tool force.
+
+    Features of the joints after `joint`: all for the last three joints, those with at most two
+    factors for the one before. Earlier joints would require hundreds of features or kinematics
+    and are not modelled.
+    """
+    pairs = []
+    for joint in range(max(0, n_joints - _EXACT_JOINTS - 1), n_joints):
+        max_factors = n_joints if joint >= n_joints - _EXACT_JOINTS else 2
+        after = n_joints - 1 - joint
+        for tail in product(range(3), repeat=after):
+            if sum(factor != dictionary.ONE for factor in tail) <= max_factors:
+                factors = np.array([[dictionary.ONE] * (joint + 1) + list(tail)])
+                pairs.append((joint, int(dictionary.index_of(factors)[0])))
+    return pairs
+
+
+EFFECTS = (PayloadChange(), ToolForce())

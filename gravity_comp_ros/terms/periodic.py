@@ -1,0 +1,78 @@
+"""Periodic torque of gears, bearings and motors."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.terms import excitation
+from gravity_comp_ros.terms.effect import Coefficient, Effect, Setting, Sizes
+from gravity_comp_ros.terms.motion import Motion
+import numpy as np
+
+# Range of periods per revolution: gravity has one, springs on cranks two or three.
+_LOWEST = 4
+_HIGHEST = 320
+# Minimum travel in rad, and minimum number of periods within it.
+_MIN_TRAVEL = 0.1
+_MIN_PERIODS = 2.0
+
+
+class TorqueRipple(Effect):
+    """Integer values of k are compared, with the resolution that the travel allows."""
+
+    name = 'torque_ripple'
+    coefficients = (Coefficient('a', 'N·m', 'sine amplitude'),
+                    Coefficient('b', 'N·m', 'cosine amplitude'))
+    uses_gravity = False
+    is_static = True
+    size = 0.03
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        angle = setting['k'] * motion.samples.q[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        lowest, highest = _range(motion, joint)
+        if highest < lowest:
+            return []
+        step = max(1, int(0.5 * np.pi / excitation.travel(motion, joint)))
+        return [{'k': float(k)} for k in range(lowest, highest + 1, step)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        # Gear ratios need not be integers.
+        width, lowest = np.pi / excitation.travel(motion, joint), _lowest(motion, joint)
+        return [{'k': k} for part in (-0.5 * step, 0.5 * step)
+                if (k := setting['k'] + part * width) >= lowest]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.full(2, self.size * sizes.torque)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        lowest, highest = _range(motion, joint)
+        if highest < lowest:
+            return (f'no period is identifiable over {excitation.travel(motion, joint):.2g} rad '
+                    f'with this spacing of the samples')
+        return None
+
+
+def _range(motion: Motion, joint: int) -> tuple[int, int]:
+    """
+    Return the lowest and the highest identifiable k.
+
+    The travel must include two periods, and most samples must be less than half a period apart.
+    """
+    travel = excitation.travel(motion, joint)
+    steps = np.abs(np.diff(motion.samples.q[:, joint]))[np.diff(motion.samples.runs) == 0]
+    steps = steps[steps > 0]
+    if travel < _MIN_TRAVEL or not steps.size:
+        return _HIGHEST + 1, 0
+    highest = int(np.pi / float(np.quantile(steps, 0.75)))
+    return int(np.ceil(_lowest(motion, joint))), min(_HIGHEST, highest)
+
+
+def _lowest(motion: Motion, joint: int) -> float:
+    """Return the k with the minimum number of periods within the travel."""
+    return max(float(_LOWEST), _MIN_PERIODS * 2 * np.pi / excitation.travel(motion, joint))
+
+
+EFFECTS = (TorqueRipple(),)
