@@ -106,7 +106,6 @@ class KnownAxes(Shared):
             angles[:, :, :2] = ForwardKinematics(chain.axes, state.q).axis_columns(
                 chain.moments)[:2].transpose(2, 1, 0)
             angles[:, :, 2:] = self.gradient(state.q)
-            angles[:, :, 2] = 0.0  # a zero angle of the first joint is an azimuth of the base
         return np.concatenate([angles, described_columns(
             self.geometry, state.q, state.qd, state.qdd)], axis=2)
 
