@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.regression.rows import Rows
@@ -109,6 +110,12 @@ class Pool:
     def log_odds(self) -> FloatArray:
         """Return the prior log odds (C,) of all candidates."""
         return np.array([term.log_odds for term in self.terms])
+
+    @cached_property
+    def most_share_allowed(self) -> FloatArray:
+        """Return the most (C,) that a prior of positive coefficients adds to a gain."""
+        return np.array([t.n_columns * np.log(2.0) if t.effect.why_not_negative else 0.0
+                         for t in self.terms])
 
     def groups(self) -> Mapping[int, IntArray]:
         """Return the numbers of the candidates by their number of columns."""

@@ -159,7 +159,7 @@ class Ranking:
 
 
 def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
-    """Return the gains at kappa = 1 (T,) of candidates of a pool."""
+    """Return the largest gains at kappa = 1 (T,) of candidates of a pool."""
     bounds = np.full(len(pool.terms), -np.inf)
     usable = np.zeros(len(pool.terms), dtype=bool)
     usable[allowed] = True
@@ -186,6 +186,7 @@ def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
         prior = std[:, :, None] ** -2.0 * np.eye(size)
         mean = np.linalg.solve(information + prior, scores[:, :, None])[:, :, 0]
         occam = np.linalg.slogdet(np.eye(size) + information * std[:, None] ** 2)[1]
-        value = 0.5 * (scores * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
+        value = (0.5 * (scores * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
+                 + pool.most_share_allowed[group])
         bounds[group] = np.where(left, value, -np.inf)
     return bounds[allowed]
