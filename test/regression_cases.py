@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.terms.registry import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design

@@ -19,7 +19,8 @@ ROOMS = (
     ('data', 'worker'),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
-    ('evaluation',),
+    ('terms', 'evaluation'),
+    ('regression',),
     ('estimation',),
     ('diagnosis',),
     ('planning',),
@@ -29,7 +30,7 @@ ROOMS = (
     ('node', 'workbench', 'commands', 'cli'),
 )
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
-CORE = ({name for names in ROOMS[:7] for name in names}
+CORE = ({name for names in ROOMS[:8] for name in names}
         - {'recordings', 'simulation', 'description'})
 # Forbidden imports between packages of a level or of adjacent levels.
 FORBIDDEN = {

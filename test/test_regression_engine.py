@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.effects.friction import ViscousFriction
-from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.terms.friction import ViscousFriction
+from gravity_comp_ros.terms.registry import known_effect, library_effects
 from gravity_comp_ros.regression.engine import huber_weights, Problem, regress
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
@@ -17,7 +16,7 @@ from regression_cases import (
 from serial_arms import planar_2r
 
 SMALL = tuple(known_effect(name) for name in EFFECTS)
-EVERY = tuple(effect for effect in library_effects().values() if not effect.is_shared)
+EVERY = tuple(library_effects().values())
 
 
 def pendulums(n, samples, effects=SMALL, **given):

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.terms.registry import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, log_share_allowed, Ranking, score_of
