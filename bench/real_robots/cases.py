@@ -144,7 +144,7 @@ def _drawn(name: str, seed: int) -> Case:
     friction = tuple(one for one in friction if one.joint not in replaced)
     # Friction first: a gain acts on the torque that the sensor measures.
     laws = [*friction, *(one.law for one in hidden)]
-    runs = [_run(arm, motion, laws, noise, rng) for motion in motions]
+    runs = [recorded(arm, motion, laws, noise, rng) for motion in motions]
     q = np.concatenate([run.q for run in runs[:2]])
     poses = rng.uniform(q.min(axis=0), q.max(axis=0), (_POSES, arm.n_joints))
     return Case(name, seed, description, arm.joints, tuple(runs[:2]), runs[2], hidden, friction,
@@ -170,8 +170,9 @@ def _motion(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generato
     return multisine(low, high, arm.max_speed, int(rng.integers(2 ** 31)), options, DURATION, RATE)
 
 
-def _run(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: FloatArray,
-         rng: np.random.Generator) -> Run:
+def recorded(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: FloatArray,
+             rng: np.random.Generator) -> Run:
+    """Return what the sensors of an arm report of a motion; `noise` (N,) in N·m."""
     exact = synthesise(arm, motion, SynthesisOptions(disturbances=laws))
     shape = exact.q.shape
     return Run(exact.t, exact.q + _POSITION_NOISE * rng.standard_normal(shape),
@@ -185,7 +186,7 @@ def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArra
     """Return one or two effects on different joints, and how visible each is."""
     makers = MAKERS[:-1] if friction else MAKERS
     sparse = [_every(motion, 10) for motion in motions]
-    basis = np.concatenate([_regressor(arm, motion) for motion in sparse]) / noise[:, None]
+    basis = np.concatenate([regressor(arm, motion) for motion in sparse]) / noise[:, None]
     basis = basis.reshape(-1, basis.shape[2])
     found: list[tuple[Hidden, float]] = []
     for _ in range(int(rng.integers(1, 3))):
@@ -221,7 +222,7 @@ def _every(motion: Motion, step: int) -> Motion:
                    qdd=motion.qdd[::step])
 
 
-def _regressor(arm: Arm, motion: Motion) -> FloatArray:
+def regressor(arm: Arm, motion: Motion) -> FloatArray:
     """Return Pinocchio's regressor (M, N, 10 N) of the torque."""
     data = arm.model.createData()
     return np.array([pin.computeJointTorqueRegressor(arm.model, data, *row)

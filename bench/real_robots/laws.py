@@ -142,8 +142,9 @@ def _load(site: Site, rng: np.random.Generator) -> Hidden:
 
 
 def _ripple(site: Site, rng: np.random.Generator) -> Hidden:
-    law = Cogging(site.joint, int(rng.integers(8, 41)), float(rng.uniform(0.01, 0.03) * site.scale),
-                  float(rng.uniform(0.4, 1.5)), float(rng.uniform(0.0, 1.0)))
+    law = Cogging(site.joint, int(rng.integers(8, 41)),
+                  float(rng.uniform(0.01, 0.03) * site.scale), float(rng.uniform(0.4, 1.5)),
+                  float(rng.uniform(0.0, 1.0)))
     return _hidden('torque_ripple', law, static=True)
 
 

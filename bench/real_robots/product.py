@@ -66,8 +66,8 @@ def loop(one: Case, described: bool) -> Outcome:
         refused = str(problem)
     seconds['add'] = process_time() - start
     return Outcome(diagnosis.to_json()['findings'], predicted(one, model),
-                   static_torque(one, model, one.poses), before, tuple(model.effects), seconds,
-                   refused)
+                   static_part(model, one.joints, one.poses), before, tuple(model.effects),
+                   seconds, refused)
 
 
 def oracle(one: Case) -> FloatArray:
@@ -95,11 +95,11 @@ def predicted(one: Case, model: gc.Model) -> FloatArray:
     return torque[:, [model.joints.index(name) for name in one.joints]]
 
 
-def static_torque(one: Case, model: gc.Model, q: FloatArray) -> FloatArray:
-    """Return the torque (K, N) in N·m of gravity and static effects in poses q (K, N)."""
+def static_part(model: gc.Model, joints: Sequence[str], q: FloatArray) -> FloatArray:
+    """Return the torque (K, N) in N·m of gravity and static effects in poses q (K, N) in rad."""
     applied = replace(model.gravity.applied, effects=tuple(
         effect for effect in model.gravity.applied.effects if effect.name in STATIC))
     still = gc.Recording.from_arrays(q, np.zeros_like(q), np.arange(len(q), dtype=np.float64),
-                                     qd=np.zeros_like(q), names=one.joints, gate=None)
+                                     qd=np.zeros_like(q), names=joints, gate=None)
     torque = gc.Model(replace(model.gravity, applied=applied)).torque(still)
-    return torque[:, [model.joints.index(name) for name in one.joints]]
+    return torque[:, [model.joints.index(name) for name in joints]]
