@@ -202,15 +202,17 @@ def test_lists_of_seeds():
 def test_the_table_counts_and_names_the_worst_case(drawn):
     one = with_offset(drawn)
     answer = [finding('torque_offset', one.joints[1])]
-    about = {'hidden': ['torque_offset:2'], 'lugre': False, 'before': 9.0, 'refused': '',
+    about = {'hidden': ['torque_offset:2'], 'lugre': True, 'before': 9.0, 'refused': '',
              'seconds': {'fit': 1.0, 'diagnose': 2.0}}
     results = [{'case': name, **about, **score(one, answer, one.unseen.tau + far * one.noise,
-                                               one.static(one.poses)[0]).to_json()}
+                                               one.static(one.poses)[0],
+                                               one.unseen.tau + one.noise).to_json()}
                for name, far in (('near', 1.0), ('far', 3.0))]
     failed = {'case': 'broken', 'why': ['failed: no motion'], 'why_loose': ['failed: no motion']}
     text = table([*results, failed])
     assert '1 of 3 right; within 2.5 x noise and 2 %: 1 of 3.' in text
     assert 'at most (far, joint ' in text and '| broken |' in text
+    assert '2.00 x oracle in the median, 3.00 x oracle at most (far' in text
     assert '2 of 2 published 95 % intervals cover: torque_offset 2 of 2.' in text
 
 

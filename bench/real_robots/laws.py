@@ -168,7 +168,9 @@ def _cable(site: Site, rng: np.random.Generator) -> Hidden:
 def _coulomb(site: Site, rng: np.random.Generator) -> Hidden:
     law = Friction(site.joint, LuGre(float(rng.uniform(0.01, 0.04) * site.scale),
                                      presliding=_log(rng, 5e-5, 1e-3)))
-    return _hidden('coulomb_friction', law, allowed=BRISTLES, known=level_of(law, 1.0))
+    # Bristles that bend before they slip: either name explains the torque.
+    return _hidden('coulomb_friction', law, ('presliding_hysteresis',), allowed=BRISTLES,
+                   known=level_of(law, 1.0))
 
 
 # The hidden Coulomb friction is last: joints with friction of their own gears have it already.

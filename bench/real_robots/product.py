@@ -17,6 +17,8 @@ import numpy as np
 # Effects that act at rest; friction and dynamics do not.
 STATIC = ('torque_offset', 'torque_gain', 'joint_spring', 'cable_stiffness', 'torque_ripple',
           'end_stop', 'encoder_offset', 'base_tilt', 'tool_force', 'joint_flexibility')
+# Effects that LuGre friction consists of.
+LUGRE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'presliding_hysteresis')
 
 
 @dataclass(eq=False)
@@ -71,10 +73,17 @@ def loop(one: Case, described: bool) -> Outcome:
 
 
 def oracle(one: Case) -> FloatArray:
-    """Return the torque (M, N) on the unseen run of a fit given description and true effects."""
-    effects = {f'{truth.effect}:{one.joints[truth.joint]}' for truth in one.hidden}
-    effects |= {f'{name}:{one.joints[f.joint]}' for f in one.friction
-                for name in ('coulomb_friction', 'viscous_friction')}
+    """
+    Return the torque (M, N) on the unseen run of a fit given description and true effects.
+
+    Asymmetric friction of a joint that hardly rests is the column of an offset, and given as one.
+    """
+    effects = {'rigid_body_dynamics'}
+    for truth in one.hidden:
+        name = 'torque_offset' if truth.effect == 'asymmetric_friction' else truth.effect
+        effects.add(f'{name}:{one.joints[truth.joint]}')
+    rubbing = {f.joint for f in one.friction} | {h.joint for h in one.hidden if h.allowed}
+    effects |= {f'{name}:{one.joints[joint]}' for joint in rubbing for name in LUGRE}
     train = recording(one, one.train, gc.GateOptions())
     return predicted(one, fit(one, train, True, sorted(effects)))
 

@@ -70,7 +70,7 @@ def main() -> int:
     tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
                          for seed in args.seeds for arm in args.arms]
     missing = [task for task in tasks if not usable(stored(task), None if args.keep else code)
-               or args.oracle and stored(task).get('oracle') is None]
+               or args.oracle and 'no_oracle' not in stored(task)]
     print(f'{len(tasks)} cases, {len(tasks) - len(missing)} done before', flush=True)
     start = monotonic()
     with get_context('spawn').Pool(args.jobs, maxtasksperchild=4) as pool:
@@ -119,15 +119,20 @@ def judged(task: Task) -> tuple[Task, dict[str, Any]]:
              'visible': one.visible}
     try:
         outcome = loop(one, described)
-        best = oracle(one) if with_oracle else None
     except gc.GravityCompError as problem:
         reason = (f'failed: {problem}',)
         return task, {**about, 'why': reason, 'why_loose': reason}
+    best, tried = None, {}
+    if with_oracle:
+        try:
+            best, tried = oracle(one), {'no_oracle': ''}
+        except gc.GravityCompError as problem:
+            tried = {'no_oracle': str(problem)}
     result = score(one, outcome.findings, outcome.torque, outcome.static, best)
     return task, {**about, **result.to_json(), 'added': outcome.added,
                   'before': float(error_ratios(one, outcome.before).max()),
                   'seconds': outcome.seconds, 'refused': outcome.refused,
-                  'findings': outcome.findings}
+                  'findings': outcome.findings, **tried}
 
 
 def result_file(task: Task) -> Path:

@@ -57,9 +57,9 @@ class Score:
     `missed` and `false` are effects as `NAME:NUMBER`, joints from 1; `tied` are the truths that
     are named only as one of several alternatives, `open` all findings that are not accepted.
     `error` and `static` are figures of the worst joints, as in `Bounds`; `error_joint` is from 1;
-    `errors` are those of all joints, `static_max` the largest static error of a pose, as a share
-    of the largest gravity torque. `why` is empty for a right case, `why_loose` for one within the
-    bounds `LOOSE`.
+    `errors` are those of all joints, `pooled` their root mean square, `static_max` the largest
+    static error of a pose, as a share of the largest gravity torque. `why` is empty for a right
+    case, `why_loose` for one within the bounds `LOOSE`.
     """
 
     missed: tuple[str, ...]
@@ -69,6 +69,7 @@ class Score:
     error: float
     error_joint: int
     errors: tuple[float, ...]
+    pooled: float
     static: float
     static_joint: int
     static_max: float
@@ -118,8 +119,9 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
            for bounds in (STRICT, LOOSE)]
     return Score(tuple(missed), tuple(false), tuple(tied),
                  tuple(str(f) for f in found if not f.accepted), figures[0],
-                 int(errors.argmax()) + 1, tuple(map(float, errors)), figures[1],
-                 int(rms.argmax()) + 1, float(off.max()), of_oracle,
+                 int(errors.argmax()) + 1, tuple(map(float, errors)),
+                 float(np.sqrt((errors ** 2).mean())), figures[1], int(rms.argmax()) + 1,
+                 float(off.max()), of_oracle,
                  tuple(_intervals(one, [f for f in found if f.accepted])), *why)
 
 

@@ -34,13 +34,15 @@ def totals(results: Sequence[Result]) -> list[str]:
                f'{sum(bool(r["false"]) for r in done)} cases; '
                f'{sum(bool(r["refused"]) for r in done)} additions refused, {n - len(done)} '
                f'failed.')
-    out.append(_figure(done, 'Error on the unseen run, worst joint', 'x noise', 'error',
+    out.append(_figure(done, 'Error on the unseen run, worst joint', 'x noise',
                        lambda r: r['error'], 'error_joint'))
+    out.append(_figure(done, 'Root mean square of the joints', 'x noise',
+                       lambda r: r['pooled'], 'error_joint'))
     with_oracle = [r for r in done if r.get('oracle') and r['lugre']]
     if with_oracle:
-        out.append(_figure(with_oracle, 'With LuGre friction', 'x oracle', 'error',
+        out.append(_figure(with_oracle, 'With LuGre friction', 'x oracle',
                            lambda r: r['error'] / r['oracle'], 'error_joint'))
-    out.append(_figure(done, 'Static torque, worst joint', '%', 'static',
+    out.append(_figure(done, 'Static torque, worst joint', '%',
                        lambda r: 100 * r['static'], 'static_joint'))
     intervals = [i for r in done for i in r['intervals']]
     covered = sum(i['covers'] for i in intervals)
@@ -56,7 +58,7 @@ def totals(results: Sequence[Result]) -> list[str]:
     return out
 
 
-def _figure(done: Sequence[Result], title: str, unit: str, key: str,
+def _figure(done: Sequence[Result], title: str, unit: str,
             value: Callable[[Result], float], joint: str) -> str:
     values = [value(r) for r in done]
     worst = done[int(np.argmax(values))]
