@@ -23,6 +23,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+import hashlib
 import json
 from pathlib import Path
 from zlib import crc32
@@ -33,6 +35,7 @@ from bench.real_robots.laws import (
 from gravity_comp_ros.atomic import replacing
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.simulation import arms as simulated
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions
@@ -116,15 +119,33 @@ def case(arm: str, seed: int, folder: Path | None = None) -> Case:
     """
     Return a case; with a folder it is read from `ARM.SEED.npz` there, or written to it.
 
+    A file that other code has made is replaced.
+
     :raises OptionError: if there is no such arm, or the descriptions are not installed.
     """
     path = None if folder is None else folder / f'{arm}.{seed}.npz'
-    if path is not None and path.is_file():
+    if path is not None and path.is_file() and _code_of(path) == _code():
         return load(path)
     out = _drawn(arm, seed)
     if path is not None:
         save(out, path)
     return out
+
+
+@cache
+def _code() -> str:
+    """Return a hash of the code that makes cases."""
+    simulation = Path(simulated.__file__).parent
+    files = [Path(__file__).with_name(f'{name}.py') for name in ('arms', 'cases', 'laws')]
+    digest = hashlib.sha256()
+    for path in (*files, *sorted(simulation.rglob('*.py'))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _code_of(path: Path) -> str:
+    with np.load(path) as data:
+        return str(data['code'])
 
 
 def _drawn(name: str, seed: int) -> Case:
@@ -238,8 +259,8 @@ def save(one: Case, path: Path) -> None:
              'visible': one.visible, 'largest': one.largest}
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path, GravityCompError) as temporary, temporary.open('wb') as stream:
-        np.savez_compressed(stream, about=json.dumps(about), noise=one.noise, scale=one.scale,
-                            poses=one.poses, **runs)
+        np.savez_compressed(stream, about=json.dumps(about), code=_code(), noise=one.noise,
+                            scale=one.scale, poses=one.poses, **runs)
 
 
 def load(path: Path) -> Case:

@@ -121,7 +121,7 @@ def judged(task: Task) -> tuple[Task, dict[str, Any]]:
         outcome = loop(one, described)
     except gc.GravityCompError as problem:
         reason = (f'failed: {problem}',)
-        return task, {**about, 'why': reason, 'why_loose': reason}
+        return task, {**about, 'why': reason, 'why_loose': reason, 'no_oracle': 'failed'}
     best, tried = None, {}
     if with_oracle:
         try:
