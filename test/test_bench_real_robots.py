@@ -6,7 +6,7 @@ from bench.campaign.score import Finding
 from bench.real_robots import arms
 from bench.real_robots.cases import Case, case, load, MAX_SPEED, save
 from bench.real_robots.laws import ClockSpring, Hidden, Known, packed, unpacked
-from bench.real_robots.run import seeds
+from bench.real_robots.run import parser, seeds
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
 from gravity_comp_ros.errors import OptionError
@@ -102,6 +102,24 @@ def test_a_saved_case_is_read_unchanged(drawn, tmp_path):
     assert again.hidden == drawn.hidden and again.friction == drawn.friction
     np.testing.assert_array_equal(again.unseen.tau, drawn.unseen.tau)
     np.testing.assert_allclose(again.static(again.poses), drawn.static(drawn.poses))
+
+
+def test_a_file_of_other_code_or_a_damaged_one_is_made_again(drawn, tmp_path):
+    path = tmp_path / 'so101.7.npz'
+    for text in (b'not a case', None):
+        if text is None:
+            np.savez(path, code='other')
+        else:
+            path.write_bytes(text)
+        again = case('so101', 7, tmp_path)
+        np.testing.assert_array_equal(again.unseen.tau, drawn.unseen.tau)
+        np.testing.assert_array_equal(load(path).unseen.tau, drawn.unseen.tau)
+
+
+def test_unknown_arms_are_refused_by_the_command_line(capsys):
+    with pytest.raises(SystemExit):
+        parser().parse_args(['folder', '--arms', 'panda,ur7'])
+    assert 'no arm ur7; there are ur3' in capsys.readouterr().err
 
 
 def test_laws_survive_json():

@@ -27,6 +27,7 @@ from functools import cache
 import hashlib
 import json
 from pathlib import Path
+from zipfile import BadZipFile
 from zlib import crc32
 
 from bench.real_robots.arms import arm_of, urdf
@@ -144,8 +145,12 @@ def _code() -> str:
 
 
 def _code_of(path: Path) -> str:
-    with np.load(path) as data:
-        return str(data['code'])
+    """Return the hash in a file of a case, '' if it is damaged."""
+    try:
+        with np.load(path) as data:
+            return str(data['code'])
+    except (OSError, ValueError, KeyError, BadZipFile):
+        return ''
 
 
 def _drawn(name: str, seed: int) -> Case:

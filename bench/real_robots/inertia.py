@@ -25,7 +25,7 @@ from zlib import crc32
 
 from bench.real_robots.arms import arm_of, SOURCES, urdf
 from bench.real_robots.cases import recorded, regressor, scales
-from bench.real_robots.run import seeds
+from bench.real_robots.run import arm_names, seeds
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
@@ -40,7 +40,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description='Gravity from slow motion with inertia.')
     parser.add_argument('folder', help='folder of results')
     parser.add_argument('--seeds', type=seeds, default=[400], help='e.g. 400 or 300-304')
-    parser.add_argument('--arms', type=lambda text: text.split(','), default=list(SOURCES))
+    parser.add_argument('--arms', type=arm_names, default=','.join(SOURCES))
     args = parser.parse_args()
     folder = Path(args.folder)
     folder.mkdir(parents=True, exist_ok=True)

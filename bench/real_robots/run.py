@@ -42,7 +42,7 @@ import sys
 from time import monotonic
 from typing import Any
 
-from bench.real_robots.arms import SOURCES
+from bench.real_robots.arms import descriptions, PACKAGE, SOURCES
 from bench.real_robots.cases import case
 from bench.real_robots.product import loop, oracle
 from bench.real_robots.score import error_ratios, score
@@ -62,10 +62,6 @@ def main() -> int:
     """Judge the cases without a result, and print the table of all requested ones."""
     args = parser().parse_args()
     folder, code = Path(args.folder), fingerprint()
-    unknown = sorted(set(args.arms) - set(SOURCES))
-    if unknown:
-        print(f'no arm {", ".join(unknown)}; there are {", ".join(SOURCES)}', file=sys.stderr)
-        return 1
     (folder / 'cases').mkdir(parents=True, exist_ok=True)
     tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
                          for seed in args.seeds for arm in args.arms]
@@ -91,14 +87,26 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Loops on descriptions of real robots.')
     out.add_argument('folder', help='folder of cases and results')
-    out.add_argument('--seeds', type=seeds, default=[400], help='e.g. 400 or 300-304,401')
-    out.add_argument('--arms', type=lambda text: text.split(','), default=list(SOURCES),
+    out.add_argument('--seeds', type=seeds, default='400', help='e.g. 400 or 300-304,401')
+    out.add_argument('--arms', type=arm_names, default=','.join(SOURCES),
                      help=f'(default: {",".join(SOURCES)})')
     out.add_argument('--described', action='store_true', help='fit with the description')
     out.add_argument('--oracle', action='store_true', help='also fit the true effects')
     out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
     out.add_argument('--keep', action='store_true', help='keep results of older code')
     return out
+
+
+def arm_names(text: str) -> list[str]:
+    """Return the arms of a list such as panda,ur5."""
+    names = text.split(',')
+    if descriptions() is None:
+        raise argparse.ArgumentTypeError(f'descriptions are missing: pip install {PACKAGE}')
+    unknown = sorted(set(names) - set(SOURCES))
+    if unknown:
+        raise argparse.ArgumentTypeError(f'no arm {", ".join(unknown)}; there are '
+                                         f'{", ".join(SOURCES)}')
+    return names
 
 
 def seeds(text: str) -> list[int]:
