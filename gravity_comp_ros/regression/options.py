@@ -44,7 +44,7 @@ class EngineOptions:
     - `max_rounds`: rounds of additions, exchanges and removals at one noise.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
     - `starts`: alternatives from which the terms of a joint are selected again.
-    - `halvings`: refinements of a nonlinear setting.
+    - `halvings`: halvings of the step in which a nonlinear setting is refined.
 
     :raises OptionError: if a value is not positive.
     """
@@ -65,7 +65,7 @@ class EngineOptions:
     passes: int = 3
     steps: int = 3
     starts: int = 5
-    halvings: int = 4
+    halvings: int = 6
 
     def __post_init__(self) -> None:
         for field in fields(self):

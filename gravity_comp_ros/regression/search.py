@@ -27,6 +27,8 @@ Terms = tuple[Term, ...]
 _CONVERGED, _MAX_NOISES = 0.05, 8
 # Share of the best gain from which additions on other joints are made in the same round.
 _TOGETHER = 0.3
+# Gain in nats for which a nonlinear setting is moved on.
+_BETTER_SETTING = 0.01
 # Share of a term's gain that an alternative must reach to be tried.
 _COMPARABLE = 0.2
 
@@ -127,14 +129,14 @@ class Search:
         """Return a term at the best setting near its own, and its gain."""
         best, gain = term, gain_of(posterior, term)
         step = 1.0
-        for _ in range(self.options.halvings):
+        while step > 0.5 ** self.options.halvings:
             tried = [(gain_of(posterior, other), other)
                      for other in self.factory.neighbours(best, step)]
             top = max(tried, key=lambda each: each[0], default=None)
-            if top is not None and top[0] > gain:
-                gain, best = top
-            elif not tried:
+            if top is None:
                 break
+            if top[0] > gain + _BETTER_SETTING:
+                gain, best = top
             else:
                 step *= 0.5
         return best, gain

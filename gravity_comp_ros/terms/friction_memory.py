@@ -18,7 +18,7 @@ from gravity_comp_ros.terms.motion_direction import DISTANCES, law_of, laws
 import numpy as np
 
 # Minimum duration of a session, minimum time constant, in s, and number of time constants.
-_MIN_DURATION = 60.0
+_MIN_DURATION = 300.0
 _MIN_TIME = 120.0
 _TIMES = 3
 

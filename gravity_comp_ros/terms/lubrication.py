@@ -12,14 +12,16 @@ from gravity_comp_ros.terms import excitation
 from gravity_comp_ros.terms.effect import Coefficient, Effect, Setting
 from gravity_comp_ros.terms.friction import DRY
 from gravity_comp_ros.terms.motion import Motion
-from gravity_comp_ros.terms.motion_direction import smooth_sign, WIDTHS
+from gravity_comp_ros.terms.motion_direction import law_of, refined_laws, WIDTHS
 import numpy as np
 
 # Minimum Stribeck speed relative to the lowest speed with a certain direction.
 _ABOVE_WIDTH = 2.0
 # Maximum Stribeck speed relative to the top speed: above, it is collinear with viscous friction.
-_BELOW_TOP = 0.35
+_BELOW_TOP = 0.7
 _STRIBECK_SPEEDS = 4
+# Distances in rad over which its direction reverses, if it persists at rest.
+_DISTANCES = (0.0007, 0.003)
 # Exponents of the speed between 0, Coulomb friction, and 1, viscous friction.
 _POWERS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
 # Minimum ratio of speeds: below, a power of the speed is nearly linear.
@@ -39,20 +41,23 @@ class StribeckFriction(Effect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
-        return (_sign(motion, joint) * fall)[:, None]
+        return (motion.direction(joint, law_of(setting)) * fall)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return speeds, each with directions that vanish or persist at rest."""
         low, high = _stribeck_range(motion, joint)
         if high <= low:
             return []
         count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
-        return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
+        return [{'speed': float(v), **law} for v in np.geomspace(low, high, count)
+                for law in (_narrowest(motion, joint), *({'distance': d} for d in _DISTANCES))]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         low, high = _stribeck_range(motion, joint)
-        return [{'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
-                for k in (-step, step)]
+        speeds = [{**setting, 'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
+                  for k in (-step, step)]
+        return [*speeds, *refined_laws(setting, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):
@@ -67,10 +72,9 @@ class StribeckFriction(Effect):
         return None
 
 
-def _sign(motion: Motion, joint: int) -> FloatArray:
-    """Return the direction of a joint (M,) with the narrowest law that its speed allows."""
-    width = max(WIDTHS[0], float(motion.speed_noise[joint]))
-    return smooth_sign(motion.samples.qd[:, joint], {'width': width})
+def _narrowest(motion: Motion, joint: int) -> dict[str, float]:
+    """Return the narrowest law of a direction that the noise of the speed allows."""
+    return {'width': max(WIDTHS[0], float(motion.speed_noise[joint]))}
 
 
 def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
@@ -87,7 +91,7 @@ class DegressiveFriction(Effect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         speed = np.abs(motion.samples.qd[:, joint])
-        return (_sign(motion, joint) * speed ** setting['power'])[:, None]
+        return (motion.direction(joint, _narrowest(motion, joint)) * speed ** setting['power'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return [{'power': power} for power in _POWERS]
