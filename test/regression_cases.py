@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.terms.registry import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
@@ -15,6 +14,7 @@ from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
+from gravity_comp_ros.terms.registry import known_effect
 import numpy as np
 from serial_arms import planar_2r
 
@@ -76,7 +76,8 @@ def with_torque(parts: Sequence[JointSamples], torque, seed: int = 0,
 
 
 def linear_problem(samples: JointSamples, shared: Shared,
-                   options: EngineOptions = EngineOptions()) -> tuple[Problem, Design, TermFactory]:
+                   options: EngineOptions = EngineOptions()
+                   ) -> tuple[Problem, Design, TermFactory]:
     """Return a problem with its design at the shared part, and a factory of terms."""
     problem = Problem.of(samples, options=options)
     motion = problem.motion.with_gravity(shared.gravity(samples.q), shared.gradient)

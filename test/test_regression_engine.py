@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.terms.friction import ViscousFriction
-from gravity_comp_ros.terms.registry import known_effect, library_effects
 from gravity_comp_ros.regression.engine import huber_weights, Problem, regress
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+from gravity_comp_ros.terms.friction import ViscousFriction
+from gravity_comp_ros.terms.registry import known_effect, library_effects
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -43,17 +43,16 @@ FOUND = {('coulomb_friction', 0), ('viscous_friction', 0), ('joint_spring', 2)}
 
 @pytest.mark.parametrize('seed', range(5))
 def test_a_pendulum_by_hand(seed):
-    samples = with_torque(motion_of_joints(1, seed), lambda q, qd, t: (
+    samples = with_torque(motion_of_joints(1, seed, rate=10.0), lambda q, qd, t: (
         4.0 * np.sin(q) - 1.0 * np.cos(q) + 0.5 * np.tanh(qd / 0.005) + 1.2 * qd), seed)
     result = pendulums(1, samples, EVERY)
-    found = coefficients(result)
-    assert set(found) == {('coulomb_friction', 0), ('viscous_friction', 0)}
+    estimates = coefficients(result)
+    assert set(estimates) == {('coulomb_friction', 0), ('viscous_friction', 0)}
     for key, truth in ((('coulomb_friction', 0), 0.5), (('viscous_friction', 0), 1.2)):
-        value, std = found[key]
+        value, std = estimates[key]
         assert abs(value[0] - truth) < 5.0 * std[0] and std[0] < 0.1 * truth
     np.testing.assert_allclose(result.shared.weights, [4.0, -1.0], atol=0.05)
-    # The noise of a row is that of the mean of two samples.
-    assert result.noise[0] == pytest.approx(NOISE / np.sqrt(2.0), rel=0.1)
+    assert result.noise[0] == pytest.approx(NOISE, rel=0.1)
     assert result.converged
 
 
@@ -64,22 +63,22 @@ def test_two_links_by_hand(seed):
 
     samples = two_links(seed, friction)
     result = regress(Problem.of(samples), UnknownLengths.of(chain_of_two_links()), SMALL)
-    found = coefficients(result)
-    assert set(found) == {('coulomb_friction', 0), ('joint_spring', 1)}
-    assert found['coulomb_friction', 0][0][0] == pytest.approx(0.4, abs=0.03)
-    stiffness, std = (x[0] for x in found['joint_spring', 1])
+    estimates = coefficients(result)
+    assert set(estimates) == {('coulomb_friction', 0), ('joint_spring', 1)}
+    assert estimates['coulomb_friction', 0][0][0] == pytest.approx(0.4, abs=0.03)
+    stiffness, std = (x[0] for x in estimates['joint_spring', 1])
     assert abs(stiffness - 0.8) < 5.0 * std
     q = np.random.default_rng(1).uniform(samples.q.min(axis=0), samples.q.max(axis=0), (200, 2))
     # The constant of a spring, or an offset, is a part of the held-out error of gravity alone.
     total = result.shared.gravity(q)
     term = next(t for t in result.terms if t.name == 'joint_spring')
     total[:, 1] += (np.column_stack([q[:, 1] - term.setting['centre'], np.ones(200)])
-                    @ found['joint_spring', 1][0])
+                    @ estimates['joint_spring', 1][0])
     truth = planar_2r(q) + np.column_stack([np.zeros(200), 0.8 * (q[:, 1] - 0.5)])
     assert np.abs(total - truth).max() < 0.12, np.abs(total - truth).max()
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.integers(0, 20), st.permutations(range(3)))
 def test_the_order_of_joints_does_not_matter(seed, order):
     samples = with_torque(motion_of_joints(3, seed), rich, seed)
@@ -95,7 +94,7 @@ def test_the_order_of_joints_does_not_matter(seed, order):
     np.testing.assert_allclose(two.noise, one.noise[order], rtol=1e-5)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.integers(0, 20), st.floats(1e-3, 1e3))
 def test_units_of_torque_scale_the_coefficients_and_leave_the_terms(seed, factor):
     samples = with_torque(motion_of_joints(3, seed), rich, seed)
@@ -172,20 +171,20 @@ def test_weights_of_outliers_by_hand():
 
 @pytest.mark.parametrize('arm', ['without gravity', 'pendulum'])
 def test_nothing_is_found_in_noise(arm):
-    """100 joints each: fewer than 2 % with any term; prior odds of 1 to 20 bound it."""
+    """At upper 1 of 50 joints has a term; the odds of `min_gain` allow 1 of 20."""
     size = 4.0 if arm == 'pendulum' else 0.0
     false = []
-    for seed in range(20):
-        parts = motion_of_joints(5, seed, runs=1)
+    for seed in range(5):
+        parts = motion_of_joints(10, seed, 40.0, 10.0, runs=1)
         samples = with_torque(parts, lambda q, qd, t: size * np.sin(q + 0.3), seed)
-        false += [(seed, key) for key in coefficients(pendulums(5, samples, EVERY))]
-    assert len(false) <= 2, false
+        false += [(seed, key) for key in coefficients(pendulums(10, samples, EVERY))]
+    assert len(false) <= 1, false
 
 
 def test_published_intervals_cover():
-    """Of 95 % intervals of Coulomb friction in 60 recordings, at least 90 % cover."""
+    """Of 95 % intervals of Coulomb friction in 40 recordings, at least 90 % cover."""
     covered = []
-    for seed in range(60):
+    for seed in range(40):
         samples = with_torque(motion_of_joints(1, seed, runs=1), lambda q, qd, t: (
             4.0 * np.sin(q) + 0.5 * np.tanh(qd / 0.005)), seed)
         result = pendulums(1, samples, (known_effect('coulomb_friction'),))

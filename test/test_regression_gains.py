@@ -2,7 +2,6 @@
 
 from functools import cache
 
-from gravity_comp_ros.terms.registry import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, log_share_allowed, Ranking, score_of
@@ -10,11 +9,13 @@ from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.term import is_consistent, with_children_of
+from gravity_comp_ros.terms.registry import known_effect
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from regression_cases import (
     first_terms, linear_problem, motion_of_joints, NOISE, OwnGravity, with_torque)
+from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal
 
 SIGNED = ('torque_offset', 'joint_spring', 'torque_drift')
@@ -68,7 +69,7 @@ def test_the_gain_is_the_evidence_of_the_whole_problem_with_the_term(seed, base,
 
 
 def test_the_evidence_is_the_normal_density_of_the_data():
-    """y ~ N(0, diag(1 / precision) + X S X'), without coefficients."""
+    """The data are N(0, diag(1 / precision) + X S X'), without coefficients."""
     design, _, terms = case(1, 6.0)
     names = [('torque_offset', 0), ('joint_spring', 1), ('torque_drift', 0), ('tool_force', None)]
 
@@ -90,8 +91,8 @@ def test_the_evidence_is_the_normal_density_of_the_data():
     constant = solve(design, (), PRECISION).log_evidence - density([])
     for count in range(1, 5):
         selected = tuple(terms[key] for key in names[:count])
-        found = solve(design, selected, PRECISION).log_evidence - density(selected)
-        assert found == pytest.approx(constant, abs=1e-5)
+        estimates = solve(design, selected, PRECISION).log_evidence - density(selected)
+        assert estimates == pytest.approx(constant, abs=1e-5)
 
 
 def test_a_positive_prior_is_the_normal_one_cut_at_zero():
@@ -105,7 +106,7 @@ def test_a_positive_prior_is_the_normal_one_cut_at_zero():
     prior = 2.0 * np.exp(-0.5 * (x / term.prior_std[0]) ** 2) / (
         term.prior_std[0] * np.sqrt(2.0 * np.pi))
     exponent = u * x - 0.5 * m * x ** 2
-    integral = np.trapezoid(prior * np.exp(exponent - exponent.max()), x)
+    integral = trapezoid(prior * np.exp(exponent - exponent.max()), x)
     expected = np.log(integral) + exponent.max() + term.log_odds
     assert after.log_evidence - before.log_evidence == pytest.approx(expected, abs=1e-3)
 
@@ -134,16 +135,16 @@ def test_a_ranking_has_the_best_terms_first_and_its_bounds_are_bounds(seed):
     ranking = Ranking(posterior, pool, range(len(candidates)), 3.0)
     gains = np.array([gain_of(posterior, term) for term in candidates])
     share = np.array([shared_odds(posterior, term) for term in candidates])
-    most = np.log(2.0) * np.array([bool(t.effect.why_not_negative) for t in candidates])
-    np.testing.assert_allclose(ranking.bounds, gains - share + most, rtol=1e-6, atol=1e-6)
+    upper = np.log(2.0) * np.array([bool(t.effect.why_not_negative) for t in candidates])
+    np.testing.assert_allclose(ranking.bounds, gains - share + upper, rtol=1e-6, atol=1e-6)
     assert (gains <= ranking.bounds + 1e-6).all()
-    found = list(ranking)
-    assert [gain for gain, _ in found] == sorted((gain for gain, _ in found), reverse=True)
-    assert found[0][0] == pytest.approx(gains.max()) and found[0][0] > 3.0
+    estimates = list(ranking)
+    assert [gain for gain, _ in estimates] == sorted((gain for gain, _ in estimates), reverse=True)
+    assert estimates[0][0] == pytest.approx(gains.max()) and estimates[0][0] > 3.0
 
 
 def shared_odds(posterior, term):
-    """Return what a positive prior adds to a gain; a bound has the most that it can add."""
+    """Return the log evidence that a positive prior adds to a gain."""
     scored = score_of(posterior, term)
     return log_share_allowed(term, scored.mean,
                              scored.information + np.diag(term.prior_std ** -2.0))
@@ -165,18 +166,19 @@ def test_leaving_rows_out_is_solving_without_them(seed, draw, share):
     selected = tuple(terms[key] for key in (('coulomb_friction', 0), ('joint_spring', 1),
                                             ('joint_flexibility', 1)))
     out = np.random.default_rng(draw).random(design.n_rows) < share
-    left = leave_out(solve(design, selected, PRECISION), out)
+    reduced = leave_out(solve(design, selected, PRECISION), out)
     again = Design(design.rows, (design.y / design.root).T,
                    np.stack([design.x[j][:4].T / design.root[j][:, None] for j in range(2)],
                             axis=1),
                    design.prior_std, (design.root ** 2).T * ~out[:, None])
     expected = solve(again, selected, PRECISION)
-    np.testing.assert_allclose(left.beta, expected.beta, rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(left.covariance, expected.covariance, rtol=1e-5, atol=1e-12)
-    # The residual is that of the rows left out, which the coefficients do not depend on.
+    np.testing.assert_allclose(reduced.beta, expected.beta, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(reduced.covariance, expected.covariance, rtol=1e-5, atol=1e-12)
+    # The residual is that of the rows reduced out, which the coefficients do not depend on.
     for j in range(2):
-        held_out = design.y[j] - left.beta[left.places(j)] @ solve(design, selected, PRECISION).x(j)
-        np.testing.assert_allclose(left.residual(j), held_out[out], atol=1e-10)
+        x = solve(design, selected, PRECISION).x(j)
+        held_out = design.y[j] - reduced.beta[reduced.places(j)] @ x
+        np.testing.assert_allclose(reduced.residual(j), held_out[out], atol=1e-10)
 
 
 @settings(max_examples=20, deadline=None)
@@ -199,8 +201,8 @@ def test_a_term_that_the_others_explain_has_no_gain():
     same = factory.term(twin, 0, {})
     posterior = solve(design, (offset,), PRECISION)
     assert gain_of(posterior, same) < 0.0
-    assert score_of(posterior, same).unabsorbed < 0.02
-    assert score_of(solve(design, (), PRECISION), same).unabsorbed > 0.01
+    assert score_of(posterior, same).unabsorbed < 0.03
+    assert score_of(solve(design, (), PRECISION), same).unabsorbed > 0.1
 
 
 def test_corrections_need_what_they_correct():

@@ -48,7 +48,8 @@ def test_a_slow_recording_has_a_row_for_each_sample():
 
 
 def test_no_row_has_samples_of_two_runs_or_of_both_sides_of_a_gap():
-    one, two = run_of(np.arange(13) / 50), run_of(5.0 + np.r_[np.arange(7), 207 + np.arange(6)] / 50)
+    one = run_of(np.arange(13) / 50)
+    two = run_of(5.0 + np.r_[np.arange(7), 207 + np.arange(6)] / 50)
     samples = concatenate([one, two])
     rows = rows_of(samples, OPTIONS)
     np.testing.assert_array_equal(rows.count, [5, 5, 3, 5, 2, 3, 3])
@@ -104,8 +105,8 @@ def test_folds_are_whole_runs_if_there_are_enough():
     assert set(few.fold) == set(range(N_FOLDS))
     changes = np.flatnonzero(np.diff(few.fold) | np.diff(few.run))
     assert np.diff(changes).min() >= 99       # 10 s of rows of 0.1 s
-    many = rows_of(concatenate([run_of(np.arange(100) / 50)] * 7), OPTIONS)
-    np.testing.assert_array_equal(many.fold, many.run % N_FOLDS)
+    hundred = rows_of(concatenate([run_of(np.arange(100) / 50)] * 7), OPTIONS)
+    np.testing.assert_array_equal(hundred.fold, hundred.run % N_FOLDS)
 
 
 def test_short_recordings_have_every_fold():

@@ -200,7 +200,8 @@ def test_dictionary_columns_are_those_of_the_torque(shared):
 
 def test_the_energy_of_a_pendulum_by_hand():
     # U = 3 sin q - 2 cos q: tau = 3 cos q + 2 sin q.
-    shared, q = Energy(Expansion(np.array([1, 2]), np.array([3.0, -2.0]))), np.array([[0.3], [2.0]])
+    shared = Energy(Expansion(np.array([1, 2]), np.array([3.0, -2.0])))
+    q = np.array([[0.3], [2.0]])
     np.testing.assert_allclose(shared.gravity(q), 3.0 * np.cos(q) + 2.0 * np.sin(q))
     np.testing.assert_allclose(shared.columns(State(q, 0 * q, 0 * q))[:, 0],
                                np.column_stack([np.cos(q), -np.sin(q)]))

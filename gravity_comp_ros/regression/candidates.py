@@ -57,12 +57,12 @@ class TermFactory:
     def neighbours(self, term: Term, step: float) -> list[Term]:
         """Return the same effect at neighbouring settings (`Effect.refine`)."""
         settings = term.effect.refine(self.motion, term.joint_number, term.setting, step)
-        found = []
+        terms = []
         for setting in settings:
             new = self.term(term.effect, term.joint, setting)
-            found.append(Term(new.effect, new.joint, new.setting, new.columns, new.prior_std,
+            terms.append(Term(new.effect, new.joint, new.setting, new.columns, new.prior_std,
                               term.log_odds))
-        return found
+        return terms
 
 
 @dataclass(frozen=True, eq=False)

@@ -206,8 +206,8 @@ def huber_weights(residual: FloatArray, options: EngineOptions) -> FloatArray:
 
 def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:
     """Return the keys of the terms that could replace one within the margin."""
-    least = search.posterior.log_evidence - search.options.margin
-    return tuple(other.key for evidence, other in search.alternatives(term) if evidence > least)
+    lowest = search.posterior.log_evidence - search.options.margin
+    return tuple(other.key for evidence, other in search.alternatives(term) if evidence > lowest)
 
 
 def _no_gradient(q: FloatArray) -> FloatArray:

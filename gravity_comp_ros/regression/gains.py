@@ -180,7 +180,7 @@ def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
         shaped, scores = side.reshape(len(group), size, -1), score.reshape(-1, size)
         information = own - (side @ posterior.covariance).reshape(shaped.shape) @ (
             shaped.transpose(0, 2, 1))
-        left = np.trace(information, axis1=1, axis2=2) > _EXPLAINED ** 2 * np.trace(
+        independent = np.trace(information, axis1=1, axis2=2) > _EXPLAINED ** 2 * np.trace(
             own, axis1=1, axis2=2)
         std = pool.prior_std(size)[kept]
         prior = std[:, :, None] ** -2.0 * np.eye(size)
@@ -188,5 +188,5 @@ def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
         occam = np.linalg.slogdet(np.eye(size) + information * std[:, None] ** 2)[1]
         value = (0.5 * (scores * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
                  + pool.most_share_allowed[group])
-        bounds[group] = np.where(left, value, -np.inf)
+        bounds[group] = np.where(independent, value, -np.inf)
     return bounds[allowed]

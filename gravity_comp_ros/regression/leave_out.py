@@ -17,5 +17,5 @@ def leave_out(posterior: Posterior, rows: BoolArray) -> Posterior:
     :param rows: mask (R,) of the rows to leave out.
     """
     design = posterior.design.without_rows(rows)
-    left = solve(design, posterior.terms, posterior.precision)
-    return replace(left, design=design)
+    posterior = solve(design, posterior.terms, posterior.precision)
+    return replace(posterior, design=design)

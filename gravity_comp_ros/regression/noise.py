@@ -8,7 +8,7 @@ repeats with the motion:
 
 with R rows, eta the discrepancy and s the torque scale of the joint. tau is the autocorrelation
 time of the residual. It is 1 while terms are selected, because the residual of an incomplete model
-is autocorrelated by what is missing; the scatter of a term's own scores stands for it (`gains`).
+is autocorrelated by what is missing; the scatter of a term's own scores replaces it (`gains`).
 The published covariance contains it.
 """
 

@@ -18,7 +18,6 @@ class EngineOptions:
     - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
       that time and memory do not grow with the rate.
     - `max_rows`: with more, the means are over a longer time.
-    - `max_samples`: with more, samples are evenly picked before their columns are computed.
     - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
       times the correlation time of the residual of a drive.
 
@@ -51,7 +50,6 @@ class EngineOptions:
 
     row_seconds: float = 0.1
     max_rows: int = 6000
-    max_samples: int = 40000
     block_seconds: float = 2.0
     discrepancy: float = 3e-4
     floor: float = 1e-5

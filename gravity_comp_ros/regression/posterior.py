@@ -40,7 +40,7 @@ class Posterior:
         return places
 
     def _of(self, j: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return what acts on a joint: coefficients, columns of the design, and their rows."""
+        """Return coefficients that act on a joint, their columns of the design, and their rows."""
         if j not in self._places:
             acting = [t for t in self.terms if j in t.joints(self.design.n_joints)]
             places = np.concatenate([np.arange(self.design.n_shared),

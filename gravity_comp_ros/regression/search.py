@@ -94,15 +94,15 @@ class Search:
 
     def _add_best(self) -> bool:
         """Add the best term of each joint, and the best on several joints."""
-        found = []
+        chosen = []
         for ranking in self._rankings():
             best = next(iter(ranking), None)
             if best is not None and best[0] > self.options.min_gain:
-                found.append(best)
-        found.sort(key=lambda each: -each[0])
+                chosen.append(best)
+        chosen.sort(key=lambda each: -each[0])
         changed = False
-        for gain, term in found:
-            if gain < _TOGETHER * found[0][0]:
+        for gain, term in chosen:
+            if gain < _TOGETHER * chosen[0][0]:
                 break
             term, _ = self._refined(self.posterior, term)
             changed |= self._accept((*self.terms, term), f'add {gain:.1f}')
@@ -113,17 +113,17 @@ class Search:
             yield self._ranking(self.posterior, pool, self.terms)
 
     def _ranking(self, posterior: Posterior, pool: Pool, terms: Terms,
-                 least: float | None = None) -> Ranking:
+                 minimum: float | None = None) -> Ranking:
         """Return the candidates of a pool that may be added to some terms."""
-        least = self.options.min_gain if least is None else least
-        return Ranking(posterior, pool, self._allowed(pool.terms, terms), least)
+        minimum = self.options.min_gain if minimum is None else minimum
+        return Ranking(posterior, pool, self._allowed(pool.terms, terms), minimum)
 
     def _allowed(self, candidates: Iterable[Term], terms: Terms) -> list[int]:
         """Return the candidates that are not among terms, and whose corrected effect is."""
         keys = {term.key for term in terms}
-        taken = keys | self._tabu
+        excluded = keys | self._tabu
         return [k for k, c in enumerate(candidates)
-                if c.key not in taken and (not c.parents or c.parents & keys)]
+                if c.key not in excluded and (not c.parents or c.parents & keys)]
 
     def _refined(self, posterior: Posterior, term: Term) -> tuple[Term, float]:
         """Return a term at the best setting near its own, and its gain."""
@@ -147,19 +147,19 @@ class Search:
         rest = with_children_of(self.terms, term)
         refined, gain = self._refined(without, term)
         if len(rest) < len(self.terms) - 1:
-            # Its corrections are reviewed first: they stand for it while they are in the model.
+            # Its corrections are reviewed first, because they are nearly collinear with it.
             return refined is not term and self._accept(
                 self._exchanged(term, refined), 'refine', 0.0)
-        rivals = self._ranking(without, self._pool_of(term), rest)
-        value, rival = next(iter(rivals), (-np.inf, None))
+        ranking = self._ranking(without, self._pool_of(term), rest)
+        value, other = next(iter(ranking), (-np.inf, None))
         if max(gain, value) < self.options.min_gain:
             self._tabu.add(term.key)
             self.posterior = self._solved(rest)
             self.log(f'  remove {term.key} {gain:.1f}')
             return True
-        if rival is not None and value > gain + self.options.significant:
-            rival, _ = self._refined(without, rival)
-            if self._accept(self._exchanged(term, rival), 'exchange'):
+        if other is not None and value > gain + self.options.significant:
+            other, _ = self._refined(without, other)
+            if self._accept(self._exchanged(term, other), 'exchange'):
                 return True
         if refined is not term:
             return self._accept(self._exchanged(term, refined), 'refine', 0.0)
@@ -173,19 +173,19 @@ class Search:
     def _exchanged(self, old: Term, new: Term) -> Terms:
         return tuple(new if term is old else term for term in self.terms)
 
-    def _accept(self, terms: Terms, move: str, least: float | None = None) -> bool:
+    def _accept(self, terms: Terms, move: str, minimum: float | None = None) -> bool:
         """Take other terms if their evidence is higher."""
         if not is_consistent(terms):
             return False
-        least = self.options.significant if least is None else least
+        minimum = self.options.significant if minimum is None else minimum
         trial = self._solved(terms)
         gain = trial.log_evidence - self.posterior.log_evidence
-        if gain <= least:
+        if gain <= minimum:
             return False
         new = [t for t in terms if t not in self.terms]
         self.log(f'  {move} {[(*t.key, t.setting) for t in new]} {gain:.1f}')
         self.posterior = trial
-        return least > 0.0
+        return minimum > 0.0
 
     def _exchange(self) -> bool:
         """Exchange terms between joints, merge equal ones, or select a joint again."""
@@ -195,14 +195,14 @@ class Search:
         """Return other terms on any joint that could replace one: evidence and term, sorted."""
         without = self.posterior.without((term,))
         rest = with_children_of(self.terms, term)
-        least = max(self.options.min_gain, _COMPARABLE * gain_of(without, term))
-        found: dict[Key, tuple[float, Term]] = {}
+        minimum = max(self.options.min_gain, _COMPARABLE * gain_of(without, term))
+        chosen: dict[Key, tuple[float, Term]] = {}
         for pool in self.pools:
-            for gain, other in self._ranking(without, pool, rest, least):
-                if other.key != term.key and gain > found.get(other.key, (-np.inf,))[0]:
-                    found[other.key] = gain, other
+            for gain, other in self._ranking(without, pool, rest, minimum):
+                if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
+                    chosen[other.key] = gain, other
         trials = []
-        for _, other in found.values():
+        for _, other in chosen.values():
             terms = self._exchanged(term, other)
             if is_consistent(terms):
                 trials.append((self._solved(terms).log_evidence, other))
@@ -213,8 +213,8 @@ class Search:
             if term.key in self.forced:
                 continue
             best = next(iter(self.alternatives(term)), None)
-            least = self.posterior.log_evidence + self.options.significant
-            if best is not None and best[0] > least and self._accept(
+            minimum = self.posterior.log_evidence + self.options.significant
+            if best is not None and best[0] > minimum and self._accept(
                     self._exchanged(term, best[1]), 'exchange'):
                 return True
         return False

@@ -122,6 +122,11 @@ class CoupledFriction(DirectionEffect):
         return [{'partner': m + 1.0, 'sign': sign, **law} for m in partners for sign in (1.0, -1.0)
                 for law in laws(float(motion.speed_noise[joint]))[1::4]]
 
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.samples.n_joints < 2:
+            return 'a coupled gear requires a second joint'
+        return super().untestable(motion, joint)
+
 
 EFFECTS = (CoulombFriction(), ViscousFriction(), AsymmetricFriction(), LoadDependentFriction(),
            CoupledFriction())

@@ -56,13 +56,7 @@ class BaseTilt(ChangeEffect):
     largest = 0.35
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        assert motion.chain is not None
-        key = 'tilt'
-        if key not in motion.of_gravity:
-            kinematics = ForwardKinematics(motion.chain.axes, motion.samples.q)
-            motion.of_gravity[key] = kinematics.axis_columns(
-                motion.chain.moments)[:2].transpose(2, 1, 0)
-        return motion.of_gravity[key] * change_factor(motion, setting)[:, None, None]
+        return _tilted(motion) * change_factor(motion, setting)[:, None, None]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.full(2, 0.1)
@@ -70,7 +64,22 @@ class BaseTilt(ChangeEffect):
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if motion.chain is None:
             return 'a base tilt requires a serial arm as the model of gravity'
-        return super().untestable(motion, joint)
+        if reason := super().untestable(motion, joint):
+            return reason
+        slope = float(np.sqrt(np.mean(_tilted(motion) ** 2, axis=0)).max())
+        if slope < _MIN_GRADIENT:
+            return f'no gravity torque depends on a tilt of the base ({slope:.2g} N·m/rad)'
+        return None
+
+
+def _tilted(motion: Motion) -> FloatArray:
+    """Return the torque of all joints per tilt of the base, (M, N, 2) in N·m/rad."""
+    assert motion.chain is not None
+    if 'tilt' not in motion.of_gravity:
+        kinematics = ForwardKinematics(motion.chain.axes, motion.samples.q)
+        motion.of_gravity['tilt'] = kinematics.axis_columns(
+            motion.chain.moments)[:2].transpose(2, 1, 0)
+    return motion.of_gravity['tilt']
 
 
 EFFECTS = (EncoderOffset(), BaseTilt())

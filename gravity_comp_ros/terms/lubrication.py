@@ -91,7 +91,8 @@ class DegressiveFriction(Effect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         speed = np.abs(motion.samples.qd[:, joint])
-        return (motion.direction(joint, _narrowest(motion, joint)) * speed ** setting['power'])[:, None]
+        direction = motion.direction(joint, _narrowest(motion, joint))
+        return (direction * speed ** setting['power'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return [{'power': power} for power in _POWERS]
