@@ -22,7 +22,7 @@ ROOMS = (
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
-    ('planning',),
+    ('planning', 'export'),
     ('api',),
     ('__init__',),
     ('report', 'fleet'),
