@@ -24,12 +24,14 @@ JOINTS = tuple(f'joint {n} "\\?*/' for n in range(N))
 KINDS = ('chain', 'potential', 'per_joint')
 
 
-def model_of(kind: str, seed: int = 0) -> GravityModel:
-    """Return a random model of a formulation."""
+def model_of(kind: str, seed: int = 0, right_angles: bool = False) -> GravityModel:
+    """Return a random model of a formulation; with right angles its energy has few terms."""
     rng = np.random.default_rng(seed)
     coverage = Coverage(-1 - rng.random(N), 1 + rng.random(N), 100)
     if kind == 'chain':
-        axes = np.array([tilt(rng.normal(0, 1.2, (1, 2)))[0] for _ in range(N)])
+        tilts = np.pi / 2 * np.eye(2)[rng.integers(0, 2, N)] if right_angles \
+            else rng.normal(0, 1.2, (N, 2))
+        axes = tilt(tilts)
         chain = Chain(axes, rng.normal(0, 20, (N, 2)))
         return GravityModel.from_energy(JOINTS, kind, expand(chain), np.ones(N), coverage, {},
                                         chain)
@@ -141,7 +143,7 @@ def test_effects_without_a_law_are_left_out_by_name(tmp_path):
         ('joint_spring', 1, {}, {'k': 4.0})])
     code = c_source(model)
     assert not code.effects and len(code.left_out) == 3
-    library, (q, qd) = compiled(model, tmp_path), poses(5)
+    library, (q, _) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
     assert parameters_of(model).layout == parameters_of(model_of('chain')).layout
     assert 'torque_drift:joint 0' in code.header
@@ -151,7 +153,7 @@ def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     ('base_tilt', None, {'side': 1.0}, {'alpha': 0.05, 'beta': -0.03, 'm_a': 1.0, 'm_b': 0.5}),
     ('encoder_offset', 2, {'run': 1.0, 'time': 0.0}, {'delta': 0.04})])
 def test_effects_in_the_dictionary_are_sums(name, joint, setting, values, tmp_path):
-    model = with_effects(model_of('chain'))
+    model = with_effects(model_of('chain', right_angles=True))
     model = replace(model, applied=Applied((AppliedEffect(
         name, None if joint is None else JOINTS[joint], setting,
         {symbol: Value(x, '', (x, x)) for symbol, x in values.items()}),),
@@ -273,4 +275,3 @@ def test_two_arms_in_one_program(tmp_path):
 def test_a_prefix_that_is_no_name_is_refused(prefix):
     with pytest.raises(OptionError, match='prefix'):
         c_source(model_of('chain'), prefix)
-

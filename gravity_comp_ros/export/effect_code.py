@@ -167,7 +167,9 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
     Order of the numbers: by effect, in the order of the model.
     """
     lines: dict[bool, list[str]] = {True: [], False: []}
-    included, left_out, widths = [], {}, {}
+    included: list[str] = []
+    left_out: dict[str, str] = {}
+    widths: dict[int, str] = {}
     for effect in model.applied.effects:
         law = STATIC.get(effect.name) or FRICTION.get(effect.name)
         if law is None or effect.joint is None:
