@@ -135,12 +135,14 @@ def compiled(folder: Path) -> Path:
     include = PREFIX / 'include'
     flags = []
     if (include / 'pinocchio').is_dir() and (include / 'eigen3').is_dir():
-        flags = ['-DWITH_PINOCCHIO', *(f'-I{include / part}' for part in ('', 'eigen3')),
+        flags = ['-DWITH_PINOCCHIO', '-DBOOST_MPL_LIMIT_LIST_SIZE=30', '-DNDEBUG',
+                 '-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS',
+                 *(f'-I{include / part}' for part in ('', 'eigen3')),
                  f'-L{PREFIX / "lib"}', f'-Wl,-rpath,{PREFIX / "lib"}', '-lpinocchio_default']
         write_arm(folder / 'arm.txt')
     else:
         print('no headers of Pinocchio and Eigen here: pip install pin cmeel-eigen')
-    subprocess.run(['g++', '-std=c++17', '-O2', '-w', 'speed.cpp', *sources, '-o', 'speed',
+    subprocess.run(['g++', '-std=c++17', '-O3', '-w', 'speed.cpp', *sources, '-o', 'speed',
                     *flags, '-lm'], cwd=folder, check=True)
     return folder / 'speed'
 

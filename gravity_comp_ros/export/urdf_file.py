@@ -1,0 +1,237 @@
+"""A URDF with masses and centres of mass that give the gravity torque of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.robot_tree import rotation_of
+from gravity_comp_ros.description.urdf import HeldPositions
+from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.export.nearest_masses import (
+    Links, nearest_masses, NearestOptions, trained_poses)
+from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.printable import printable, shown_names
+import numpy as np
+
+_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
+_THINNEST = 1e-3
+
+
+@dataclass(frozen=True)
+class LinkChange:
+    """Mass in kg and centre of mass in m of a link, in the description and in the result."""
+
+    mass_before: float
+    mass: float
+    centre_before: tuple[float, ...]
+    centre: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedDescription:
+    """
+    The changed file, its links by name, and what could not be written.
+
+    `before` and `after` are, by joint, the largest deviation in N·m from the model's torque in
+    the trained range. `effects` are written as friction; `left_out` are the others.
+    """
+
+    data: bytes
+    links: Mapping[str, LinkChange]
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    effects: tuple[str, ...]
+    left_out: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Inertial:
+    """The <inertial> of a link: its parts, and the numbers in the frame of the link."""
+
+    element: Element
+    mass: float
+    centre: FloatArray
+    rotation: FloatArray
+    inertia: FloatArray
+
+    @property
+    def second_moment(self) -> FloatArray:
+        return 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
+
+
+def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
+                 held: HeldPositions = HeldPositions(),
+                 options: NearestOptions = NearestOptions()) -> ChangedDescription:
+    """
+    Return a URDF with the masses and centres nearest to its own that give the model's torque.
+
+    Inertias about the centre of mass stay. Coulomb and viscous friction of the model are written
+    as `<dynamics>`. Axes and zero angles are not changed.
+
+    :raises DataError: if the file is not a URDF, or has no masses on the arm.
+    :raises ModelMismatchError: if it describes another arm.
+    """
+    arm = described_arm(data, model.joints, source, held)
+    edit = XmlEdit(data, source)
+    inertials = _inertials(edit, arm, source)
+    links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
+                  np.array([x.centre for x in inertials.values()]),
+                  np.array([_consistent(x.second_moment) for x in inertials.values()]))
+    arm, notes = _with_model_axes(arm, model)
+    order = [model.joints.index(name) for name in arm.geometry.joints]
+    q = trained_poses(model, options.poses)
+    result = nearest_masses(links, arm.columns(q[:, order], links.names),
+                            model.predict(q)[:, order], model.noise[order], arm.geometry.joints,
+                            options)
+    for inertial, mass, centre in zip(inertials.values(), result.masses, result.centres):
+        _write(edit, inertial, float(mass), centre)
+    notes += _repaired(edit, inertials)
+    effects = _write_friction(edit, model)
+    left_out = {effect.target: 'a URDF has no such effect' for effect in model.applied.effects
+                if effect.target not in effects}
+    changes = {name: LinkChange(x.mass, float(mass), tuple(x.centre.tolist()),
+                                tuple(centre.tolist()))
+               for (name, x), mass, centre in zip(inertials.items(), result.masses,
+                                                  result.centres)}
+    names = arm.geometry.joints
+    return ChangedDescription(
+        edit.result(), changes, dict(zip(names, result.before.tolist())),
+        dict(zip(names, result.after.tolist())), effects, left_out, tuple(notes))
+
+
+def _inertials(edit: XmlEdit, arm: DescribedArm, source: str) -> dict[str, _Inertial]:
+    """Return the links with mass that the arm carries."""
+    result = {}
+    for link in edit.root.children:
+        name = printable(link.attributes.get('name', ''))
+        element = link.child('inertial')
+        if link.tag != 'link' or name not in arm.places or element is None:
+            continue
+        inertial = _inertial(element, name, source)
+        if inertial.mass > 0.0:
+            result[name] = inertial
+    if not result:
+        raise DataError(f'{source} gives no mass to any link of the arm '
+                        f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
+                        f'to its links')
+    return result
+
+
+def _inertial(element: Element, name: str, source: str) -> _Inertial:
+    parts = {tag: element.child(tag) for tag in ('mass', 'origin', 'inertia')}
+
+    def numbers(tag: str, key: str, default: str) -> FloatArray:
+        part = parts[tag]
+        text = default if part is None else part.attributes.get(key, default)
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) != len(default.split()) or not np.isfinite(values).all():
+            raise DataError(f'{source}: the {tag} of link {name} has {key}='
+                            f'"{printable(text)}", not {len(default.split())} numbers')
+        return values
+
+    mass = float(numbers('mass', 'value', '0')[0])
+    if mass < 0.0:
+        raise DataError(f'{source}: link {name} has a mass of {mass:g} kg')
+    rotation = rotation_of(numbers('origin', 'rpy', '0 0 0'))
+    xx, xy, xz, yy, yz, zz = (float(numbers('inertia', key, '0')[0]) for key in _INERTIA)
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return _Inertial(element, mass, numbers('origin', 'xyz', '0 0 0'), rotation,
+                     rotation @ own @ rotation.T)
+
+
+def _consistent(second_moment: FloatArray) -> FloatArray:
+    """Return the nearest second moment that no mass distribution contradicts."""
+    values, vectors = np.linalg.eigh(second_moment)
+    if values[0] >= -1e-9 * abs(values[-1]):
+        return second_moment
+    return np.asarray(vectors @ np.diag(np.maximum(values, _THINNEST * values[-1])) @ vectors.T)
+
+
+def _repaired(edit: XmlEdit, inertials: Mapping[str, _Inertial]) -> list[str]:
+    """Write the inertias that break the triangle inequality, and return a note for each."""
+    notes = []
+    for name, inertial in inertials.items():
+        consistent, element = _consistent(inertial.second_moment), inertial.element.child(
+            'inertia')
+        if element is None or consistent is inertial.second_moment or np.array_equal(
+                consistent, inertial.second_moment):
+            continue
+        inertia = np.trace(consistent) * np.eye(3) - consistent
+        own = inertial.rotation.T @ inertia @ inertial.rotation
+        for key, (row, column) in zip(_INERTIA, zip(*np.triu_indices(3))):
+            edit.set(element, key, number(float(own[row, column])))
+        notes.append(f'link {name}: no body has the inertia of the description (the triangle '
+                     f'inequality); it has the nearest possible one')
+    return notes
+
+
+def _with_model_axes(arm: DescribedArm, model: GravityModel) -> tuple[DescribedArm, list[str]]:
+    """Return the arm with the vertical and the zero angles that the model was fitted with."""
+    own = model.geometry
+    if own is None or own.joints != arm.geometry.joints:
+        return arm, []
+    geometry: Geometry = arm.geometry
+    angle = np.degrees(np.array([_angle(a.T @ b) for a, b in zip(geometry.rotations,
+                                                                 own.rotations)]))
+    notes = []
+    if np.degrees(_tilt(geometry, own)) > 0.05:
+        notes.append(f'the model has a base tilted by {np.degrees(_tilt(geometry, own)):.2f} deg '
+                     f'from that of the description, which does not change')
+    if angle[1:].max(initial=0.0) > 0.05:
+        worst = int(np.argmax(angle[1:])) + 1
+        notes.append(f'the model has other axes or zero angles than the description, which '
+                     f'keeps its own: {angle[worst]:.2f} deg at {own.joints[worst]}')
+    return replace(arm, geometry=replace(geometry, rotations=own.rotations)), notes
+
+
+def _tilt(first: Geometry, second: Geometry) -> float:
+    return float(np.arccos(np.clip(first.rotations[0][2] @ second.rotations[0][2], -1.0, 1.0)))
+
+
+def _angle(rotation: FloatArray) -> float:
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
+
+
+def _write(edit: XmlEdit, inertial: _Inertial, mass: float, centre: FloatArray) -> None:
+    mass_element, origin = inertial.element.child('mass'), inertial.element.child('origin')
+    if mass_element is None:
+        raise ModelMismatchError('an <inertial> has no <mass>')
+    edit.set(mass_element, 'value', number(mass))
+    xyz = ' '.join(map(number, centre.tolist()))
+    if origin is None:
+        edit.insert(inertial.element, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
+    else:
+        edit.set(origin, 'xyz', xyz)
+
+
+def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
+    """Write Coulomb and viscous friction as <dynamics>, and return these effects."""
+    keys = {'coulomb_friction': ('F_c', 'friction'), 'viscous_friction': ('F_v', 'damping')}
+    joints = {printable(joint.attributes.get('name', '')): joint for joint in edit.root.children
+              if joint.tag == 'joint'}
+    values: dict[str, dict[str, str]] = {}
+    written = []
+    for effect in model.applied.effects:
+        symbol, key = keys.get(effect.name, ('', ''))
+        if symbol in effect.coefficients and effect.joint in joints:
+            values.setdefault(effect.joint, {})[key] = number(effect.coefficients[symbol].value)
+            written.append(effect.target)
+    for name, attributes in values.items():
+        element = joints[name].child('dynamics')
+        if element is None:
+            text = ' '.join(f'{key}="{value}"' for key, value in sorted(attributes.items()))
+            edit.insert(joints[name], f'<dynamics {text}/>')
+            continue
+        for key, value in attributes.items():
+            edit.set(element, key, value)
+    return tuple(written)
