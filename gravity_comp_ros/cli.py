@@ -55,6 +55,7 @@ PACKAGES = {
     'dask': 'pip install distributed',
     'distributed': 'pip install distributed',
     'mcap': 'pip install mcap zstandard (in a ROS workspace: ros-jazzy-mcap-ros2-support)',
+    'mujoco': 'pip install mujoco',
     'pinocchio': 'pip install pin (in a ROS workspace: ros-jazzy-pinocchio)',
     'rclpy': 'source ROS 2 Jazzy, or use the .venv that `make venv` makes',
     'rich': 'pip install rich',

@@ -126,7 +126,7 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
                        help=f'{use}; its masses are not used (default: /robot_description in '
                        'the recording, if it matches; none: no description)')
-    group.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
+    group.add_argument('--fixed', metavar='JOINT=VALUE', type=values, action='append',
                        default=[], help='position of a joint of the description that is not '
                        'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
@@ -198,7 +198,7 @@ def scales(text: str) -> dict[str, float]:
     """Return the numbers in `JOINT=VALUE,...`."""
     numbers: dict[str, float] = {}
     for part in text.split(','):
-        numbers |= _values(part)
+        numbers |= values(part)
         if 0.0 in numbers.values():
             raise argparse.ArgumentTypeError(f'{part!r}: a scale must not be 0')
     return numbers
@@ -242,7 +242,7 @@ def mcap_file(text: str) -> Path:
     return path
 
 
-def _values(text: str) -> dict[str, float]:
+def values(text: str) -> dict[str, float]:
     """Return the numbers in `JOINT=VALUE,...`; 0 is allowed."""
     numbers = {}
     for part in text.split(','):

@@ -62,10 +62,11 @@ def read_urdf(path: Path | str, joints: Collection[str],
     return parse_urdf(read_text(path), joints, str(path), held)
 
 
-def read_text(path: Path | str) -> bytes:
+def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
     """
-    Return the content of a URDF file.
+    Return the content of a robot description.
 
+    :param kind: format of the file, for messages.
     :raises DataError: if it cannot be read or is too large.
     """
     path = Path(path)
@@ -74,9 +75,9 @@ def read_text(path: Path | str) -> bytes:
             data = stream.read(_MAX_BYTES + 1)
     except OSError as problem:
         reason = (problem.strerror or 'unreadable').lower()
-        raise DataError(f'cannot read URDF {path}: {reason}') from problem
+        raise DataError(f'cannot read {kind} {path}: {reason}') from problem
     if len(data) > _MAX_BYTES:
-        raise DataError(f'{path} is too large to be a URDF')
+        raise DataError(f'{path} is too large to be a robot description')
     return data
 
 

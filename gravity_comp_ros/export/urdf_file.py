@@ -10,6 +10,8 @@ from gravity_comp_ros.description.link_places import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import rotation_of
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.export.changed_description import (
+    changed_description, ChangedDescription, friction_numbers)
 from gravity_comp_ros.export.nearest_masses import (
     Links, nearest_masses, NearestOptions, trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
@@ -21,34 +23,6 @@ import numpy as np
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
 _THINNEST = 1e-3
-
-
-@dataclass(frozen=True)
-class LinkChange:
-    """Mass in kg and centre of mass in m of a link, in the description and in the result."""
-
-    mass_before: float
-    mass: float
-    centre_before: tuple[float, ...]
-    centre: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ChangedDescription:
-    """
-    The changed file, its links by name, and what could not be written.
-
-    `before` and `after` are, by joint, the largest deviation in N·m from the model's torque in
-    the trained range. `effects` are written as friction; `left_out` are the others.
-    """
-
-    data: bytes
-    links: Mapping[str, LinkChange]
-    before: Mapping[str, float]
-    after: Mapping[str, float]
-    effects: tuple[str, ...]
-    left_out: Mapping[str, str]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +67,8 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     for inertial, mass, centre in zip(inertials.values(), result.masses, result.centres):
         _write(edit, inertial, float(mass), centre)
     notes += _repaired(edit, inertials)
-    effects = _write_friction(edit, model)
-    left_out = {effect.target: 'a URDF has no such effect' for effect in model.applied.effects
-                if effect.target not in effects}
-    changes = {name: LinkChange(x.mass, float(mass), tuple(x.centre.tolist()),
-                                tuple(centre.tolist()))
-               for (name, x), mass, centre in zip(inertials.items(), result.masses,
-                                                  result.centres)}
-    names = arm.geometry.joints
-    return ChangedDescription(
-        edit.result(), changes, dict(zip(names, result.before.tolist())),
-        dict(zip(names, result.after.tolist())), effects, left_out, tuple(notes))
+    return changed_description(edit, model, links, result, _write_friction(edit, model),
+                               'a URDF has no such effect', notes, arm.geometry.joints)
 
 
 def _inertials(edit: XmlEdit, arm: DescribedArm, source: str) -> dict[str, _Inertial]:
@@ -216,17 +181,10 @@ def _write(edit: XmlEdit, inertial: _Inertial, mass: float, centre: FloatArray) 
 
 def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
     """Write Coulomb and viscous friction as <dynamics>, and return these effects."""
-    keys = {'coulomb_friction': ('F_c', 'friction'), 'viscous_friction': ('F_v', 'damping')}
     joints = {printable(joint.attributes.get('name', '')): joint for joint in edit.root.children
               if joint.tag == 'joint'}
-    values: dict[str, dict[str, str]] = {}
-    written = []
-    for effect in model.applied.effects:
-        symbol, key = keys.get(effect.name, ('', ''))
-        if symbol in effect.coefficients and effect.joint in joints:
-            values.setdefault(effect.joint, {})[key] = number(effect.coefficients[symbol].value)
-            written.append(effect.target)
-    for name, attributes in values.items():
+    numbers, written = friction_numbers(model, joints, coulomb='friction', viscous='damping')
+    for name, attributes in numbers.items():
         element = joints[name].child('dynamics')
         if element is None:
             text = ' '.join(f'{key}="{value}"' for key, value in sorted(attributes.items()))
@@ -234,4 +192,4 @@ def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
             continue
         for key, value in attributes.items():
             edit.set(element, key, value)
-    return tuple(written)
+    return written

@@ -11,12 +11,20 @@ EPILOG = """\
 targets:
   c         one C99 header and source in the folder -o, for a controller without Python
             (docs/realtime.md)
+  urdf      the file --urdf with the masses and centres of mass nearest to its own that give the
+            gravity torque of the model; Coulomb and viscous friction as <dynamics>
+  mjcf      the same for a MuJoCo file, --mjcf
+
+Inertias about the centres of mass, axes and zero angles stay those of the description. Comments
+and layout of the file stay byte for byte.
 
 examples:
   gravity_comp export arm.json --to c -o src/
   gravity_comp export left.json --to c --prefix left -o src/    two arms in one program
+  gravity_comp export arm.json --to urdf --urdf robot.urdf -o corrected.urdf
+  gravity_comp export arm.json --to mjcf --mjcf scene.xml -o corrected.xml
 """
-TARGETS = ('c',)
+TARGETS = ('c', 'urdf', 'mjcf')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('model', metavar='MODEL.json', type=Path, help='model to export')
     parser.add_argument('--to', choices=TARGETS, required=True, help='target, see below')
     parser.add_argument('-o', '--output', metavar='PATH', type=Path,
-                        help='folder (c) to write; created if missing')
-    parser.add_argument('--prefix', metavar='NAME', default='gc',
-                        help='c: prefix of all names and files (default: %(default)s)')
+                        help='folder (c, created if missing) or file to write')
+    parser.add_argument('--prefix', metavar='NAME', default=None,
+                        help='c: prefix of all names and files (default: gc)')
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
+                        help='urdf: description to correct')
+    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=arguments.values,
+                        action='append', default=[], help='urdf: position of a joint of the '
+                        'description within the arm that is not in the model, rad or m')
+    parser.add_argument('--mjcf', metavar='FILE.xml', type=Path, default=None,
+                        help='mjcf: description to correct')
     arguments.add_json(parser)
     parser.set_defaults(output_is_folder=True)
