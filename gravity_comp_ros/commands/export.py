@@ -10,17 +10,20 @@ from typing import Any
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.link_places import described_arm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.export.changed_description import ChangedDescription
+from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
 
 # Options of each target besides -o.
-_OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',)}
+_OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
+            'payload': ('urdf', 'fixed', 'flange')}
 # Keys of the JSON that not every target has.
-_NULL = dict.fromkeys(('parameters', 'links', 'difference'))
+_NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     _check_usage(args)
     model = load_model(args.model)
     targets: Mapping[str, Callable[[argparse.Namespace, GravityModel], dict[str, Any]]] = {
-        'c': _c, 'urdf': _description, 'mjcf': _description}
+        'c': _c, 'urdf': _description, 'mjcf': _description, 'payload': _payload}
     result = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
               'joints': list(model.joints), **_NULL, **targets[args.to](args, model)}
     terminal.warn(*(f'{target} is left out: {why}'
@@ -44,8 +47,11 @@ def _check_usage(args: argparse.Namespace) -> None:
         for name in options:
             if name not in own and getattr(args, name) not in (None, []):
                 args.parser.error(f'--{name} is not for --to {args.to}')
-    if args.output is None:
-        args.parser.error(f'--to {args.to} needs -o PATH')
+    if (args.output is None) != (args.to == 'payload'):
+        args.parser.error(f'--to {args.to} needs -o PATH' if args.output is None else
+                          '--to payload prints its lines; it takes no -o')
+    if args.flange is not None and args.urdf is None:
+        args.parser.error('--flange is a link of a description: name it with --urdf')
     if args.to in ('urdf', 'mjcf') and getattr(args, args.to) is None:
         args.parser.error(f'--to {args.to} needs the description to correct: --{args.to} FILE')
 
@@ -94,8 +100,27 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
         from gravity_comp_ros.export.mjcf_file import changed_mjcf
         return changed_mjcf(args.mjcf, read_text(args.mjcf, 'MJCF'), model)
     from gravity_comp_ros.export.urdf_file import changed_urdf
-    fixed = {name: value for part in args.fixed for name, value in part.items()}
-    return changed_urdf(read_text(args.urdf), model, str(args.urdf), HeldPositions(fixed))
+    return changed_urdf(read_text(args.urdf), model, str(args.urdf), _held(args))
+
+
+def _held(args: argparse.Namespace) -> HeldPositions:
+    return HeldPositions({name: value for part in args.fixed for name, value in part.items()})
+
+
+def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+    payload = payload_of(model)
+    if args.flange is not None:
+        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), _held(args))
+        payload = in_frame(payload, arm, args.flange)
+    lines = drive_lines(payload)
+    if args.json != '-':
+        terminal.say(payload.sentence(), 'the inertia is not identified and is 0 in these lines; '
+                     'none was tested on its robot')
+        for line in lines:
+            terminal.say('', f'{line.maker} ({line.source})')
+            terminal.show_command(line.line)
+    return {'files': [], 'effects': [], 'left_out': {},
+            'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 
 
 def _link_table(changed: ChangedDescription) -> ScreenTable:
