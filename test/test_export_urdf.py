@@ -191,7 +191,7 @@ def test_a_model_of_another_arm_is_refused():
 
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda t: re.sub(r'<inertial>.*?</inertial>', '', t, flags=re.DOTALL), 'gives no mass'),
-    (lambda t: t.replace('<mass value="1.5"/>', '<mass value="heavy"/>'), 'not 1 numbers'),
+    (lambda t: t.replace('<mass value="1.5"/>', '<mass value="heavy"/>'), 'not a number'),
     (lambda t: t.replace('<mass value="1.5"/>', '<mass value="-1"/>'), 'mass of -1 kg'),
     (lambda t: t[:len(t) // 2], 'is not a URDF')])
 def test_a_bad_description_is_refused(change, message):

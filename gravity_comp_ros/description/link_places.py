@@ -10,8 +10,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
 from gravity_comp_ros.description.urdf import HeldPositions, parse_urdf
 from gravity_comp_ros.errors import ModelMismatchError
-from gravity_comp_ros.models.kinematic.chain import about, aligned, ForwardKinematics
+from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
@@ -53,29 +54,31 @@ class DescribedArm:
                 f'{shown_names(list(self.places))}')
         return self.places[link]
 
+    def to_frames(self, links: Collection[str]) -> FloatArray:
+        """
+        Return the matrix (4N, 4L) from masses and first moments of links to those of frames.
+
+        The first moments are in the frame of each link, and in the frames of the joints about
+        their origins; links on one frame add.
+        """
+        result = np.zeros((self.geometry.n_joints, 4, len(links), 4))
+        for number, link in enumerate(links):
+            place = self.place(link)
+            result[place.joint, 0, number, 0] = 1.0
+            result[place.joint, 1:, number, 0] = place.origin
+            result[place.joint, 1:, number, 1:] = place.rotation
+        return result.reshape(4 * self.geometry.n_joints, -1)
+
     def columns(self, q: FloatArray, links: Collection[str]) -> FloatArray:
         """
         Return the torque (M, N, 4L) per mass and first moment of links, at q (M, N) in rad.
 
-        In N·m/kg and N·m/(kg m); the first moment is in the frame of the link. tau_n =
-        e_z . (z_n x sum_l (m_l (o_l - o_n) + R_l h_l)) g over the links beyond joint n.
+        In N·m/kg and N·m/(kg m); the first moment is in the frame of the link.
         """
-        geometry, (m, n) = self.geometry, q.shape
-        rotated = ForwardKinematics(geometry.rotations, q).rotated  # (N, 3 axes, 3, M)
-        frames = rotated.transpose(0, 3, 2, 1)
-        origins = np.empty((n, m, 3))
-        for i in range(n):
-            origins[i] = geometry.origins[0] if not i else (
-                origins[i - 1] + frames[i - 1] @ geometry.origins[i])
-        z, result = frames[..., 2], np.zeros((m, n, len(links), 4))
-        for number, link in enumerate(links):
-            place = self.place(link)
-            rotation = frames[place.joint] @ place.rotation
-            origin = origins[place.joint] + frames[place.joint] @ place.origin
-            for j in range(place.joint + 1):
-                lever = np.concatenate([(origin - origins[j])[:, :, None], rotation], axis=2)
-                result[:, j, number] = (z[j, :, :1] * lever[:, 1] - z[j, :, 1:2] * lever[:, 0])
-        return STANDARD_GRAVITY * result.reshape(m, n, -1)
+        rest = np.zeros_like(q)
+        every = regressor(self.geometry, q, rest, rest, STANDARD_GRAVITY)
+        frames = every.reshape(*q.shape, -1, len(PARAMETERS))[..., :4]
+        return np.asarray(frames.reshape(*q.shape, -1) @ self.to_frames(links))
 
 
 def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URDF',

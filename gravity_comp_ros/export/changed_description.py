@@ -71,7 +71,7 @@ def friction_numbers(model: GravityModel, joints: Collection[str], coulomb: str,
     written = []
     for effect in model.applied.effects:
         symbol, key = keys.get(effect.name, ('', ''))
-        if symbol in effect.coefficients and effect.joint in joints:
+        if effect.joint is not None and effect.joint in joints and symbol in effect.coefficients:
             values.setdefault(effect.joint, {})[key] = number(effect.coefficients[symbol].value)
             written.append(effect.target)
     return values, tuple(written)

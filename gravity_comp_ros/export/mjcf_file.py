@@ -29,7 +29,7 @@ def changed_mjcf(path: Path, data: bytes, model: GravityModel,
     """
     Return an MJCF with the masses and centres nearest to its own that give the model's torque.
 
-    :param path: of the file, beside which its meshes are. :param data: its bytes.
+    :param path: of the file, in whose folder its meshes are. :param data: its bytes.
     :raises DataError: if MuJoCo does not load it, or it takes all masses from shapes.
     :raises ModelMismatchError: if it describes another arm, or bodies are in included files.
     """

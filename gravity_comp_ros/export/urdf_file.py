@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.inertials import Inertial, INERTIA_KEYS, read_inertial
 from gravity_comp_ros.description.link_places import described_arm, DescribedArm
-from gravity_comp_ros.description.robot_tree import rotation_of
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
@@ -20,24 +20,8 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
-_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
 _THINNEST = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class _Inertial:
-    """The <inertial> of a link: its parts, and the numbers in the frame of the link."""
-
-    element: Element
-    mass: float
-    centre: FloatArray
-    rotation: FloatArray
-    inertia: FloatArray
-
-    @property
-    def second_moment(self) -> FloatArray:
-        return 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
 
 
 def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
@@ -54,7 +38,8 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     """
     arm = described_arm(data, model.joints, source, held)
     edit = XmlEdit(data, source)
-    inertials = _inertials(edit, arm, source)
+    elements = _elements(edit, arm)
+    inertials = _inertials(elements, arm, source)
     links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
                   np.array([x.centre for x in inertials.values()]),
                   np.array([_consistent(x.second_moment) for x in inertials.values()]))
@@ -64,22 +49,31 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     result = nearest_masses(links, arm.columns(q[:, order], links.names),
                             model.predict(q)[:, order], model.noise[order], arm.geometry.joints,
                             options)
-    for inertial, mass, centre in zip(inertials.values(), result.masses, result.centres):
-        _write(edit, inertial, float(mass), centre)
-    notes += _repaired(edit, inertials)
+    for name, mass, centre in zip(inertials, result.masses, result.centres):
+        _write(edit, elements[name], float(mass), centre)
+    notes += _repaired(edit, elements, inertials)
     return changed_description(edit, model, links, result, _write_friction(edit, model),
                                'a URDF has no such effect', notes, arm.geometry.joints)
 
 
-def _inertials(edit: XmlEdit, arm: DescribedArm, source: str) -> dict[str, _Inertial]:
-    """Return the links with mass that the arm carries."""
+def _elements(edit: XmlEdit, arm: DescribedArm) -> dict[str, Element]:
+    """Return the <inertial> of the links that the arm carries, by link."""
+    links = {printable(link.attributes.get('name', '')): link.child('inertial')
+             for link in edit.root.children if link.tag == 'link'}
+    return {name: element for name, element in links.items()
+            if element is not None and name in arm.places}
+
+
+def _inertials(elements: Mapping[str, Element], arm: DescribedArm,
+               source: str) -> dict[str, Inertial]:
+    """Return the numbers of the links with mass."""
     result = {}
-    for link in edit.root.children:
-        name = printable(link.attributes.get('name', ''))
-        element = link.child('inertial')
-        if link.tag != 'link' or name not in arm.places or element is None:
-            continue
-        inertial = _inertial(element, name, source)
+    for name, element in elements.items():
+        def attribute(tag: str, key: str, element: Element = element) -> str | None:
+            part = element.child(tag)
+            return None if part is None else part.attributes.get(key)
+
+        inertial = read_inertial(attribute, name, source)
         if inertial.mass > 0.0:
             result[name] = inertial
     if not result:
@@ -87,31 +81,6 @@ def _inertials(edit: XmlEdit, arm: DescribedArm, source: str) -> dict[str, _Iner
                         f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
                         f'to its links')
     return result
-
-
-def _inertial(element: Element, name: str, source: str) -> _Inertial:
-    parts = {tag: element.child(tag) for tag in ('mass', 'origin', 'inertia')}
-
-    def numbers(tag: str, key: str, default: str) -> FloatArray:
-        part = parts[tag]
-        text = default if part is None else part.attributes.get(key, default)
-        try:
-            values = np.array([float(word) for word in text.split()])
-        except ValueError:
-            values = np.zeros(0)
-        if len(values) != len(default.split()) or not np.isfinite(values).all():
-            raise DataError(f'{source}: the {tag} of link {name} has {key}='
-                            f'"{printable(text)}", not {len(default.split())} numbers')
-        return values
-
-    mass = float(numbers('mass', 'value', '0')[0])
-    if mass < 0.0:
-        raise DataError(f'{source}: link {name} has a mass of {mass:g} kg')
-    rotation = rotation_of(numbers('origin', 'rpy', '0 0 0'))
-    xx, xy, xz, yy, yz, zz = (float(numbers('inertia', key, '0')[0]) for key in _INERTIA)
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return _Inertial(element, mass, numbers('origin', 'xyz', '0 0 0'), rotation,
-                     rotation @ own @ rotation.T)
 
 
 def _consistent(second_moment: FloatArray) -> FloatArray:
@@ -122,18 +91,18 @@ def _consistent(second_moment: FloatArray) -> FloatArray:
     return np.asarray(vectors @ np.diag(np.maximum(values, _THINNEST * values[-1])) @ vectors.T)
 
 
-def _repaired(edit: XmlEdit, inertials: Mapping[str, _Inertial]) -> list[str]:
+def _repaired(edit: XmlEdit, elements: Mapping[str, Element],
+              inertials: Mapping[str, Inertial]) -> list[str]:
     """Write the inertias that break the triangle inequality, and return a note for each."""
     notes = []
     for name, inertial in inertials.items():
-        consistent, element = _consistent(inertial.second_moment), inertial.element.child(
-            'inertia')
-        if element is None or consistent is inertial.second_moment or np.array_equal(
-                consistent, inertial.second_moment):
+        consistent = _consistent(inertial.second_moment)
+        element = elements[name].child('inertia')
+        if element is None or np.array_equal(consistent, inertial.second_moment):
             continue
         inertia = np.trace(consistent) * np.eye(3) - consistent
         own = inertial.rotation.T @ inertia @ inertial.rotation
-        for key, (row, column) in zip(_INERTIA, zip(*np.triu_indices(3))):
+        for key, (row, column) in zip(INERTIA_KEYS, zip(*np.triu_indices(3))):
             edit.set(element, key, number(float(own[row, column])))
         notes.append(f'link {name}: no body has the inertia of the description (the triangle '
                      f'inequality); it has the nearest possible one')
@@ -167,14 +136,14 @@ def _angle(rotation: FloatArray) -> float:
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
 
 
-def _write(edit: XmlEdit, inertial: _Inertial, mass: float, centre: FloatArray) -> None:
-    mass_element, origin = inertial.element.child('mass'), inertial.element.child('origin')
+def _write(edit: XmlEdit, inertial: Element, mass: float, centre: FloatArray) -> None:
+    mass_element, origin = inertial.child('mass'), inertial.child('origin')
     if mass_element is None:
         raise ModelMismatchError('an <inertial> has no <mass>')
     edit.set(mass_element, 'value', number(mass))
     xyz = ' '.join(map(number, centre.tolist()))
     if origin is None:
-        edit.insert(inertial.element, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
+        edit.insert(inertial, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
     else:
         edit.set(origin, 'xyz', xyz)
 
