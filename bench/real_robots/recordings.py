@@ -1,17 +1,20 @@
 """
 The loop on recordings of real arms: fit, diagnose and add, each tested on later motion.
 
-Run from the root of the repository; an arm's name before its recording adds its known axes
-(`bench/real_arms.py`):
+Run from the root of the repository; an arm's name before its recording adds its known axes:
 
-    python3 bench/real_recordings.py ur10=ur10.db3 panda=panda.db3 med7=med7.mcap
+    python -m bench.real_robots.recordings ur10=ur10.db3 panda=panda.db3 tiago=tiago.csv
+
+Axes are those of the makers' data sheets (`data_sheets`), of TIAGo those of its description
+(`arms`). Its table has motor currents; gear ratios and torque constants are those of its
+publisher (figaroh-plus), and the torso lift is left out.
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
-RMSE over the standard deviation of the torque, in percent, joint by joint: of the default fit, of
-the fit with the established and likely effects, and with the first of each ambiguous pair as well.
-For known axes the loop is repeated with the arm's description and compared with an independent
-reference: Pinocchio's regressor with Coulomb and viscous friction and offset of every joint, by
-least squares.
+RMSE over the standard deviation of the torque, in percent, joint by joint, with their mean: of
+the default fit, of the fit with the established and likely effects, and with the first of each
+ambiguous pair as well. For known axes the loop is repeated with the arm's description and
+compared with an independent reference: Pinocchio's regressor with Coulomb and viscous friction
+and offset of every joint, by least squares.
 """
 
 from __future__ import annotations
@@ -21,18 +24,22 @@ from collections.abc import Sequence
 from pathlib import Path
 import tempfile
 
+from bench.real_robots.arms import SOURCES, urdf
+from bench.real_robots.data_sheets import ARMS, description
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.applied_effects import target
 import numpy as np
 import pinocchio as pin
-from real_arms import ARMS, description
 
 # Share of a recording that is fitted.
 _FITTED = 0.7
 # Velocity scale, in rad/s, of the sign change of the reference's Coulomb friction.
 _WIDTH = 0.01
+_TIAGO = 'tiago'
+# Torque of TIAGo's joints per motor current in N·m/A: torque constant times gear ratio.
+_TORQUE_PER_CURRENT = (13.6, 13.6, -8.7, -8.7, -20.5968, -20.5968, -20.5968)
 
 
 def main() -> int:
@@ -41,9 +48,9 @@ def main() -> int:
     parser.add_argument('bags', nargs='+', metavar='[ARM=]BAG')
     for text in parser.parse_args().bags:
         arm, _, bag = text.rpartition('=')
-        if arm and arm not in ARMS:
-            parser.error(f'no arm {arm}; available: {", ".join(ARMS)}')
-        data = gc.read(bag)
+        if arm and arm not in (*ARMS, _TIAGO):
+            parser.error(f'no arm {arm}; available: {", ".join((*ARMS, _TIAGO))}')
+        data = table(Path(bag)) if bag.endswith('.csv') else gc.read(bag)
         t = data.samples.t
         split = t[0] + _FITTED * (t[-1] - t[0])
         early = gc.Recording(data.samples.select(t < split))
@@ -52,13 +59,25 @@ def main() -> int:
         loop(early, later, None)
         if arm:
             with tempfile.TemporaryDirectory() as folder:
-                urdf = Path(folder) / f'{arm}.urdf'
-                urdf.write_text(description(arm, data.joints))
+                path = Path(folder) / f'{arm}.urdf'
+                path.write_text(urdf(arm) if arm == _TIAGO else description(arm, data.joints))
                 print('with the description of the arm')
-                loop(early, later, urdf)
-                shares = reference(urdf, early.samples, later.samples)
-                print('reference:', ' '.join(f'{share:.0f}' for share in shares), '%')
+                loop(early, later, path)
+                print_shares('reference', reference(path, early.samples, later.samples))
     return 0
+
+
+def table(path: Path) -> gc.Recording:
+    """Return the recording of a table of TIAGo's arm with motor currents in A."""
+    with path.open(encoding='utf-8') as stream:
+        columns = stream.readline().strip().split(',')
+        values = np.loadtxt(stream, delimiter=',')
+    joints = SOURCES[_TIAGO].joints
+    q, qd, current = (values[:, [columns.index(f'{joint}_{what}') for joint in joints]]
+                      for what in ('position', 'velocity', 'effort'))
+    scale = dict(zip(joints, _TORQUE_PER_CURRENT))
+    return gc.Recording.from_arrays(q, current, values[:, columns.index('t')], qd=qd,
+                                    names=joints, effort_scale=scale)
 
 
 def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
@@ -89,8 +108,13 @@ def with_findings(model: gc.Model, recording: gc.Recording,
 def show(title: str, model: gc.Model, recording: gc.Recording) -> None:
     """Print the errors of a model."""
     joints = gc.compare(model, recording).joints.values()
-    shares = [100.0 * joint.rmse / max(joint.torque_std, 1e-12) for joint in joints]
-    print(f'{title}:', ' '.join(f'{share:.0f}' for share in np.array(shares)), '%', flush=True)
+    print_shares(title, np.array([100.0 * joint.rmse / max(joint.torque_std, 1e-12)
+                                  for joint in joints]))
+
+
+def print_shares(title: str, shares: FloatArray) -> None:
+    print(f'{title}:', ' '.join(f'{share:.0f}' for share in shares), '%, mean',
+          f'{shares.mean():.0f} %', flush=True)
 
 
 def reference(urdf: Path, early: JointSamples, later: JointSamples) -> FloatArray:
