@@ -19,6 +19,7 @@ ROOMS = (
     ('data', 'worker'),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
+    ('description_check',),
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
@@ -29,8 +30,8 @@ ROOMS = (
     ('node', 'workbench', 'commands', 'cli'),
 )
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
-CORE = ({name for names in ROOMS[:7] for name in names}
-        - {'recordings', 'simulation', 'description'})
+CORE = ({name for names in ROOMS[:8] for name in names}
+        - {'recordings', 'simulation', 'description', 'description_check'})
 # Forbidden imports between packages of a level or of adjacent levels.
 FORBIDDEN = {
     'node': {'commands', 'cli', 'workbench', 'simulation'},

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.link_places import DescribedArm
 from gravity_comp_ros.description.robot_tree import rotation_of
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.printable import printable
+from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -39,7 +41,33 @@ class Inertial:
         return np.concatenate([[self.mass], self.mass * c, about[np.triu_indices(3)]])
 
 
-def read_inertial(attribute: Callable[[str, str], str | None], link: str,
+def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str) -> dict[str, Inertial]:
+    """
+    Return the inertials of the links of an arm, by name.
+
+    :raises DataError: if no link of the arm has a mass, or a number is wrong.
+    """
+    result = {}
+    for link in fromstring(text.strip()).iter():
+        name = printable(link.get('name', ''))
+        if not str(link.tag).endswith('link') or name not in arm.places:
+            continue
+        parts = {str(part.tag).rpartition('}')[2]: part for inertial in link
+                 if str(inertial.tag).endswith('inertial') for part in inertial}
+
+        def attribute(tag: str, key: str, parts: dict = parts) -> str | None:
+            return parts[tag].get(key) if tag in parts else None
+
+        if parts:
+            result[name] = _inertial(attribute, name, source)
+    if not any(inertial.mass > 0.0 for inertial in result.values()):
+        raise DataError(f'{source} gives no mass to any link of the arm '
+                        f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
+                        f'to its links')
+    return result
+
+
+def _inertial(attribute: Callable[[str, str], str | None], link: str,
                   source: str) -> Inertial:
     """
     Return the numbers of an <inertial>.

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.acceleration import accelerations
-from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.inertials import Inertial
 from gravity_comp_ros.description.link_places import DescribedArm
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import (
-    AXIS_TURNED, Fault, MOUNT, possible_faults, ZERO)
+    AXIS_REVERSED, AXIS_TURNED, Fault, MOUNT, possible_faults, ZERO)
 from gravity_comp_ros.description_check.search import (
-    changed, CheckOptions, Evidence, FaultFit, search)
+    CheckOptions, corrected, Evidence, FaultFit, search)
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
@@ -22,6 +21,8 @@ import numpy as np
 _MIN_SAMPLES = 50
 # Standard deviation in rad beyond which an angle counts as not checked.
 _UNCHECKED = 0.05
+# Number of searches, each with the noise that the one before has left.
+_PASSES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +61,27 @@ def check_description(samples: JointSamples, arm: DescribedArm,
     parameters, links = _parameters(arm, inertials)
     state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, parameters[:, :4])
     faults = possible_faults(state, joints, links)
-    evidence = _evidence(samples, arm.geometry, state, parameters, options)
-    fits = search(evidence, state, faults)
-    if fits:
-        # The dynamic torque of the corrected arm.
-        corrected = changed(state, [fit.fault for fit in fits],
-                            np.concatenate([fit.parameters for fit in fits]))
-        evidence = _evidence(samples, arm.geometry, corrected, parameters, options)
-        fits = search(evidence, state, faults)
-    final = changed(state, [fit.fault for fit in fits],
-                    np.concatenate([np.zeros(0), *(fit.parameters for fit in fits)]))
-    scale = 1.0 / evidence.weight
-    rms = [np.sqrt((evidence.residual(one).reshape(-1, len(joints)) ** 2).mean(axis=0)) * scale
-           for one in (state, final)]
-    return DescriptionCheck(joints, tuple(fits), rms[0], rms[1],
+    fits: list[FaultFit] = []
+    noise = _noise(samples.tau)
+    for _ in range(_PASSES):
+        final = corrected(state, fits)
+        evidence = _evidence(samples, arm.geometry, final, parameters, noise, options)
+        fits, following = search(evidence, state, faults)
+        rms = _rms(evidence, corrected(state, [*fits, *([] if fits else [following])]))
+        is_known = bool((rms > 0.9 * noise).all())
+        noise = np.minimum(noise, rms)
+        if is_known:
+            break
+    final = corrected(state, fits)
+    return DescriptionCheck(joints, tuple(fits), _rms(evidence, state), _rms(evidence, final),
                             np.sqrt((samples.tau ** 2).mean(axis=0)),
                             _unchecked(evidence, final, faults))
+
+
+def _rms(evidence: Evidence, arm: ArmState) -> FloatArray:
+    """Return the RMS residual (N,) of an arm, offset and friction fitted, N·m."""
+    residual = evidence.residual(arm).reshape(len(evidence.q), -1) / evidence.weight
+    return np.asarray(np.sqrt((residual ** 2).mean(axis=0)))
 
 
 def _parameters(arm: DescribedArm, inertials: dict[str, Inertial]
@@ -95,7 +101,7 @@ def _parameters(arm: DescribedArm, inertials: dict[str, Inertial]
 
 
 def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, parameters: FloatArray,
-              options: CheckOptions) -> Evidence:
+              noise: FloatArray, options: CheckOptions) -> Evidence:
     """Return the evidence of gravity, with the dynamic torque of an arm subtracted."""
     q, qd = samples.q, samples.qd
     qdd = accelerations(samples)
@@ -106,7 +112,7 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, paramete
     tau = samples.tau - dynamic
     interval = np.median(np.diff(samples.t)) if samples.n_samples > 1 else options.correlation
     per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
-    return Evidence(q, qd, tau, _noise(tau), per_error, options)
+    return Evidence(q, qd, tau, noise, per_error, arm, options)
 
 
 def _noise(tau: FloatArray) -> FloatArray:
@@ -117,23 +123,21 @@ def _noise(tau: FloatArray) -> FloatArray:
 
 def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
                ) -> dict[str, tuple[str, ...]]:
-    """Return the joints by kind of angle whose fault would not show."""
+    """Return the joints by kind of fault for which it would not show."""
     result: dict[str, tuple[str, ...]] = {}
+    cost = 0.5 * (evidence.residual(arm) ** 2).sum()
     for fault in faults:
-        if fault.kind not in (ZERO, AXIS_TURNED, MOUNT):
+        if fault.kind == AXIS_REVERSED:
+            reversed_arm = fault.change(arm, np.zeros(0))
+            is_visible = bool(0.5 * (evidence.residual(reversed_arm) ** 2).sum() - cost
+                              > evidence.options.min_evidence)
+        elif fault.kind in (ZERO, AXIS_TURNED, MOUNT):
+            start = fault.starts[0]
+            _, covariance, _ = evidence.fitted(arm, [fault], start, start)
+            is_visible = bool(np.sqrt(np.linalg.eigvalsh(covariance)[-1]) < _UNCHECKED)
+        else:
             continue
-        start = fault.starts[0]
-        _, covariance, _ = evidence.fitted(arm, [fault], start, start)
-        if np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > _UNCHECKED:
+        if not is_visible:
             result[fault.kind] = (*result.get(fault.kind, ()), *fault.subjects)
     return result
 
-
-def total_mass(arm: ArmState) -> float:
-    """Return the mass in kg that the first joint carries."""
-    return float(arm.bodies[:, 0].sum())
-
-
-def moment_of(arm: ArmState) -> FloatArray:
-    """Return the first moments (N, 2) of a chain in N·m / g, kg m."""
-    return arm.chain().moments / STANDARD_GRAVITY

@@ -14,7 +14,7 @@ while each raises the evidence; the parameters of all are fitted together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description_check.arm_state import ArmState
@@ -31,16 +31,21 @@ class CheckOptions:
     """
     Options of a check.
 
-    `discrepancy` is the share of a joint's torque range that no law of friction and no rigid arm
-    explains, as a standard deviation. `correlation` in s is the time over which the errors of
-    samples are dependent. `min_evidence` in nats is the least log evidence of a fault, and
-    `margin` that by which a fault must exceed others to be named alone. `max_faults` bounds the
-    search. `sign_width` in rad/s is the speed over which friction changes its sign.
+    `discrepancy` is the share of a joint's torque range that no rigid arm explains, and
+    `friction_discrepancy` that of its friction that no law of friction explains, as standard
+    deviations. `resolution` is the least deviation of a torque, as a share of the arm's largest
+    torque range: simulated recordings have joints without any. `correlation` in s is the time
+    over which the errors of samples are dependent. `min_evidence` in nats is the least log
+    evidence of a fault, and `margin` that by which a fault must exceed others to be named alone.
+    `max_faults` bounds the search. `sign_width` in rad/s is the speed over which friction changes
+    its sign.
 
     :raises OptionError: if a number is not positive.
     """
 
     discrepancy: float = 0.005
+    friction_discrepancy: float = 0.1
+    resolution: float = 1e-4
     correlation: float = 2.0
     min_evidence: float = 5.0
     margin: float = 3.0
@@ -73,16 +78,23 @@ class Evidence:
 
     :param q: recorded angles (M, N), rad. :param qd: speeds (M, N), rad/s.
     :param tau: recorded torque minus the dynamic torque (M, N), N·m.
+    :param arm: of which the residual shows the size of friction.
     :param samples_per_error: number of samples over which errors are dependent.
     """
 
     def __init__(self, q: FloatArray, qd: FloatArray, tau: FloatArray, noise: FloatArray,
-                 samples_per_error: float, options: CheckOptions) -> None:
+                 samples_per_error: float, arm: ArmState, options: CheckOptions) -> None:
         self.q, self.options = q, options
-        sigma = np.hypot(noise, options.discrepancy * np.ptp(tau, axis=0))
-        self.weight = 1.0 / (np.maximum(sigma, 1e-9) * np.sqrt(samples_per_error))
-        self._bases = [np.linalg.qr(np.column_stack([
-            np.ones(len(q)), np.tanh(x / options.sign_width), x]))[0] for x in qd.T]
+        columns = [np.column_stack([np.ones(len(q)), np.tanh(x / options.sign_width), x])
+                   for x in qd.T]
+        rest = tau - arm.gravity(q)
+        friction = [np.std(part[:, 1:] @ np.linalg.lstsq(part, y, rcond=None)[0][1:])
+                    for part, y in zip(columns, rest.T)]
+        sigma = np.sqrt(noise ** 2 + (options.discrepancy * np.ptp(tau, axis=0)) ** 2
+                        + (options.friction_discrepancy * np.array(friction)) ** 2)
+        smallest = options.resolution * np.ptp(tau, axis=0).max() + 1e-12
+        self.weight = 1.0 / (np.maximum(sigma, smallest) * np.sqrt(samples_per_error))
+        self._bases = [_basis(part) for part in columns]
         self.target = self.weighted(tau)
 
     def weighted(self, torque: FloatArray) -> FloatArray:
@@ -148,23 +160,42 @@ def changed(arm: ArmState, faults: Sequence[Fault], parameters: FloatArray) -> A
     return arm
 
 
-def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]) -> list[FaultFit]:
-    """Return the faults of a description, in the order of their evidence."""
+def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]
+           ) -> tuple[list[FaultFit], FaultFit]:
+    """Return the faults of a description in the order of their evidence, and the next one."""
     options, selected = evidence.options, list[FaultFit]()
-    log_odds = np.log(len(faults))
-    while len(selected) < options.max_faults:
-        state = changed(arm, [fit.fault for fit in selected], _joined(selected))
-        before = -_cost(evidence.residual(state), np.zeros(0))
-        fits = [_best_start(evidence, state, fault, before, log_odds) for fault in faults
-                if all(fault is not fit.fault for fit in selected)]
-        fits.sort(key=lambda fit: -fit.evidence)
-        if not fits or fits[0].evidence < options.min_evidence:
+    while True:
+        best = _best(evidence, arm, selected, faults)
+        if best.evidence < options.min_evidence or len(selected) == options.max_faults:
+            return selected, best
+        selected = _together(evidence, arm, [*selected, best])
+        if len(selected) > 1:
+            selected = _exchanged(evidence, arm, selected, faults)
+
+
+def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
+          faults: Sequence[Fault]) -> FaultFit:
+    """Return the fault of the largest evidence in addition to others, with its alternatives."""
+    state = corrected(arm, others)
+    before = -_cost(evidence.residual(state), np.zeros(0))
+    fits = [_best_start(evidence, state, fault, before, float(np.log(len(faults))))
+            for fault in faults if all(fault is not fit.fault for fit in others)]
+    fits.sort(key=lambda fit: -fit.evidence)
+    return replace(fits[0], alternatives=tuple(
+        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < evidence.options.margin))
+
+
+def _exchanged(evidence: Evidence, arm: ArmState, selected: list[FaultFit],
+               faults: Sequence[Fault]) -> list[FaultFit]:
+    """Return the faults after each was compared again, given the others."""
+    for fit in list(selected):
+        others = [other for other in selected if other is not fit]
+        best = _best(evidence, arm, others, faults)
+        if best.evidence < evidence.options.min_evidence:
+            selected = others
+        elif best.fault is not fit.fault:
+            selected = _together(evidence, arm, [*others, best])
             break
-        ties = tuple(fit for fit in fits[1:]
-                     if fits[0].evidence - fit.evidence < options.margin)
-        refitted = _together(evidence, arm, [*selected, fits[0]], (*(fit.alternatives for fit in
-                                                                     selected), ties))
-        selected = refitted
     return selected
 
 
@@ -178,19 +209,29 @@ def _best_start(evidence: Evidence, arm: ArmState, fault: Fault, before: float,
     return max(results, key=lambda fit: fit.evidence)
 
 
-def _together(evidence: Evidence, arm: ArmState, fits: Sequence[FaultFit],
-              ties: Sequence[tuple[FaultFit, ...]]) -> list[FaultFit]:
+def _together(evidence: Evidence, arm: ArmState, fits: Sequence[FaultFit]) -> list[FaultFit]:
     """Return the faults with all parameters fitted together."""
     faults, start = [fit.fault for fit in fits], _joined(fits)
     nearest = [fit.fault.starts[np.argmin(np.abs(fit.fault.starts - fit.parameters).sum(axis=1))]
                for fit in fits]
     p, covariance, _ = evidence.fitted(arm, faults, start, np.concatenate(nearest))
     result, first = [], 0
-    for fit, others in zip(fits, ties):
+    for fit in fits:
         own = slice(first, first + fit.fault.size)
-        result.append(FaultFit(fit.fault, p[own], covariance[own, own], fit.evidence, others))
+        result.append(replace(fit, parameters=p[own], covariance=covariance[own, own]))
         first += fit.fault.size
     return result
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns, some of which may be 0."""
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(basis[:, size > 1e-9 * size[0]])
+
+
+def corrected(arm: ArmState, fits: Sequence[FaultFit]) -> ArmState:
+    """Return the arm without faults of its description."""
+    return changed(arm, [fit.fault for fit in fits], _joined(fits))
 
 
 def _joined(fits: Sequence[FaultFit]) -> FloatArray:

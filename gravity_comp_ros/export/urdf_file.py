@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.inertials import Inertial, INERTIA_KEYS, read_inertial
+from gravity_comp_ros.description.inertials import Inertial, INERTIA_KEYS, urdf_inertials
 from gravity_comp_ros.description.link_places import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, friction_numbers)
 from gravity_comp_ros.export.nearest_masses import (
@@ -17,7 +17,7 @@ from gravity_comp_ros.export.nearest_masses import (
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.printable import printable, shown_names
+from gravity_comp_ros.printable import printable
 import numpy as np
 
 # Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
@@ -39,7 +39,8 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     arm = described_arm(data, model.joints, source, held)
     edit = XmlEdit(data, source)
     elements = _elements(edit, arm)
-    inertials = _inertials(elements, arm, source)
+    inertials = {name: inertial for name, inertial in urdf_inertials(data, arm, source).items()
+                 if inertial.mass > 0.0}
     links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
                   np.array([x.centre for x in inertials.values()]),
                   np.array([_consistent(x.second_moment) for x in inertials.values()]))
@@ -62,25 +63,6 @@ def _elements(edit: XmlEdit, arm: DescribedArm) -> dict[str, Element]:
              for link in edit.root.children if link.tag == 'link'}
     return {name: element for name, element in links.items()
             if element is not None and name in arm.places}
-
-
-def _inertials(elements: Mapping[str, Element], arm: DescribedArm,
-               source: str) -> dict[str, Inertial]:
-    """Return the numbers of the links with mass."""
-    result = {}
-    for name, element in elements.items():
-        def attribute(tag: str, key: str, element: Element = element) -> str | None:
-            part = element.child(tag)
-            return None if part is None else part.attributes.get(key)
-
-        inertial = read_inertial(attribute, name, source)
-        if inertial.mass > 0.0:
-            result[name] = inertial
-    if not result:
-        raise DataError(f'{source} gives no mass to any link of the arm '
-                        f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
-                        f'to its links')
-    return result
 
 
 def _consistent(second_moment: FloatArray) -> FloatArray:

@@ -1,0 +1,82 @@
+"""`gravity_comp check`: faults of a robot description, from recorded torque."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.inertials import urdf_inertials
+from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.robot_tree import parse_tree
+from gravity_comp_ros.description.serial_arm import arm_joints
+from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
+from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences
+from gravity_comp_ros.errors import DataError, Hint
+
+EXIT_FAULTS = 3
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check the description, and show its faults."""
+    with terminal.progress() as report:
+        recording = reading.load(args, report)
+        text, source = _description(args, recording)
+        report('check', 0.5)
+        result, found = _checked(args, recording, text, source)
+        report('check', 1.0)
+    unchecked = unchecked_sentences(result)
+    if args.json != '-':
+        _show(recording, source, result, found, unchecked)
+    if args.json:
+        terminal.emit_json({
+            'description': source, 'faults': [one.to_json() for one in found],
+            'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
+                       for joint, before, after, torque in zip(
+                           result.joints, result.before, result.after, result.torque)},
+            'unchecked': unchecked, **recording.to_json()}, args.json)
+    return EXIT_FAULTS if found else 0
+
+
+def _description(args: argparse.Namespace, recording: Recording) -> tuple[bytes | str, str]:
+    if args.urdf is not None:
+        return read_text(args.urdf), str(args.urdf)
+    from gravity_comp_ros.recordings.robot_description import first_description
+    recorded = first_description(report.path for report in recording.reports)
+    if recorded is None:
+        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
+    return recorded.text, recorded.source
+
+
+def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
+             source: str) -> tuple[DescriptionCheck, list[Finding]]:
+    joints = arm_joints(text, recording.joints, source).joints
+    fixed = {name: value for part in args.fixed for name, value in part.items()}
+    arm = described_arm(text, joints, source, HeldPositions(fixed))
+    inertials = urdf_inertials(text, arm, source)
+    recording = replace(recording.select_joints(joints))
+    result = check_description(recording.slow, arm, inertials)
+    return result, findings(result, arm, parse_tree(text, source), inertials)
+
+
+def _show(recording: Recording, source: str, result: DescriptionCheck, found: list[Finding],
+          unchecked: list[str]) -> None:
+    terminal.say(*reading.lines(recording), '')
+    if not found:
+        terminal.say(f'{source}: no fault found')
+    for number, one in enumerate(found, start=1):
+        terminal.say(f'{number}. {one.sentence}')
+        terminal.show_command(one.correction)
+        for other in one.alternatives:
+            terminal.say(f'   or, as probable: {other}')
+    terminal.show('', _table(result))
+    terminal.say(*unchecked)
+
+
+def _table(result: DescriptionCheck) -> ScreenTable:
+    rows = [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
+            after in zip(result.joints, result.torque, result.before, result.after)]
+    return terminal.table('', ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected'), rows)
