@@ -32,6 +32,7 @@ the loop:
   gravity_comp diagnose run2.mcap --model arm.json  physical effects missing from the model
   gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
                                                     add an effect, compare held-out errors
+  gravity_comp check run1.mcap --urdf robot.urdf    is the description of this arm?
   gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot

@@ -19,7 +19,7 @@ ROOMS = (
     ('data', 'worker'),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
-    ('description_check',),
+    ('description_check', 'calibration'),
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
@@ -31,7 +31,8 @@ ROOMS = (
 )
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
 CORE = ({name for names in ROOMS[:8] for name in names}
-        - {'recordings', 'simulation', 'description', 'description_check'})
+        - {'recordings', 'simulation', 'description', 'description_check',
+           'calibration'})
 # Forbidden imports between packages of a level or of adjacent levels.
 FORBIDDEN = {
     'node': {'commands', 'cli', 'workbench', 'simulation'},

@@ -1,11 +1,13 @@
 """docs/json.md documents exactly the keys that the verbs print."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
 
 from gravity_comp_ros.cli import main, VERBS
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import numpy as np
 import pytest
 from rough_links import two_link_urdf, two_links
 
@@ -16,7 +18,8 @@ CALLS = {
     'diagnose': ('1.mcap', '--model', 'm.json', '--effects', 'coulomb_friction'),
     'add': ('coulomb_friction:shoulder', '1.mcap', '--model', 'm.json'),
     'update': ('2.mcap', '--model', 'm.json'), 'export': ('m.json', '--to', 'c', '-o', 'code'),
-    'info': ('1.mcap',), 'check': ('1.mcap', '--urdf', 'arm.urdf'),
+    'info': ('1.mcap',), 'calibrate': ('1.mcap', 'loaded.mcap', '--mass', '1', '--urdf',
+                                       'arm.urdf'), 'check': ('1.mcap', '--urdf', 'arm.urdf'),
     'replay': ('1.mcap', '--model', 'm.json', '-o', 'out.mcap'),
     'plan': ('1.mcap', '--model', 'm.json', '--settle', 'viscous_friction:shoulder', '--duration',
              '20', '-o', 'motion.csv'),
@@ -43,6 +46,11 @@ def printed(tmp_path_factory):
         urdf = urdf.replace(f'<link name="{link}"/>',
                             f'<link name="{link}">{body.format(mass)}</link>')
     (folder / 'arm.urdf').write_text(urdf)
+    # 1 kg at the end of the second link, of 0.4 m.
+    load = two_links(3)
+    both = 9.80665 * 0.4 * np.sin(load.q.sum(axis=1))
+    write_bag(folder / 'loaded.mcap', [joint_states(replace(load, tau=load.tau + np.column_stack(
+        [both + 9.80665 * 0.4 * np.sin(load.q[:, 0]), both])))])
     (folder / 'table.csv').write_text('t,q_1,tau_1\n' + ''.join(
         f'{k / 10},{k / 100},{k}\n' for k in range(30)))
     output = {}

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands.described import arm_of, text_of
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.inertials import urdf_inertials
-from gravity_comp_ros.description.link_places import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
-from gravity_comp_ros.description.serial_arm import arm_joints
-from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences
-from gravity_comp_ros.errors import DataError, Hint
 
 EXIT_FAULTS = 3
 
@@ -24,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     """Check the description, and show its faults."""
     with terminal.progress() as report:
         recording = reading.load(args, report)
-        text, source = _description(args, recording)
+        text, source = text_of(args, recording.reports)
         report('check', 0.5)
         result, found = _checked(args, recording, text, source)
         report('check', 1.0)
@@ -41,24 +37,11 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_FAULTS if found else 0
 
 
-def _description(args: argparse.Namespace, recording: Recording) -> tuple[bytes | str, str]:
-    if args.urdf is not None:
-        return read_text(args.urdf), str(args.urdf)
-    from gravity_comp_ros.recordings.robot_description import first_description
-    recorded = first_description(report.path for report in recording.reports)
-    if recorded is None:
-        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
-    return recorded.text, recorded.source
-
-
 def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
              source: str) -> tuple[DescriptionCheck, list[Finding]]:
-    joints = arm_joints(text, recording.joints, source).joints
-    fixed = {name: value for part in args.fixed for name, value in part.items()}
-    arm = described_arm(text, joints, source, HeldPositions(fixed))
+    arm = arm_of(args, text, source, recording.joints)
     inertials = urdf_inertials(text, arm, source)
-    recording = replace(recording.select_joints(joints))
-    result = check_description(recording.slow, arm, inertials)
+    result = check_description(recording.select_joints(arm.geometry.joints).slow, arm, inertials)
     return result, findings(result, arm, parse_tree(text, source), inertials)
 
 

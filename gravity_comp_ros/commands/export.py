@@ -9,9 +9,10 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.described import held
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.link_places import described_arm
-from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.description.urdf import read_text
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.export.changed_description import ChangedDescription
@@ -100,17 +101,14 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
         from gravity_comp_ros.export.mjcf_file import changed_mjcf
         return changed_mjcf(args.mjcf, read_text(args.mjcf, 'MJCF'), model)
     from gravity_comp_ros.export.urdf_file import changed_urdf
-    return changed_urdf(read_text(args.urdf), model, str(args.urdf), _held(args))
+    return changed_urdf(read_text(args.urdf), model, str(args.urdf), held(args))
 
-
-def _held(args: argparse.Namespace) -> HeldPositions:
-    return HeldPositions({name: value for part in args.fixed for name, value in part.items()})
 
 
 def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
     payload = payload_of(model)
     if args.flange is not None:
-        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), _held(args))
+        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), held(args))
         payload = in_frame(payload, arm, args.flange)
     lines = drive_lines(payload)
     if args.json != '-':

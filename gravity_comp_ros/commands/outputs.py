@@ -11,7 +11,8 @@ from pathlib import Path
 from gravity_comp_ros.errors import OptionError
 
 # Arguments of all verbs by their name in the namespace; a test checks that none is missing.
-INPUTS = {'bags': 'a recording', 'bag': 'the recording', 'table': 'the table',
+INPUTS = {'bags': 'a recording', 'bag': 'the recording',
+          'empty': 'the recording without the weight', 'loaded': 'the recording with the weight', 'table': 'the table',
           'model': 'the model (--model)', 'previous': 'the earlier model (--previous)',
           'urdf': 'the robot description (--urdf)',
           'mjcf': 'the robot description (--mjcf)', 'arm': 'the robot description (--arm)',

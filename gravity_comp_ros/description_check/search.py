@@ -167,7 +167,7 @@ def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]
     while True:
         best = _best(evidence, arm, selected, faults)
         if best.evidence < options.min_evidence or len(selected) == options.max_faults:
-            return selected, best
+            return sorted(selected, key=lambda fit: -fit.evidence), best
         selected = _together(evidence, arm, [*selected, best])
         if len(selected) > 1:
             selected = _exchanged(evidence, arm, selected, faults)
