@@ -35,8 +35,9 @@ def run(args: argparse.Namespace) -> int:
     if args.json != '-':
         terminal.say(*reading.bag_lines(reports))
         terminal.show('', _table(result, read))
-        terminal.say(*_centre(result, weight), *(f'{joint} is not calibrated: {why}'
-                                                for joint, why in result.left_out.items()))
+        terminal.say(*_centre(result, weight))
+        terminal.say(*(f'{joint} is not calibrated: {why}'
+                       for joint, why in result.left_out.items()))
         terminal.show('', 'option for all verbs, and for the parameter effort_scale of the node:')
         terminal.show_command(option)
     if args.json:

@@ -104,7 +104,6 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
     return changed_urdf(read_text(args.urdf), model, str(args.urdf), held(args))
 
 
-
 def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
     payload = payload_of(model)
     if args.flange is not None:

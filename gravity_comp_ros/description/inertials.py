@@ -67,8 +67,7 @@ def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str) -> dict[st
     return result
 
 
-def _inertial(attribute: Callable[[str, str], str | None], link: str,
-                  source: str) -> Inertial:
+def _inertial(attribute: Callable[[str, str], str | None], link: str, source: str) -> Inertial:
     """
     Return the numbers of an <inertial>.
 

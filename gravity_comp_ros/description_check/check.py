@@ -140,4 +140,3 @@ def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
         if not is_visible:
             result[fault.kind] = (*result.get(fault.kind, ()), *fault.subjects)
     return result
-

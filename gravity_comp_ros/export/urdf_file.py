@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.inertials import Inertial, INERTIA_KEYS, urdf_inertials
+from gravity_comp_ros.description.inertials import INERTIA_KEYS, Inertial, urdf_inertials
 from gravity_comp_ros.description.link_places import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
