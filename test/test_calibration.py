@@ -87,6 +87,14 @@ def test_what_cannot_be_calibrated_is_refused(bags, arm):
         WeightOptions(distance=0.0)
 
 
+def test_one_offset_for_both_recordings_gives_smaller_intervals(bags, arm):
+    free, same = (calibrate(*bags, arm, Weight(LINK, 2.0), WeightOptions(same_offset=same))
+                  for same in (False, True))
+    for joint in ('iiwa_joint_2', 'iiwa_joint_4'):
+        assert np.ptp(same.scales[joint].ci95) < 0.95 * np.ptp(free.scales[joint].ci95)
+        assert same.scales[joint].value == pytest.approx(1.0, abs=0.01)
+
+
 @pytest.fixture
 def recordings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

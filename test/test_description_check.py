@@ -60,8 +60,8 @@ def rpy_of(joint, turn=None, about=None):
 
 
 def test_a_description_without_fault(samples):
-    result, found = checked(URDF, samples)
-    assert not found
+    result, faults = checked(URDF, samples)
+    assert not faults
     # Neither gravity nor a level base shows the zero of the first joint.
     assert 'iiwa_joint_1' in result.unchecked['zero_angle']
     assert 'iiwa_joint_4' not in result.unchecked['zero_angle']
@@ -85,9 +85,9 @@ CASES = {
 @pytest.mark.parametrize('kind', CASES)
 def test_each_fault_is_named_with_its_size(kind, samples):
     make, subject, value = CASES[kind]
-    _, found = checked(make(), samples)
-    first = found[0]
-    assert first.kind == kind and first.subjects == (subject,) and len(found) == 1
+    _, faults = checked(make(), samples)
+    first = faults[0]
+    assert first.kind == kind and first.subjects == (subject,) and len(faults) == 1
     if value is None:
         assert first.value is None
     else:
@@ -106,29 +106,30 @@ def test_the_correction_corrects(kind, samples):
     where = root.find(f'link[@name="{name}"]/inertial') if kind == 'mass' else root.find(
         f'joint[@name="{name}"]')
     where.find(tag).set(attribute, value)
-    _, found = checked(ElementTree.tostring(root, encoding='unicode'), samples)
-    assert not found
+    _, faults = checked(ElementTree.tostring(root, encoding='unicode'), samples)
+    assert not faults
 
 
 def test_faults_of_the_recording(samples):
     swapped = samples.q[:, [0, 3, 2, 1, 4, 5, 6]], samples.tau[:, [0, 3, 2, 1, 4, 5, 6]]
-    _, found = checked(URDF, replace(samples, q=swapped[0], tau=swapped[1]))
-    assert found[0].kind == 'order' and set(found[0].subjects) == {'iiwa_joint_2', 'iiwa_joint_4'}
-    assert found[0].correction.startswith('--rename iiwa_joint_2=iiwa_joint_4')
+    _, faults = checked(URDF, replace(samples, q=swapped[0], tau=swapped[1]))
+    assert faults[0].kind == 'order'
+    assert set(faults[0].subjects) == {'iiwa_joint_2', 'iiwa_joint_4'}
+    assert faults[0].correction.startswith('--rename iiwa_joint_2=iiwa_joint_4')
     gain = np.array([1, 1, 1, -0.8, 1, 1, 1])
-    _, found = checked(URDF, replace(samples, tau=samples.tau * gain))
-    assert found[0].kind == 'effort_scale' and found[0].value == pytest.approx(-0.8, abs=0.01)
-    assert found[0].correction.startswith('--effort-scale iiwa_joint_4=-1.2')
-    _, found = checked(URDF, replace(samples, tau=0.5 * samples.tau))
-    assert found[0].kind == 'effort_unit' and found[0].value == pytest.approx(0.5, abs=0.01)
+    _, faults = checked(URDF, replace(samples, tau=samples.tau * gain))
+    assert faults[0].kind == 'effort_scale' and faults[0].value == pytest.approx(-0.8, abs=0.01)
+    assert faults[0].correction.startswith('--effort-scale iiwa_joint_4=-1.2')
+    _, faults = checked(URDF, replace(samples, tau=0.5 * samples.tau))
+    assert faults[0].kind == 'effort_unit' and faults[0].value == pytest.approx(0.5, abs=0.01)
 
 
 def test_two_faults_at_once_and_a_load():
     loaded = slow_samples(read_bag(BAGS / 'eq17_2kg.mcap').samples).samples
-    _, found = checked(edited('iiwa_joint_4', axis_xyz='0 0 -1'), loaded)
-    names = {(one.kind, one.subjects[0]) for one in found}
+    _, faults = checked(edited('iiwa_joint_4', axis_xyz='0 0 -1'), loaded)
+    names = {(one.kind, one.subjects[0]) for one in faults}
     assert ('axis_reversed', 'iiwa_joint_4') in names
-    body = next(one for one in found if one.kind == 'body')
+    body = next(one for one in faults if one.kind == 'body')
     assert body.value == pytest.approx(2.0, abs=0.1) and 'iiwa_link_7' in ' '.join(
         (body.sentence, *body.alternatives))
 

@@ -19,7 +19,8 @@ from zlib import crc32
 from bench.real_robots.arms import arm_of, SOURCES, urdf
 from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
+from gravity_comp_ros.calibration.known_weight import (
+    calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.link_places import described_arm
@@ -29,7 +30,7 @@ import numpy as np
 
 
 def trial(name: str, seed: int, is_known: bool,
-          is_wide: bool) -> tuple[WeightCalibration, FloatArray]:
+          is_wide: bool, is_same: bool) -> tuple[WeightCalibration, FloatArray]:
     """Return the calibration of one case, and the true N·m per unit (N,)."""
     rng = np.random.default_rng([seed, crc32(name.encode()), 11])
     text, joints = urdf(name), SOURCES[name].joints
@@ -54,7 +55,8 @@ def trial(name: str, seed: int, is_known: bool,
     described = described_arm(text, joints)
     weight = Weight(f'{joints[-1]}_link', float(mass), tuple(centre) if is_known else None)
     try:
-        return calibrate(*parts, described, weight), constants
+        return calibrate(*parts, described, weight,
+                         WeightOptions(same_offset=is_same)), constants
     except DataError:  # no joint
         return WeightCalibration({}, {}, {}, {}, {}), constants
 
@@ -65,12 +67,13 @@ def main() -> int:
     parser.add_argument('--seeds', type=int, nargs='+', default=[600])
     parser.add_argument('--arms', nargs='+', default=list(SOURCES))
     parser.add_argument('--wide', action='store_true', help='motion over most of the range')
+    parser.add_argument('--same-zero', action='store_true', help='one offset for both')
     parser.add_argument('--com', action='store_true', help='the centre of mass is known')
     args = parser.parse_args()
     errors, covered, n_left_out, n_joints = [], [], 0, 0
     for seed in args.seeds:
         for name in args.arms:
-            result, constants = trial(name, seed, args.com, args.wide)
+            result, constants = trial(name, seed, args.com, args.wide, args.same_zero)
             joints = SOURCES[name].joints
             texts = []
             for joint, true in zip(joints, constants):
@@ -79,10 +82,10 @@ def main() -> int:
                     n_left_out += 1
                     texts.append('-')
                     continue
-                found = result.scales[joint]
-                errors.append(100.0 * (found.value / true - 1.0))
-                covered.append(found.ci95[0] <= true <= found.ci95[1])
-                half = 50.0 * np.ptp(found.ci95) / true
+                scale = result.scales[joint]
+                errors.append(100.0 * (scale.value / true - 1.0))
+                covered.append(scale.ci95[0] <= true <= scale.ci95[1])
+                half = 50.0 * np.ptp(scale.ci95) / true
                 texts.append(f'{errors[-1]:+.2f} ± {half:.2f}')
             print(f'{name:10} {seed}  error in %: {", ".join(texts)}')
     size = np.abs(errors)

@@ -7,9 +7,10 @@ The effort of joint j is its torque divided by k_j, the N·m per unit:
 
 where Y are the columns of the gravity of a chain on known axes with moments b, P the torque per
 mass and first moment of the weight (known lengths), m its known mass and c its centre of mass.
-Friction is an offset and Coulomb friction of each recording, and viscous friction. No mass of the
-arm is used: the weight gives the absolute scale, and the moments, which all joints share, their
-ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
+Friction is an offset and Coulomb friction of each recording, and viscous friction. Torque sensors
+may have another offset after a restart; without one, both recordings have the same. No mass of
+the arm is used: the weight gives the absolute scale, and the moments, which all joints share,
+their ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class WeightOptions:
     is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
     is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
     recording. `sign_width` in rad/s is the speed over which friction changes its sign.
+    `same_offset` is whether both recordings have the same offset.
 
     :raises OptionError: if a number is not positive.
     """
@@ -46,10 +48,12 @@ class WeightOptions:
     significance: float = 20.0
     min_samples: int = 50
     sign_width: float = 0.01
+    same_offset: bool = False
 
     def __post_init__(self) -> None:
-        if not min(vars(self).values()) > 0.0:
-            raise OptionError('calibration: every option must be positive')
+        numbers = [x for name, x in vars(self).items() if name != 'same_offset']
+        if not min(numbers) > 0.0:
+            raise OptionError('calibration: every number must be positive')
 
 
 @dataclass(frozen=True)
@@ -138,8 +142,9 @@ class _Problem:
             weight.mass * columns * is_loaded[:, None, None]], axis=2)
         sign = np.tanh(qd / options.sign_width)
         for j in range(self.n):
+            offset = [np.ones(len(q))] if options.same_offset else [1.0 - is_loaded, is_loaded]
             friction = np.column_stack([
-                1.0 - is_loaded, is_loaded, sign[:, j] * (1.0 - is_loaded),
+                *offset, sign[:, j] * (1.0 - is_loaded),
                 sign[:, j] * is_loaded, qd[:, j]])
             basis, size, _ = np.linalg.svd(friction, full_matrices=False)
             basis = basis[:, size > 1e-9 * size[0]]

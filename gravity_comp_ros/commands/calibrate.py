@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from gravity_comp_ros.api.read import read_recording
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
+from gravity_comp_ros.calibration.known_weight import (
+    calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.described import arm_of, text_of
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
-                           arm, weight)
+                           arm, weight, WeightOptions(same_offset=args.same_zero))
     # Relative to the scales with which the recordings were read.
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
     option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'

@@ -22,19 +22,19 @@ def run(args: argparse.Namespace) -> int:
         recording = reading.load(args, report)
         text, source = text_of(args, recording.reports)
         report('check', 0.5)
-        result, found = _checked(args, recording, text, source)
+        result, faults = _checked(args, recording, text, source)
         report('check', 1.0)
     unchecked = unchecked_sentences(result)
     if args.json != '-':
-        _show(recording, source, result, found, unchecked)
+        _show(recording, source, result, faults, unchecked)
     if args.json:
         terminal.emit_json({
-            'description': source, 'faults': [one.to_json() for one in found],
+            'description': source, 'faults': [one.to_json() for one in faults],
             'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
                        for joint, before, after, torque in zip(
                            result.joints, result.before, result.after, result.torque)},
             'unchecked': unchecked, **recording.to_json()}, args.json)
-    return EXIT_FAULTS if found else 0
+    return EXIT_FAULTS if faults else 0
 
 
 def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
@@ -45,12 +45,12 @@ def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
     return result, findings(result, arm, parse_tree(text, source), inertials)
 
 
-def _show(recording: Recording, source: str, result: DescriptionCheck, found: list[Finding],
+def _show(recording: Recording, source: str, result: DescriptionCheck, faults: list[Finding],
           unchecked: list[str]) -> None:
     terminal.say(*reading.lines(recording), '')
-    if not found:
+    if not faults:
         terminal.say(f'{source}: no fault found')
-    for number, one in enumerate(found, start=1):
+    for number, one in enumerate(faults, start=1):
         terminal.say(f'{number}. {one.sentence}')
         terminal.show_command(one.correction)
         for other in one.alternatives:

@@ -83,9 +83,9 @@ def _inertial(attribute: Callable[[str, str], str | None], link: str, source: st
             values = np.zeros(0)
         count = len(default.split())
         if len(values) != count or not np.isfinite(values).all():
-            wanted = 'a number' if count == 1 else f'{count} numbers'
+            expected = 'a number' if count == 1 else f'{count} numbers'
             raise DataError(f'{source}: the {tag} of link {link} has {key}="{printable(text)}", '
-                            f'not {wanted}')
+                            f'not {expected}')
         return values
 
     mass = float(numbers('mass', 'value', '0')[0])

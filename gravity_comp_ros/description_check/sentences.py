@@ -154,7 +154,7 @@ class _Writer:
 
 
 def _angle(fit: FaultFit) -> tuple[float, float]:
-    """Return the angle of a turn by two parameters and its standard deviation, deg."""
+    """Return the angle of a rotation by two parameters and its standard deviation, deg."""
     angle = float(np.hypot(*fit.parameters))
     along = fit.parameters / max(angle, 1e-12)
     return float(np.rad2deg(angle)), float(np.rad2deg(np.sqrt(along @ fit.covariance @ along)))

@@ -33,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'm (default: estimated)')
     parser.add_argument('--link', metavar='LINK', default=None,
                         help='link that carries the weight (default: that of the last joint)')
+    parser.add_argument('--same-zero', action='store_true',
+                        help='the torque sensors kept their zero between the recordings, without '
+                        'a restart: one offset for both, and smaller intervals')
     parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
                         help='axes and link lengths (default: /robot_description in a recording)')
     parser.add_argument('--fixed', metavar='JOINT=VALUE', type=arguments.values,
