@@ -3,12 +3,16 @@
 from pathlib import Path
 import time
 
+from builtin_interfaces.msg import Time
 from compiled_model import compiled
 from dds_domain import private_domain
 import gravity_comp_ros as gc
 from gravity_comp_ros.export.c_source import parameters_of
+from gravity_comp_ros.export.payload_lines import Payload
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.node.model_message import LATCHED, model_message
+from gravity_comp_ros.node.payload_message import payload_message
 import numpy as np
 import pytest
 import rclpy
@@ -59,6 +63,15 @@ def test_a_payload_is_swapped_into_a_compiled_library(ros, iiwa_model_file, tmp_
     assert results == [0]
     np.testing.assert_allclose(library.gravity(q), new.predict(q), rtol=0, atol=1e-9)
     np.testing.assert_allclose(library.distance(q), new.coverage.distance(q).max(axis=1))
+
+
+def test_a_payload_as_a_message():
+    payload = Payload('tool0', Quantity(2.0, 'kg', (1.9, 2.1)), {
+        axis: Quantity(value, 'm', (value, value)) for axis, value in zip('xyz', (0.1, 0.2, 0.3))})
+    message = payload_message(payload, Time(sec=3))
+    assert message.header.frame_id == 'tool0' and message.header.stamp.sec == 3
+    assert message.inertia.m == 2.0 and message.inertia.ixx == 0.0
+    assert (message.inertia.com.x, message.inertia.com.y, message.inertia.com.z) == (0.1, 0.2, 0.3)
 
 
 def test_a_message_names_every_number(iiwa_model_file):

@@ -23,6 +23,7 @@ from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.description.inertials import urdf_inertials
 from gravity_comp_ros.description.link_places import described_arm
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.simulation.arms import Payload, with_payload
@@ -56,7 +57,8 @@ def trial(name: str, seed: int, is_known: bool,
     weight = Weight(f'{joints[-1]}_link', float(mass), tuple(centre) if is_known else None)
     try:
         return calibrate(*parts, described, weight,
-                         WeightOptions(same_offset=is_same)), constants
+                         WeightOptions(same_offset=is_same),
+                         urdf_inertials(text, described, name)), constants
     except DataError:  # no joint
         return WeightCalibration({}, {}, {}, {}, {}), constants
 

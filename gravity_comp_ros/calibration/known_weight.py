@@ -3,10 +3,11 @@ Torque per unit of effort, from recordings without and with a known weight.
 
 The effort of joint j is its torque divided by k_j, the N·m per unit:
 
-    effort_j = a_j (Y_j(q) b + [loaded] (P_j0(q) m + P_j(q) m c)) + friction_j,    a_j = 1 / k_j,
+    effort_j = a_j (Y_j(q) b + d_j + [loaded] (P_j0 m + P_j m c)) + friction_j,    a_j = 1 / k_j,
 
 where Y are the columns of the gravity of a chain on known axes with moments b, P the torque per
-mass and first moment of the weight (known lengths), m its known mass and c its centre of mass.
+mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
+is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and Coulomb friction of each recording, and viscous friction. Torque sensors
 may have another offset after a restart; without one, both recordings have the same. No mass of
 the arm is used: the weight gives the absolute scale, and the moments, which all joints share,
@@ -17,12 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.description.inertials import frame_parameters, Inertial
 from gravity_comp_ros.description.link_places import DescribedArm
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
 import numpy as np
 
 
@@ -93,10 +98,12 @@ class WeightCalibration:
 
 
 def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weight: Weight,
-              options: WeightOptions = WeightOptions()) -> WeightCalibration:
+              options: WeightOptions = WeightOptions(),
+              inertials: Mapping[str, Inertial] = MappingProxyType({})) -> WeightCalibration:
     """
     Return the torque per unit of effort of each joint that the weight loads.
 
+    :param inertials: of the links of the arm, by name, as far as described.
     :raises DataError: if a recording has too few slow samples, or the weight loads no joint.
     :raises ModelMismatchError: if the arm does not carry the link of the weight.
     """
@@ -106,8 +113,16 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
         if part.n_samples < options.min_samples:
             raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
                             f'least {options.min_samples} are needed')
-    return _result(joints, _Problem(parts[0], parts[1], arm, weight, options).fitted(), weight,
-                   options)
+    problem = _Problem(parts[0], parts[1], arm, weight, options,
+                       [_dynamic(part, arm, inertials) for part in parts])
+    return _result(joints, problem.fitted(), weight, options)
+
+
+def _dynamic(samples: JointSamples, arm: DescribedArm,
+             inertials: Mapping[str, Inertial]) -> FloatArray:
+    """Return the dynamic torque (M, N) in N·m of the described arm without the weight."""
+    columns = regressor(arm.geometry, samples.q, samples.qd, accelerations(samples))
+    return np.asarray(columns @ frame_parameters(arm, inertials).ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +144,7 @@ class _Problem:
     """Efforts and columns of both recordings without offset and friction, by joint."""
 
     def __init__(self, empty: JointSamples, loaded: JointSamples, arm: DescribedArm,
-                 weight: Weight, options: WeightOptions) -> None:
+                 weight: Weight, options: WeightOptions, dynamic: list[FloatArray]) -> None:
         q, qd = (np.concatenate([getattr(part, name) for part in (empty, loaded)])
                  for name in ('q', 'qd'))
         self.n, self.mass = arm.geometry.n_joints, weight.mass
@@ -139,7 +154,8 @@ class _Problem:
         columns = np.concatenate([
             np.concatenate([empty.tau, loaded.tau])[:, :, None],
             ForwardKinematics(arm.geometry.rotations, q).moment_columns().transpose(2, 1, 0),
-            weight.mass * columns * is_loaded[:, None, None]], axis=2)
+            np.concatenate(dynamic)[:, :, None], weight.mass * columns * is_loaded[:, None, None],
+        ], axis=2)
         sign = np.tanh(qd / options.sign_width)
         for j in range(self.n):
             offset = [np.ones(len(q))] if options.same_offset else [1.0 - is_loaded, is_loaded]
@@ -150,7 +166,9 @@ class _Problem:
             basis = basis[:, size > 1e-9 * size[0]]
             columns[:, j] -= basis @ (basis.T @ columns[:, j])
         self.effort, self.gravity = columns[:, :, 0], columns[:, :, 1:1 + 2 * self.n]
-        self.fixed, self.moving = columns[:, :, -4], columns[:, :, -3:]
+        # Torque of the weight at the origin of its link, with the dynamic torque.
+        self.fixed, self.moving = columns[:, :, -4] + columns[:, :, -5], columns[:, :, -3:]
+        self.load = columns[:, :, -4]
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
         interval = np.median(np.diff(empty.t))
@@ -182,7 +200,7 @@ class _Problem:
     def _start(self) -> tuple[FloatArray, FloatArray]:
         """Return gains and noise (N,) of each joint alone; the surest gain scales the others."""
         gains, noise, surest = np.zeros(self.n), np.ones(self.n), np.zeros(self.n)
-        load = self.fixed + self.moving @ self.centre
+        load = self.load + self.moving @ self.centre
         for j in range(self.n):
             columns = np.column_stack([load[:, j], self.gravity[:, j, 2 * j:]])
             size = np.linalg.norm(columns, axis=0)
@@ -196,7 +214,7 @@ class _Problem:
             surest[j] = abs(solution[0]) / (noise[j] * np.sqrt(inverse[0, 0]) + 1e-300)
         is_sure = surest > 0.5 * surest.max(initial=0.0)
         moments = self._moments(np.where(is_sure, gains, 0.0), self.centre, noise)
-        torque = self.gravity @ moments + load
+        torque = self.gravity @ moments + self.fixed + self.moving @ self.centre
         others = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
         return np.where(is_sure, gains, others), noise
 

@@ -11,6 +11,7 @@ from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.described import arm_of, text_of
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.inertials import urdf_inertials
 from gravity_comp_ros.errors import OptionError
 
 
@@ -23,12 +24,14 @@ def run(args: argparse.Namespace) -> int:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
         reports = (*empty.reports, *loaded.reports)
-        arm = arm_of(args, *text_of(args, reports), empty.joints)
+        text, source = text_of(args, reports)
+        arm = arm_of(args, text, source, empty.joints)
         weight = Weight(args.link or arm.geometry.link, args.mass,
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
-                           arm, weight, WeightOptions(same_offset=args.same_zero))
+                           arm, weight, WeightOptions(same_offset=args.same_zero),
+                           urdf_inertials(text, arm, source, required=False))
     # Relative to the scales with which the recordings were read.
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
     option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.link_places import DescribedArm
 from gravity_comp_ros.description.robot_tree import rotation_of
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
@@ -41,10 +42,27 @@ class Inertial:
         return np.concatenate([[self.mass], self.mass * c, about[np.triu_indices(3)]])
 
 
-def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str) -> dict[str, Inertial]:
+def on_frame(arm: DescribedArm, link: str, inertial: Inertial) -> FloatArray:
+    """Return the parameters (10,) of a link in the frame of the joint that carries it."""
+    place = arm.place(link)
+    return replace(inertial, centre=place.origin + place.rotation @ inertial.centre,
+                   inertia=place.rotation @ inertial.inertia @ place.rotation.T).about_origin()
+
+
+def frame_parameters(arm: DescribedArm, inertials: Mapping[str, Inertial]) -> FloatArray:
+    """Return the parameters (N, 10) of all links of each frame, as `rigid_body.PARAMETERS`."""
+    result = np.zeros((arm.geometry.n_joints, len(PARAMETERS)))
+    for link, inertial in inertials.items():
+        result[arm.place(link).joint] += on_frame(arm, link, inertial)
+    return result
+
+
+def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str,
+                   required: bool = True) -> dict[str, Inertial]:
     """
     Return the inertials of the links of an arm, by name.
 
+    :param required: whether some link must have a mass.
     :raises DataError: if no link of the arm has a mass, or a number is wrong.
     """
     result = {}
@@ -60,7 +78,7 @@ def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str) -> dict[st
 
         if parts:
             result[name] = _inertial(attribute, name, source)
-    if not any(inertial.mass > 0.0 for inertial in result.values()):
+    if required and not any(inertial.mass > 0.0 for inertial in result.values()):
         raise DataError(f'{source} gives no mass to any link of the arm '
                         f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
                         f'to its links')

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.inertials import Inertial
+from gravity_comp_ros.description.inertials import frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description.link_places import DescribedArm
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import (
@@ -15,7 +15,7 @@ from gravity_comp_ros.description_check.search import (
     CheckOptions, corrected, Evidence, FaultFit, search)
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
 import numpy as np
 
 _MIN_SAMPLES = 50
@@ -58,9 +58,12 @@ def check_description(samples: JointSamples, arm: DescribedArm,
     if samples.n_samples < _MIN_SAMPLES:
         raise DataError(f'{samples.n_samples} slow samples are too few to check a description; '
                         f'at least {_MIN_SAMPLES} are needed')
-    parameters, links = _parameters(arm, inertials)
+    links = {name: (arm.place(name).joint, on_frame(arm, name, inertial))
+             for name, inertial in inertials.items()}
+    parameters = frame_parameters(arm, inertials)
     state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, parameters[:, :4])
-    faults = possible_faults(state, joints, links)
+    faults = possible_faults(state, joints, {
+        name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0})
     fits: list[FaultFit] = []
     noise = _noise(samples.tau)
     for _ in range(_PASSES):
@@ -82,22 +85,6 @@ def _rms(evidence: Evidence, arm: ArmState) -> FloatArray:
     """Return the RMS residual (N,) of an arm, offset and friction fitted, N·m."""
     residual = evidence.residual(arm).reshape(len(evidence.q), -1) / evidence.weight
     return np.asarray(np.sqrt((residual ** 2).mean(axis=0)))
-
-
-def _parameters(arm: DescribedArm, inertials: dict[str, Inertial]
-                ) -> tuple[FloatArray, dict[str, tuple[int, FloatArray]]]:
-    """Return the inertial parameters (N, 10) of the frames, and the bodies of the links."""
-    parameters = np.zeros((arm.geometry.n_joints, len(PARAMETERS)))
-    links = {}
-    for name, inertial in inertials.items():
-        place = arm.place(name)
-        moved = replace(inertial, centre=place.origin + place.rotation @ inertial.centre,
-                        inertia=place.rotation @ inertial.inertia @ place.rotation.T)
-        own = moved.about_origin()
-        parameters[place.joint] += own
-        if inertial.mass > 0.0:
-            links[name] = place.joint, own[:4]
-    return parameters, links
 
 
 def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, parameters: FloatArray,

@@ -36,11 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--same-zero', action='store_true',
                         help='the torque sensors kept their zero between the recordings, without '
                         'a restart: one offset for both, and smaller intervals')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='axes and link lengths (default: /robot_description in a recording)')
-    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=arguments.values,
-                        action='append', default=[], help='position of a joint of the '
-                        'description within the arm that is not recorded, rad or m')
+    arguments.add_description(parser, 'axes and link lengths (default: /robot_description in a '
+                              'recording)')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 
@@ -26,11 +25,8 @@ exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `check`."""
     arguments.add_bags(parser)
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='description to check (default: /robot_description in the recording)')
-    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=arguments.values,
-                        action='append', default=[], help='position of a joint of the '
-                        'description within the arm that is not recorded, rad or m')
+    arguments.add_description(parser, 'description to check (default: /robot_description in the '
+                              'recording)')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)

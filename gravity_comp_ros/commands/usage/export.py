@@ -38,12 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder (c, created if missing) or file (urdf, mjcf) to write')
     parser.add_argument('--prefix', metavar='NAME', default=None,
                         help='c: prefix of all names and files (default: gc)')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='urdf: description to correct; payload: description with '
-                        'the flange')
-    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=arguments.values,
-                        action='append', default=[], help='urdf: position of a joint of the '
-                        'description within the arm that is not in the model, rad or m')
+    arguments.add_description(parser, 'urdf: description to correct; payload: description with '
+                              'the flange')
     parser.add_argument('--mjcf', metavar='FILE.xml', type=Path, default=None,
                         help='mjcf: description to correct')
     parser.add_argument('--flange', metavar='LINK', default=None,
