@@ -152,6 +152,15 @@ def _joined(runs: list, joints: tuple[str, ...]) -> JointSamples:
                         for run in runs])
 
 
+def _line(one: Outcome) -> str:
+    mark = 'false' if one.n_false else 'ok'
+    if one.kind != 'none':
+        mark = 'named' if one.is_right else 'missed'
+        mark += f', {one.n_false} false' if one.n_false else ''
+    return (f'{one.arm:10} {one.seed} {one.kind} {one.subject}: {mark}  {one.named} '
+            f'{one.seconds:.1f} s')
+
+
 def main() -> int:
     """Run all cases and print the table."""
     parser = argparse.ArgumentParser(description='Faults of descriptions found by check.')
@@ -160,15 +169,11 @@ def main() -> int:
     parser.add_argument('--workers', type=int, default=1)
     args = parser.parse_args()
     cases = [(name, seed) for seed in args.seeds for name in args.arms]
+    outcomes = []
     with ProcessPoolExecutor(args.workers) as pool:
-        outcomes = [one for both in pool.map(trial, *zip(*cases)) for one in both]
-    for one in outcomes:
-        mark = 'false' if one.n_false else 'ok'
-        if one.kind != 'none':
-            mark = 'named' if one.is_right else 'missed'
-            mark += f', {one.n_false} false' if one.n_false else ''
-        print(f'{one.arm:10} {one.seed} {one.kind} {one.subject}: {mark}  {one.named} '
-              f'{one.seconds:.1f} s')
+        for both in pool.map(trial, *zip(*cases)):
+            outcomes += both
+            print(*map(_line, both), sep='\n', flush=True)
     faulty = [one for one in outcomes if one.kind != 'none']
     clean = [one for one in outcomes if one.kind == 'none']
     for kind in KINDS:

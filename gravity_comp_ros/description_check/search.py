@@ -32,8 +32,8 @@ class CheckOptions:
     Options of a check.
 
     `discrepancy` is the share of a joint's torque range that no rigid arm explains, and
-    `friction_discrepancy` that of its friction that no law of friction explains, as standard
-    deviations. `resolution` is the least deviation of a torque, as a share of the arm's largest
+    `friction_discrepancy` that of its friction that Coulomb and viscous friction do not explain
+    (Stribeck friction, presliding), as standard deviations. `resolution` is the least deviation of a torque, as a share of the arm's largest
     torque range: simulated recordings have joints without any. `correlation` in s is the time
     over which the errors of samples are dependent. `min_evidence` in nats is the least log
     evidence of a fault, and `margin` that by which a fault must exceed others to be named alone.
@@ -44,7 +44,7 @@ class CheckOptions:
     """
 
     discrepancy: float = 0.005
-    friction_discrepancy: float = 0.1
+    friction_discrepancy: float = 0.3
     resolution: float = 1e-4
     correlation: float = 2.0
     min_evidence: float = 5.0
