@@ -61,8 +61,8 @@ SOURCES: dict[str, Source] = {
 
 def descriptions() -> Path | None:
     """Return the folder of the installed descriptions, None if the package is missing."""
-    found = Path(pin.__file__).parents[4] / 'share' / PACKAGE / 'robots'
-    return found if found.is_dir() else None
+    folder = Path(pin.__file__).parents[4] / 'share' / PACKAGE / 'robots'
+    return folder if folder.is_dir() else None
 
 
 @cache

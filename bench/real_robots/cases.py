@@ -14,9 +14,9 @@ hidden effects and white noise: 0.1 to 0.2 % of the scale of the joint (see `law
 have a noise of 1e-5 rad, velocities of 2e-4 rad/s. Two of three cases have LuGre friction on
 every joint, half of the cases two hidden effects on different joints.
 
-An effect is redrawn while dynamics imitate it: after projection on Pinocchio's regressor, and
-Coulomb and viscous friction of the joint where it is another effect, at least one standard
-deviation of the noise must remain (rms). `Case.visible` is what remains.
+An effect is redrawn while it is collinear with dynamics: after projection on Pinocchio's
+regressor, and Coulomb and viscous friction of the joint where it is another effect, at least one
+standard deviation of the noise must remain (rms). `Case.visible` is that residual.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _WIDTH = (0.7, 1.2)
 _BAND, _SINES = 0.07, 4
 # Poses of the trained box in which static torques are compared.
 _POSES = 500
-# Least rms of an effect that rigid-body dynamics leave, in noise levels.
+# Least rms of an effect after that projection, in noise levels.
 _VISIBLE = 1.0
 
 
@@ -99,9 +99,9 @@ class Case:
     @property
     def known(self) -> tuple[Known, ...]:
         """Return the true coefficients: of hidden effects, and the friction of other joints."""
-        taken = {one.joint for one in self.hidden}
+        joints = {one.joint for one in self.hidden}
         return (*(one.known for one in self.hidden if one.known is not None),
-                *(level_of(one, MAX_SPEED) for one in self.friction if one.joint not in taken))
+                *(level_of(one, MAX_SPEED) for one in self.friction if one.joint not in joints))
 
     def static(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds (K, N) in N·m of the true torque at rest in poses q (K, N) in rad."""
@@ -127,7 +127,7 @@ def case(arm: str, seed: int, folder: Path | None = None) -> Case:
     path = None if folder is None else folder / f'{arm}.{seed}.npz'
     if path is not None and path.is_file() and _code_of(path) == _code():
         return load(path)
-    out = _drawn(arm, seed)
+    out, _ = drawn_case(arm, seed)
     if path is not None:
         save(out, path)
     return out
@@ -153,7 +153,8 @@ def _code_of(path: Path) -> str:
         return ''
 
 
-def _drawn(name: str, seed: int) -> Case:
+def drawn_case(name: str, seed: int) -> tuple[Case, list[Motion]]:
+    """Return a case and its three exact motions."""
     description = urdf(name)
     arm = arm_of(description)
     rng = np.random.default_rng([seed, crc32(name.encode())])
@@ -173,8 +174,9 @@ def _drawn(name: str, seed: int) -> Case:
     runs = [recorded(arm, motion, laws, noise, rng) for motion in motions]
     q = np.concatenate([run.q for run in runs[:2]])
     poses = rng.uniform(q.min(axis=0), q.max(axis=0), (_POSES, arm.n_joints))
-    return Case(name, seed, description, arm.joints, tuple(runs[:2]), runs[2], hidden, friction,
-                visible, noise, scale, largest, poses)
+    out = Case(name, seed, description, arm.joints, tuple(runs[:2]), runs[2], hidden, friction,
+               visible, noise, scale, largest, poses)
+    return out, motions
 
 
 def scales(arm: Arm) -> tuple[FloatArray, float]:
@@ -198,7 +200,7 @@ def _motion(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generato
 
 def recorded(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: FloatArray,
              rng: np.random.Generator) -> Run:
-    """Return what the sensors of an arm report of a motion; `noise` (N,) in N·m."""
+    """Return the sensor data of an arm in motion; `noise` (N,) in N·m."""
     exact = synthesise(arm, motion, SynthesisOptions(disturbances=laws))
     shape = exact.q.shape
     return Run(exact.t, exact.q + _POSITION_NOISE * rng.standard_normal(shape),
@@ -214,18 +216,18 @@ def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArra
     sparse = [_every(motion, 10) for motion in motions]
     basis = np.concatenate([regressor(arm, motion) for motion in sparse]) / noise[:, None]
     basis = basis.reshape(-1, basis.shape[2])
-    found: list[tuple[Hidden, float]] = []
+    drawn: list[tuple[Hidden, float]] = []
     for _ in range(int(rng.integers(1, 3))):
         for _attempt in range(200):
             site = sites[int(rng.integers(len(sites)))]
             one = makers[int(rng.integers(len(makers)))](site, rng)
-            if site.joint in {other.joint for other, _ in found}:
+            if site.joint in {other.joint for other, _ in drawn}:
                 continue
             rms = _beyond(arm, sparse, one, basis, noise)
             if rms >= _VISIBLE:
-                found.append((one, rms))
+                drawn.append((one, rms))
                 break
-    return tuple(one for one, _ in found), tuple(rms for _, rms in found)
+    return tuple(one for one, _ in drawn), tuple(rms for _, rms in drawn)
 
 
 def _beyond(arm: Arm, motions: list[Motion], one: Hidden, basis: FloatArray,

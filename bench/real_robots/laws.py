@@ -25,7 +25,7 @@ import numpy as np
 FRICTION = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'asymmetric_friction',
             'load_dependent_friction', 'degressive_friction', 'friction_drift',
             'coupled_friction', 'presliding_hysteresis')
-# The same for a joint whose hidden effect is one friction law: those that its bristles imitate.
+# The same for a joint whose hidden effect is one friction law: those collinear with its bristles.
 BRISTLES = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
             'presliding_hysteresis')
 
@@ -69,7 +69,7 @@ class Hidden:
     """
     A hidden effect: the pairs of effect and joint that name it, its law, and what is known of it.
 
-    `allowed` are findings that are present beside it, `static` whether it acts at rest.
+    `allowed` are findings that are present as well, `static` whether it acts at rest.
     `slack` (N·m) is the constant that the law adds while the joint moves; at rest any part of it
     is right.
     """
@@ -203,7 +203,7 @@ def packed(value: Any) -> Any:
 
 
 def unpacked(value: Any) -> Any:
-    """Return what `packed` packed."""
+    """Return the object of a result of `packed`."""
     if isinstance(value, dict):
         inner = {name: unpacked(x) for name, x in value.items() if name != 'is'}
         return _CLASSES[value['is']](**inner)

@@ -73,11 +73,11 @@ def trial(train: gc.Recording, held_out: gc.Recording) -> int:
 def synthesised(folder: Path, seed: int) -> Path:
     """Return a recording written by `gravity_comp synth`."""
     path = folder / f'{seed}.mcap'
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
         code = gravity_comp(['synth', '-o', str(path), '--seed', str(seed), *_OPTIONS])
     if code:
-        raise SystemExit(f'synth failed: {said.getvalue()}')
+        raise SystemExit(f'synth failed: {output.getvalue()}')
     return path
 
 

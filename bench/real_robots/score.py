@@ -25,18 +25,18 @@ class Bounds:
     """
     Bounds of a right case.
 
-    `error` is that of the rms residual on the unseen run, in noise levels of its joint, worst
-    joint. With LuGre friction and a known oracle, `of_oracle` times the oracle's is enough.
-    `static` is that of the rms error of the static torque, worst joint, as a share of the arm's
-    largest gravity torque.
+    `error` is that of the rms residual of every joint on the unseen run, in noise levels of that
+    joint. `of_oracle` is an alternative bound with LuGre friction, relative to the oracle's error
+    of that joint, 0 for none. `static` is that of the rms error of the static torque, worst
+    joint, as a share of the arm's largest gravity torque.
     """
 
     error: float = 1.5
-    of_oracle: float = 1.25
+    of_oracle: float = 0.0
     static: float = 0.005
 
 
-STRICT, LOOSE = Bounds(), Bounds(2.5, 2.5, 0.02)
+STRICT, LUGRE, LOOSE = Bounds(), Bounds(of_oracle=1.25), Bounds(2.5, static=0.02)
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,9 @@ class Score:
     are named only as one of several alternatives, `open` all findings that are not accepted.
     `error` and `static` are figures of the worst joints, as in `Bounds`; `error_joint` is from 1;
     `errors` are those of all joints, `pooled` their root mean square, `static_max` the largest
-    static error of a pose, as a share of the largest gravity torque. `why` is empty for a right
-    case, `why_loose` for one within the bounds `LOOSE`.
+    static error of a pose, as a share of the largest gravity torque. `oracle` are the errors of
+    the oracle. `why` is empty for a right case (bounds `STRICT`), `why_oracle` and `why_loose`
+    for one within the bounds `LUGRE` and `LOOSE`.
     """
 
     missed: tuple[str, ...]
@@ -73,9 +74,10 @@ class Score:
     static: float
     static_joint: int
     static_max: float
-    oracle: float | None
+    oracle: tuple[float, ...] | None
     intervals: tuple[Coverage, ...]
     why: tuple[str, ...]
+    why_oracle: tuple[str, ...]
     why_loose: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -93,8 +95,8 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
     :param static: predicted torque at rest (K, N) in N·m in `one.poses`.
     :param oracle: torque (M, N) of a fit that was given the true effects.
     """
-    found = [Finding.of(entry, one.joints) for entry in findings]
-    naming = [f for f in found if f.effect is not None and f.verdict in _NAMING]
+    parsed = [Finding.of(entry, one.joints) for entry in findings]
+    naming = [f for f in parsed if f.effect is not None and f.verdict in _NAMING]
     missed, tied = [], []
     for truth in one.hidden:
         answers = [f for f in naming if set(_pairs(f)) & set(truth.answers)]
@@ -105,24 +107,23 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
             tied.append(name)
     present = {pair for truth in one.hidden for pair in (*truth.answers, *truth.allowed)}
     present |= {(name, f.joint) for f in one.friction for name in FRICTION}
-    false = [str(f) for f in found if f.accepted and f.effect not in ALWAYS_THERE
+    false = [str(f) for f in parsed if f.accepted and f.effect not in ALWAYS_THERE
              and not present & set(_pairs(f))]
     errors = error_ratios(one, torque)
-    of_oracle = None if oracle is None else float(error_ratios(one, oracle).max())
+    of_oracle = None if oracle is None else error_ratios(one, oracle)
+    reference = of_oracle if one.friction and of_oracle is not None else np.zeros_like(errors)
     low, high = one.static(one.poses)
     off = np.maximum(np.maximum(low - static, static - high), 0.0) / one.largest
     rms = np.sqrt((off ** 2).mean(axis=0))
-    # NaN is never within a bound.
-    figures = (float(errors.max()), float(rms.max()))
     names = (*(f'missed {name}' for name in missed), *(f'false {name}' for name in false))
-    why = [(*names, *_beyond(bounds, figures, of_oracle if one.friction else None))
-           for bounds in (STRICT, LOOSE)]
+    why = [(*names, *_beyond(bounds, errors, reference, float(rms.max())))
+           for bounds in (STRICT, LUGRE, LOOSE)]
     return Score(tuple(missed), tuple(false), tuple(tied),
-                 tuple(str(f) for f in found if not f.accepted), figures[0],
+                 tuple(str(f) for f in parsed if not f.accepted), float(errors.max()),
                  int(errors.argmax()) + 1, tuple(map(float, errors)),
-                 float(np.sqrt((errors ** 2).mean())), figures[1], int(rms.argmax()) + 1,
-                 float(off.max()), of_oracle,
-                 tuple(_intervals(one, [f for f in found if f.accepted])), *why)
+                 float(np.sqrt((errors ** 2).mean())), float(rms.max()), int(rms.argmax()) + 1,
+                 float(off.max()), None if of_oracle is None else tuple(map(float, of_oracle)),
+                 tuple(_intervals(one, [f for f in parsed if f.accepted])), *why)
 
 
 def error_ratios(one: Case, torque: FloatArray) -> FloatArray:
@@ -131,11 +132,10 @@ def error_ratios(one: Case, torque: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((residual ** 2).mean(axis=0)) / one.noise)
 
 
-def _beyond(bounds: Bounds, figures: tuple[float, float], oracle: float | None) -> list[str]:
-    """Return the figures outside the bounds, as text."""
-    error, static = figures
-    limit = max(bounds.error, bounds.of_oracle * (oracle or 0.0))
-    out = [] if error <= limit else [f'error {error:.2f} x noise']
+def _beyond(bounds: Bounds, errors: FloatArray, oracle: FloatArray, static: float) -> list[str]:
+    """Return the figures outside the bounds as text; NaN is outside."""
+    within = errors <= np.maximum(bounds.error, bounds.of_oracle * oracle)
+    out = [] if within.all() else [f'error {errors[~within].max():.2f} x noise']
     return out if static <= bounds.static else [*out, f'static {100 * static:.2f} %']
 
 
@@ -150,7 +150,7 @@ def _intervals(one: Case, accepted: Sequence[Finding]) -> list[Coverage]:
         for finding in accepted:
             if (finding.effect, finding.joint) != (known.effect, known.joint):
                 continue
-            # The first coefficient in this unit; a spring may have a constant beside it.
+            # The first coefficient in this unit; a spring may have a constant as well.
             low, high = next(((low, high) for _, unit, low, high in finding.coefficients
                               if unit == known.unit), (np.nan, np.nan))
             if np.isfinite(low) and np.isfinite(high):
