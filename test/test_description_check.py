@@ -22,6 +22,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+pytestmark = pytest.mark.slow
+
 BAGS = Path(__file__).resolve().parents[1] / 'bags'
 URDF = (BAGS / 'iiwa7.urdf').read_text()
 JOINTS = tuple(f'iiwa_joint_{n}' for n in range(1, 8))
@@ -82,10 +84,16 @@ CASES = {
     'mass': (lambda: edited(link='iiwa_link_4', mass_value='4.52686'), 'iiwa_link_4', 3.4822)}
 
 
+@pytest.fixture(scope='module')
+def faulty(samples):
+    """Return the findings of each case, by kind; each check takes seconds."""
+    return {kind: checked(make(), samples)[1] for kind, (make, _, _) in CASES.items()}
+
+
 @pytest.mark.parametrize('kind', CASES)
-def test_each_fault_is_named_with_its_size(kind, samples):
-    make, subject, value = CASES[kind]
-    _, faults = checked(make(), samples)
+def test_each_fault_is_named_with_its_size(kind, faulty):
+    _, subject, value = CASES[kind]
+    faults = faulty[kind]
     first = faults[0]
     assert first.kind == kind and first.subjects == (subject,) and len(faults) == 1
     if value is None:
@@ -97,9 +105,8 @@ def test_each_fault_is_named_with_its_size(kind, samples):
 
 
 @pytest.mark.parametrize('kind', ['axis_turned', 'zero_angle', 'axis_reversed', 'mass'])
-def test_the_correction_corrects(kind, samples):
-    text = CASES[kind][0]()
-    _, (first, *_) = checked(text, samples)
+def test_the_correction_corrects(kind, samples, faulty):
+    text, first = CASES[kind][0](), faulty[kind][0]
     tag, attribute, value = re.search(r': <(\w+) (\w+)="(.*?)"/>', first.correction).groups()
     root = ElementTree.fromstring(text)
     name = re.search(r'name="(.*?)"', first.correction)[1]
