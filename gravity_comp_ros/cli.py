@@ -32,6 +32,7 @@ the loop:
   gravity_comp diagnose run2.mcap --model arm.json  physical effects missing from the model
   gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
                                                     add an effect, compare held-out errors
+  gravity_comp check run1.mcap --urdf robot.urdf    is the description of this arm?
   gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
@@ -55,6 +56,7 @@ PACKAGES = {
     'dask': 'pip install distributed',
     'distributed': 'pip install distributed',
     'mcap': 'pip install mcap zstandard (in a ROS workspace: ros-jazzy-mcap-ros2-support)',
+    'mujoco': 'pip install mujoco',
     'pinocchio': 'pip install pin (in a ROS workspace: ros-jazzy-pinocchio)',
     'rclpy': 'source ROS 2 Jazzy, or use the .venv that `make venv` makes',
     'rich': 'pip install rich',

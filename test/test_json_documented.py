@@ -1,13 +1,15 @@
 """docs/json.md documents exactly the keys that the verbs print."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
 
 from gravity_comp_ros.cli import main, VERBS
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import numpy as np
 import pytest
-from rough_links import two_links
+from rough_links import two_link_urdf, two_links
 
 PAGE = (Path(__file__).resolve().parents[1] / 'docs' / 'json.md').read_text()
 SECTIONS = dict(re.findall(r'^## (\w+)\n(.*?)(?=^## |\Z)', PAGE, re.MULTILINE | re.DOTALL))
@@ -15,7 +17,9 @@ CALLS = {
     'fit': ('1.mcap', '--holdout', '-o', 'm.json'), 'compare': ('2.mcap', '--model', 'm.json'),
     'diagnose': ('1.mcap', '--model', 'm.json', '--effects', 'coulomb_friction'),
     'add': ('coulomb_friction:shoulder', '1.mcap', '--model', 'm.json'),
-    'update': ('2.mcap', '--model', 'm.json'), 'info': ('1.mcap',),
+    'update': ('2.mcap', '--model', 'm.json'), 'export': ('m.json', '--to', 'c', '-o', 'code'),
+    'info': ('1.mcap',), 'calibrate': ('1.mcap', 'loaded.mcap', '--mass', '1', '--urdf',
+                                       'arm.urdf'), 'check': ('1.mcap', '--urdf', 'arm.urdf'),
     'replay': ('1.mcap', '--model', 'm.json', '-o', 'out.mcap'),
     'plan': ('1.mcap', '--model', 'm.json', '--settle', 'viscous_friction:shoulder', '--duration',
              '20', '-o', 'motion.csv'),
@@ -35,6 +39,18 @@ def printed(tmp_path_factory):
     (folder / 'robots' / 'one').mkdir(parents=True)
     for name, seed in (('1', 1), ('2', 2), ('robots/one/1', 1)):
         write_bag(folder / f'{name}.mcap', [joint_states(two_links(seed))])
+    body = ('<inertial><origin xyz="0 0 -0.4"/><mass value="{}"/><inertia ixx="0.01" ixy="0" '
+            'ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>')
+    urdf = two_link_urdf()
+    for link, mass in (('l1', 1.53), ('l2', 1.02)):
+        urdf = urdf.replace(f'<link name="{link}"/>',
+                            f'<link name="{link}">{body.format(mass)}</link>')
+    (folder / 'arm.urdf').write_text(urdf)
+    # 1 kg at the end of the second link, of 0.4 m.
+    load = two_links(3)
+    both = 9.80665 * 0.4 * np.sin(load.q.sum(axis=1))
+    write_bag(folder / 'loaded.mcap', [joint_states(replace(load, tau=load.tau + np.column_stack(
+        [both + 9.80665 * 0.4 * np.sin(load.q[:, 0]), both])))])
     (folder / 'table.csv').write_text('t,q_1,tau_1\n' + ''.join(
         f'{k / 10},{k / 100},{k}\n' for k in range(30)))
     output = {}

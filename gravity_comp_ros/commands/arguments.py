@@ -126,9 +126,20 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
                        help=f'{use}; its masses are not used (default: /robot_description in '
                        'the recording, if it matches; none: no description)')
-    group.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
-                       default=[], help='position of a joint of the description that is not '
-                       'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
+    add_fixed(group)
+
+
+def add_description(parser: argparse.ArgumentParser, use: str) -> None:
+    """Add --urdf and --fixed, for `described.arm_of`; `use` is the help text of --urdf."""
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None, help=use)
+    add_fixed(parser)
+
+
+def add_fixed(parser: argparse._ActionsContainer) -> None:
+    """Add --fixed, the positions of joints that are not learned."""
+    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
+                        default=[], help='position of a joint of the description that is not '
+                        'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
 
 def axes_options(args: argparse.Namespace) -> AxesOptions:

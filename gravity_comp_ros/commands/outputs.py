@@ -11,9 +11,12 @@ from pathlib import Path
 from gravity_comp_ros.errors import OptionError
 
 # Arguments of all verbs by their name in the namespace; a test checks that none is missing.
-INPUTS = {'bags': 'a recording', 'bag': 'the recording', 'table': 'the table',
-          'model': 'the model (--model)', 'previous': 'the earlier model (--previous)',
-          'urdf': 'the robot description (--urdf)', 'arm': 'the robot description (--arm)',
+INPUTS = {'bags': 'a recording', 'bag': 'the recording',
+          'empty': 'the recording without the weight', 'loaded': 'the recording with the weight',
+          'table': 'the table', 'model': 'the model (--model)',
+          'previous': 'the earlier model (--previous)',
+          'urdf': 'the robot description (--urdf)', 'mjcf': 'the robot description (--mjcf)',
+          'arm': 'the robot description (--arm)',
           'motion': 'the motion (--motion)', 'plan': 'the plan (--plan)',
           'folder': 'the folder of recordings', 'models': 'the folder of models (--models)'}
 OUTPUTS = {'output': '-o', 'json': '--json', 'html': '--html'}

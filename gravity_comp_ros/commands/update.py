@@ -6,14 +6,17 @@ import argparse
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.api.axes import known_axes, KnownAxes
+from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_on_axes
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
+from gravity_comp_ros.export.payload_lines import in_frame, Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 
@@ -23,6 +26,8 @@ def run(args: argparse.Namespace) -> int:
     if args.undo == bool(args.bags):
         args.parser.error('name at least one bag with the new payload, or give --undo alone')
     model = load_model(args.model)
+    if args.flange is not None and args.urdf in (None, NO_DESCRIPTION):
+        args.parser.error('--flange is a link of a description: name it with --urdf')
     target = args.output or args.model
     return _undo(args, model, target) if args.undo else _update(args, model, target)
 
@@ -49,12 +54,16 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         report('update', 0.5)
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
+        arm = None if args.flange is None else _arm(args, model)
         result, axes = update_on_axes(model, recording, axes)
+        estimate = result.report.payload
+        flange = in_frame(payload_of(result.model), arm, args.flange) \
+            if arm is not None and estimate is not None and estimate.centre is not None else None
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
     if args.json != '-':
-        _show(args, recording, axes, result, target)
+        _show(args, recording, axes, result, target, flange)
     warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, recording)]
     terminal.warn(*warnings)
     if args.json:
@@ -62,8 +71,17 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
             {'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
              'effects': [effect.target for effect in result.model.applied.effects],
              'description': axes.to_json(), 'warnings': warnings,
+             'flange': None if flange is None else flange.to_json(),
              **recording.to_json()}, args.json)
     return 0
+
+
+def _arm(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
+    """Return the described arm, whose flange is checked before the update."""
+    fixed = arguments.axes_options(args).fixed
+    arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), HeldPositions(fixed))
+    arm.place(args.flange)
+    return arm
 
 
 def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -> list[str]:
@@ -73,10 +91,12 @@ def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -
 
 
 def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
-          result: UpdateResult, target: Path) -> None:
+          result: UpdateResult, target: Path, flange: Payload | None) -> None:
     terminal.say(*reading.lines(recording), *axes.notes)
     lines = map(terminal.safe, _payload_lines(result.report.payload))
     terminal.show('', _joint_table(result), *lines)
+    if flange is not None:
+        terminal.say(f'for a drive: {flange.sentence()}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return

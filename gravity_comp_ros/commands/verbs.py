@@ -10,6 +10,9 @@ VERBS = {
     'diagnose': 'identify physical effects missing from a gravity model, with their size',
     'add': 'add effects to a model, refit it, and compare held-out errors',
     'update': 'update a model after a payload change, from ten seconds of slow motion',
+    'check': 'check a robot description against recorded torque, for faults',
+    'calibrate': 'calibrate efforts in N·m with a known weight',
+    'export': 'write a model as C source, into a URDF or MJCF, or as payload of a drive',
     'replay': 'write measured, predicted and residual torque to an MCAP file for PlotJuggler or '
               'Foxglove',
     'plan': 'plan the motion that resolves open findings',

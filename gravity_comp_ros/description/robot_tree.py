@@ -67,7 +67,7 @@ class TreeJoint:
 
     def rotation(self) -> FloatArray:
         """Return the rotation (3, 3) of the joint frame in the parent link."""
-        return _rotation(self._vector(_child(self.element, 'origin'), 'rpy', (0.0, 0.0, 0.0)))
+        return rotation_of(self._vector(_child(self.element, 'origin'), 'rpy', (0.0, 0.0, 0.0)))
 
     def axis(self) -> FloatArray:
         """Return the unit vector (3,) of the axis in the joint frame."""
@@ -221,7 +221,7 @@ def _local(element: Element) -> str:
     return str(element.tag).rpartition('}')[2]
 
 
-def _rotation(rpy: FloatArray) -> FloatArray:
+def rotation_of(rpy: FloatArray) -> FloatArray:
     """Return the rotation matrix of roll about x, pitch about y, yaw about z, in this order."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
     return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],

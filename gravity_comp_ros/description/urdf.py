@@ -23,7 +23,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
 from gravity_comp_ros.description.serial_arm import arm_path
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
-from gravity_comp_ros.models.kinematic.chain import aligned
+from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
 import numpy as np
 
@@ -62,10 +62,11 @@ def read_urdf(path: Path | str, joints: Collection[str],
     return parse_urdf(read_text(path), joints, str(path), held)
 
 
-def read_text(path: Path | str) -> bytes:
+def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
     """
-    Return the content of a URDF file.
+    Return the content of a robot description.
 
+    :param kind: format of the file, for messages.
     :raises DataError: if it cannot be read or is too large.
     """
     path = Path(path)
@@ -74,9 +75,9 @@ def read_text(path: Path | str) -> bytes:
             data = stream.read(_MAX_BYTES + 1)
     except OSError as problem:
         reason = (problem.strerror or 'unreadable').lower()
-        raise DataError(f'cannot read URDF {path}: {reason}') from problem
+        raise DataError(f'cannot read {kind} {path}: {reason}') from problem
     if len(data) > _MAX_BYTES:
-        raise DataError(f'{path} is too large to be a URDF')
+        raise DataError(f'{path} is too large to be a robot description')
     return data
 
 
@@ -161,7 +162,7 @@ class _Traversal:
         value, by = self._value(joint)
         self.held.append(HeldJoint(joint.name, value, by))
         if joint.revolute:
-            return rotation @ _about(axis, value), origin
+            return rotation @ about(axis, value), origin
         return rotation, origin + value * (rotation @ axis)
 
     def leader(self, joint: TreeJoint) -> TreeJoint:
@@ -191,10 +192,3 @@ class _Traversal:
         if joint.name in self._positions.recorded:
             return float(self._positions.recorded[joint.name]), 'recording'
         return joint.rest(), 'assumption'
-
-
-def _about(axis: FloatArray, angle: float) -> FloatArray:
-    """Return the rotation matrix of `angle` about a unit vector (Rodrigues)."""
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew)

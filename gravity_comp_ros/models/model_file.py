@@ -50,6 +50,18 @@ def save_model(path: Path | str, model: GravityModel) -> None:
     write_atomically(Path(path), text.encode(), ModelFileError)
 
 
+def checksum(model: GravityModel) -> str:
+    """
+    Return the SHA-256 that the file of this model has.
+
+    :raises ModelFileError: if it has no form in JSON.
+    """
+    try:
+        return _checksum(_to_json(model))
+    except (TypeError, ValueError) as problem:
+        raise ModelFileError(f'this model has no file: {problem}') from problem
+
+
 def load_model(path: Path | str) -> GravityModel:
     """
     Read a model file.

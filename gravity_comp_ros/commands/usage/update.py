@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='undo the last update of the model; needs no bag')
     parser.add_argument('--dry-run', action='store_true', help='show the result, write nothing')
     arguments.add_urdf(parser, 'joint axes, for the mass and centre of mass of the payload')
+    parser.add_argument('--flange', metavar='LINK', default=None,
+                        help='link of --urdf in whose frame the centre of mass is given, such as '
+                        'tool0 (default: the link of the last joint)')
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)

@@ -190,6 +190,12 @@ def about_z(angle: FloatArray) -> FloatArray:
     return rotation
 
 
+def about(axis: FloatArray, angle: float) -> FloatArray:
+    """Return the rotation (3, 3) by an angle in rad about a unit vector (3,) (Rodrigues)."""
+    cross = skew(axis)
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
 def skew(v: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) of v x for v (..., 3)."""
     upper = np.zeros((*v.shape[:-1], 3, 3))

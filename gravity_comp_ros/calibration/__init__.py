@@ -1,0 +1,1 @@
+"""Calibration of torque: N·m per unit of effort, from a known weight."""

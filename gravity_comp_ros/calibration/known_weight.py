@@ -1,0 +1,269 @@
+"""
+Torque per unit of effort, from recordings without and with a known weight.
+
+The effort of joint j is its torque divided by k_j, the N·m per unit:
+
+    effort_j = a_j (Y_j(q) b + d_j + [loaded] (P_j0 m + P_j m c)) + friction_j,    a_j = 1 / k_j,
+
+where Y are the columns of the gravity of a chain on known axes with moments b, P the torque per
+mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
+is the small dynamic torque by the inertias of the description, if it has any.
+Friction is an offset and Coulomb friction of each recording, and viscous friction. Torque sensors
+may have another offset after a restart; without one, both recordings have the same. No mass of
+the arm is used: the weight gives the absolute scale, and the moments, which all joints share,
+their ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.description.inertials import frame_parameters, Inertial
+from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.models.applied_effects import Quantity
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
+import numpy as np
+
+
+_STEPS = 50
+
+
+@dataclass(frozen=True)
+class WeightOptions:
+    """
+    Options of a calibration.
+
+    `correlation` in s is the time over which the errors of samples are dependent. `distance` in m
+    is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
+    is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
+    recording. `sign_width` in rad/s is the speed over which friction changes its sign.
+    `same_offset` is whether both recordings have the same offset.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    correlation: float = 2.0
+    distance: float = 0.2
+    significance: float = 20.0
+    min_samples: int = 50
+    sign_width: float = 0.01
+    same_offset: bool = False
+
+    def __post_init__(self) -> None:
+        numbers = [x for name, x in vars(self).items() if name != 'same_offset']
+        if not min(numbers) > 0.0:
+            raise OptionError('calibration: every number must be positive')
+
+
+@dataclass(frozen=True)
+class Weight:
+    """
+    A weight on a link: `mass` in kg, `centre` in m in the frame of the link, None if unknown.
+
+    :raises OptionError: if the mass is not positive, or a number is not finite.
+    """
+
+    link: str
+    mass: float
+    centre: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.mass < np.inf:
+            raise OptionError(f'the weight has a mass of {self.mass:g} kg; it must be positive')
+        if self.centre is not None and not np.isfinite(self.centre).all():
+            raise OptionError('the centre of mass of the weight is not finite')
+
+
+@dataclass(frozen=True, eq=False)
+class WeightCalibration:
+    """
+    The result: `scales` in N·m per unit of effort, by joint.
+
+    `left_out` are the other joints with the reason. `load` (N·m RMS, by joint) is the torque of
+    the weight. `centre` is its centre of mass in m by axis. `rmse` is the residual in units of
+    effort, by joint.
+    """
+
+    scales: Mapping[str, Quantity]
+    left_out: Mapping[str, str]
+    load: Mapping[str, float]
+    centre: Mapping[str, Quantity]
+    rmse: Mapping[str, float]
+
+
+def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weight: Weight,
+              options: WeightOptions = WeightOptions(),
+              inertials: Mapping[str, Inertial] = MappingProxyType({})) -> WeightCalibration:
+    """
+    Return the torque per unit of effort of each joint that the weight loads.
+
+    :param inertials: of the links of the arm, by name, as far as described.
+    :raises DataError: if a recording has too few slow samples, or the weight loads no joint.
+    :raises ModelMismatchError: if the arm does not carry the link of the weight.
+    """
+    joints = arm.geometry.joints
+    parts = [part.joints(joints) for part in (empty, loaded)]
+    for name, part in zip(('without', 'with'), parts):
+        if part.n_samples < options.min_samples:
+            raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
+                            f'least {options.min_samples} are needed')
+    problem = _Problem(parts[0], parts[1], arm, weight, options,
+                       [_dynamic(part, arm, inertials) for part in parts])
+    return _result(joints, problem.fitted(), weight, options)
+
+
+def _dynamic(samples: JointSamples, arm: DescribedArm,
+             inertials: Mapping[str, Inertial]) -> FloatArray:
+    """Return the dynamic torque (M, N) in N·m of the described arm without the weight."""
+    columns = regressor(arm.geometry, samples.q, samples.qd, accelerations(samples))
+    return np.asarray(columns @ frame_parameters(arm, inertials).ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """
+    Gains a (N,), centre (3,) and the covariance (N + 3, N + 3) of both.
+
+    `noise` (N,) is the residual in units of effort, `load` (N,) the RMS torque of the weight, N·m.
+    """
+
+    gains: FloatArray
+    centre: FloatArray
+    covariance: FloatArray
+    noise: FloatArray
+    load: FloatArray
+
+
+class _Problem:
+    """Efforts and columns of both recordings without offset and friction, by joint."""
+
+    def __init__(self, empty: JointSamples, loaded: JointSamples, arm: DescribedArm,
+                 weight: Weight, options: WeightOptions, dynamic: list[FloatArray]) -> None:
+        q, qd = (np.concatenate([getattr(part, name) for part in (empty, loaded)])
+                 for name in ('q', 'qd'))
+        self.n, self.mass = arm.geometry.n_joints, weight.mass
+        is_loaded = np.repeat([0.0, 1.0], [empty.n_samples, loaded.n_samples])
+        columns = arm.columns(q, [weight.link])
+        self._loads = columns[is_loaded > 0.0]
+        columns = np.concatenate([
+            np.concatenate([empty.tau, loaded.tau])[:, :, None],
+            ForwardKinematics(arm.geometry.rotations, q).moment_columns().transpose(2, 1, 0),
+            np.concatenate(dynamic)[:, :, None], weight.mass * columns * is_loaded[:, None, None],
+        ], axis=2)
+        sign = np.tanh(qd / options.sign_width)
+        for j in range(self.n):
+            offset = [np.ones(len(q))] if options.same_offset else [1.0 - is_loaded, is_loaded]
+            friction = np.column_stack([
+                *offset, sign[:, j] * (1.0 - is_loaded),
+                sign[:, j] * is_loaded, qd[:, j]])
+            basis, size, _ = np.linalg.svd(friction, full_matrices=False)
+            basis = basis[:, size > 1e-9 * size[0]]
+            columns[:, j] -= basis @ (basis.T @ columns[:, j])
+        self.effort, self.gravity = columns[:, :, 0], columns[:, :, 1:1 + 2 * self.n]
+        # Torque of the weight at the origin of its link, with the dynamic torque.
+        self.fixed, self.moving = columns[:, :, -4] + columns[:, :, -5], columns[:, :, -3:]
+        self.load = columns[:, :, -4]
+        self.centre = np.array(weight.centre or np.zeros(3))
+        self.centre_std = 1e-6 if weight.centre is not None else options.distance
+        interval = np.median(np.diff(empty.t))
+        self.per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
+
+    def fitted(self) -> _Fit:
+        """Return gains and centre."""
+        gains, noise = self._start()
+        centre, moments = self.centre, self._moments(gains, self.centre, noise)
+        for _ in range(_STEPS):
+            rest, jacobian = self._linearised(gains, centre, moments, noise)
+            noise = np.maximum(rest.std(axis=0) * noise, 1e-12 + 1e-6 * self.effort.std(axis=0))
+            rest, jacobian = self._linearised(gains, centre, moments, noise)
+            information, gradient = self._normal(rest, jacobian, centre)
+            step = np.linalg.solve(information, gradient)
+            parts = np.split(step, [self.n, self.n + 3])
+            gains, centre, moments = gains + parts[0], centre + parts[1], moments + parts[2]
+            size = np.abs(gains) + 1e-12
+            if max(np.abs(parts[0] / size).max(), np.abs(parts[1]).max()) < 1e-7:
+                break
+        rest, jacobian = self._linearised(gains, centre, moments, noise)
+        covariance = np.linalg.inv(self._normal(rest, jacobian / np.sqrt(self.per_error),
+                                                centre)[0])
+        own = slice(0, self.n + 3)
+        torque = np.asarray(self.mass * self._loads @ np.array([1.0, *centre]))
+        return _Fit(gains, centre, np.asarray(covariance[own, own]),
+                    np.asarray(noise * rest.std(axis=0)), np.sqrt((torque ** 2).mean(axis=0)))
+
+    def _start(self) -> tuple[FloatArray, FloatArray]:
+        """Return gains and noise (N,) of each joint alone; the surest gain scales the others."""
+        gains, noise, surest = np.zeros(self.n), np.ones(self.n), np.zeros(self.n)
+        load = self.load + self.moving @ self.centre
+        for j in range(self.n):
+            columns = np.column_stack([load[:, j], self.gravity[:, j, 2 * j:]])
+            size = np.linalg.norm(columns, axis=0)
+            columns = columns[:, size > 1e-9 * max(float(size.max()), 1e-12)]
+            if not size[0] > 1e-9 * max(float(size.max()), 1e-12):
+                continue
+            solution = np.linalg.lstsq(columns, self.effort[:, j], rcond=1e-9)[0]
+            noise[j] = max(float((self.effort[:, j] - columns @ solution).std()), 1e-12)
+            inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-12)
+            gains[j] = solution[0]
+            surest[j] = abs(solution[0]) / (noise[j] * np.sqrt(inverse[0, 0]) + 1e-300)
+        is_sure = surest > 0.5 * surest.max(initial=0.0)
+        moments = self._moments(np.where(is_sure, gains, 0.0), self.centre, noise)
+        torque = self.gravity @ moments + self.fixed + self.moving @ self.centre
+        others = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
+        return np.where(is_sure, gains, others), noise
+
+    def _moments(self, gains: FloatArray, centre: FloatArray, noise: FloatArray) -> FloatArray:
+        """Return the moments (2N,) that fit given gains; joints of gain 0 are not used."""
+        weight = gains / noise
+        target = (self.effort / noise - (self.fixed + self.moving @ centre) * weight)
+        rows = (self.gravity * weight[:, None]).reshape(-1, 2 * self.n)
+        target = np.where(gains != 0.0, target, 0.0)
+        return np.asarray(np.linalg.lstsq(rows, target.ravel(), rcond=1e-6)[0])
+
+    def _linearised(self, gains: FloatArray, centre: FloatArray, moments: FloatArray,
+                    noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residual (M, N) and its columns (M, N, 3 + 3N), in standard deviations."""
+        torque = self.gravity @ moments + self.fixed + self.moving @ centre
+        jacobian = np.concatenate([
+            torque[:, :, None] * np.eye(self.n), self.moving * gains[:, None],
+            self.gravity * gains[:, None]], axis=2)
+        return (self.effort - gains * torque) / noise, jacobian / noise[:, None]
+
+    def _normal(self, rest: FloatArray, jacobian: FloatArray, centre: FloatArray
+                ) -> tuple[FloatArray, FloatArray]:
+        """Return information and gradient, with the priors of centre and moments."""
+        rows = jacobian.reshape(-1, jacobian.shape[2])
+        information, gradient = rows.T @ rows, rows.T @ rest.ravel()
+        own = np.arange(self.n, self.n + 3)
+        information[own, own] += 1.0 / self.centre_std ** 2
+        gradient[own] -= (centre - self.centre) / self.centre_std ** 2
+        # Moments and gains that the motion does not excite stay where they are.
+        size = np.diag(information)
+        information[np.diag_indices(len(size))] += 1e-9 * size + 1e-9
+        return information, gradient
+
+
+def _result(joints: tuple[str, ...], fit: _Fit, weight: Weight,
+            options: WeightOptions) -> WeightCalibration:
+    std = np.sqrt(np.diag(fit.covariance))
+    scales, left_out = {}, {}
+    for joint, gain, error, load in zip(joints, fit.gains, std, fit.load):
+        if abs(gain) < options.significance * error or load < 1e-3 * fit.load.max():
+            left_out[joint] = 'its effort depends too little on the load in this motion'
+            continue
+        k, half = 1.0 / gain, 1.96 * error / gain ** 2
+        scales[joint] = Quantity(float(k), 'N·m per unit', (float(k - half), float(k + half)))
+    if not scales:
+        raise DataError('the weight changes the effort of no joint: is it in the second '
+                        'recording, and does the arm move with it?')
+    return WeightCalibration(
+        scales, left_out, dict(zip(joints, fit.load.tolist())),
+        {axis: Quantity(float(x), 'm', (float(x - 1.96 * s), float(x + 1.96 * s)))
+         for axis, x, s in zip('xyz', fit.centre, std[len(joints):])},
+        dict(zip(joints, fit.noise.tolist())))

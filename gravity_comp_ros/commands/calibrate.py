@@ -1,0 +1,74 @@
+"""`gravity_comp calibrate`: N·m per unit of effort, from a known weight."""
+
+from __future__ import annotations
+
+import argparse
+
+from gravity_comp_ros.api.read import read_recording
+from gravity_comp_ros.calibration.known_weight import (
+    calibrate, Weight, WeightCalibration, WeightOptions)
+from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands.arguments import gate, read_options
+from gravity_comp_ros.commands.described import arm_of, text_of
+from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.inertials import urdf_inertials
+from gravity_comp_ros.errors import OptionError
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate the efforts, and show the option that applies the result."""
+    if args.empty.resolve() == args.loaded.resolve():
+        raise OptionError(f'{args.empty} is named as the recording without and with the weight')
+    options, slow = read_options(args), gate(args)
+    with terminal.progress() as report:
+        empty, loaded = (read_recording([path], options, slow, report)
+                         for path in (args.empty, args.loaded))
+        reports = (*empty.reports, *loaded.reports)
+        text, source = text_of(args, reports)
+        arm = arm_of(args, text, source, empty.joints)
+        weight = Weight(args.link or arm.geometry.link, args.mass,
+                        None if args.com is None else tuple(args.com))
+        joints = arm.geometry.joints
+        result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
+                           arm, weight, WeightOptions(same_offset=args.same_zero),
+                           urdf_inertials(text, arm, source, required=False))
+    # Relative to the scales with which the recordings were read.
+    read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
+    option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'
+                                          for joint, scale in result.scales.items())
+    if args.json != '-':
+        terminal.say(*reading.bag_lines(reports))
+        terminal.show('', _table(result, read))
+        terminal.say(*_centre(result, weight))
+        terminal.say(*(f'{joint} is not calibrated: {why}'
+                       for joint, why in result.left_out.items()))
+        terminal.show('', 'option for all verbs, and for the parameter effort_scale of the node:')
+        terminal.show_command(option)
+    if args.json:
+        terminal.emit_json({
+            'joints': {joint: {'scale': {'value': read[joint] * scale.value, 'unit': scale.unit,
+                                         'ci95': [read[joint] * x for x in scale.ci95]},
+                               'load_rms': result.load[joint], 'rmse': result.rmse[joint]}
+                       for joint, scale in result.scales.items()},
+            'left_out': result.left_out, 'option': option, 'link': weight.link,
+            'mass': weight.mass, 'centre': {axis: vars(x) for axis, x in result.centre.items()},
+            'bags': [each.to_json() for each in reports]}, args.json)
+    return 0
+
+
+def _table(result: WeightCalibration, read: dict[str, float]) -> ScreenTable:
+    rows = []
+    for joint, scale in result.scales.items():
+        low, high = sorted(read[joint] * x for x in scale.ci95)
+        rows.append((joint, f'{read[joint] * scale.value:.4g}', f'{low:.4g} … {high:.4g}',
+                     f'{50.0 * (high - low) / abs(read[joint] * scale.value):.1f} %',
+                     f'{result.load[joint]:.3f}'))
+    return terminal.table('', ('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), rows)
+
+
+def _centre(result: WeightCalibration, weight: Weight) -> list[str]:
+    if weight.centre is not None:
+        return []
+    centre = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
+                       f'{1e3 * x.ci95[1]:.1f})' for axis, x in result.centre.items())
+    return [f'centre of mass of the weight in the frame of {weight.link}: {centre}']

@@ -1,0 +1,136 @@
+"""`gravity_comp export`: write a model as C source, into a description, or for a drive."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.described import held
+from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.urdf import read_text
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.export.c_source import c_source
+from gravity_comp_ros.export.changed_description import ChangedDescription
+from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, payload_of
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import checksum, load_model
+
+# Options of each target besides -o.
+_OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
+            'payload': ('urdf', 'fixed', 'flange')}
+# Keys of the JSON that not every target has.
+_NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload'))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Export the model, and show the result."""
+    _check_usage(args)
+    model = load_model(args.model)
+    targets: Mapping[str, Callable[[argparse.Namespace, GravityModel], dict[str, Any]]] = {
+        'c': _c, 'urdf': _description, 'mjcf': _description, 'payload': _payload}
+    result = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
+              'joints': list(model.joints), **_NULL, **targets[args.to](args, model)}
+    terminal.warn(*(f'{target} is left out: {why}'
+                    for target, why in result['left_out'].items()))
+    if args.json:
+        terminal.emit_json(result, args.json)
+    return 0
+
+
+def _check_usage(args: argparse.Namespace) -> None:
+    own = _OPTIONS[args.to]
+    for options in _OPTIONS.values():
+        for name in options:
+            if name not in own and getattr(args, name) not in (None, []):
+                args.parser.error(f'--{name} is not for --to {args.to}')
+    if (args.output is None) != (args.to == 'payload'):
+        args.parser.error(f'--to {args.to} needs -o PATH' if args.output is None else
+                          '--to payload prints its lines; it takes no -o')
+    if args.flange is not None and args.urdf is None:
+        args.parser.error('--flange is a link of a description: name it with --urdf')
+    if args.to in ('urdf', 'mjcf') and getattr(args, args.to) is None:
+        args.parser.error(f'--to {args.to} needs the description to correct: --{args.to} FILE')
+
+
+def _c(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+    code = c_source(model, args.prefix or 'gc')
+    _create(args.output)
+    files = {args.output / code.source_name: code.source,
+             args.output / code.header_name: code.header}
+    for path, text in files.items():
+        write_atomically(path, text.encode(), GravityCompError)
+    parameters = code.parameters
+    if args.json != '-':
+        effects = f', with {", ".join(code.effects)}' if code.effects else ''
+        terminal.say(*(f'wrote {path}' for path in sorted(files)),
+                     f'{model.formulation} of {model.n_joints} joints{effects}; '
+                     f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}')
+    return {'files': sorted(map(str, files)), 'effects': code.effects, 'left_out': code.left_out,
+            'parameters': {'layout': parameters.layout, 'labels': parameters.labels}}
+
+
+def _create(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        reason = (problem.strerror or 'not possible').lower()
+        raise GravityCompError(f'cannot write to the folder {folder}: {reason}') from problem
+
+
+def _description(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+    changed = _changed(args, model)
+    write_atomically(args.output, changed.data, GravityCompError)
+    if args.json != '-':
+        terminal.show(_link_table(changed), '', _difference_table(changed))
+        terminal.say('', *changed.notes, f'wrote {args.output}')
+    return {'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
+            'links': {name: {'mass_before': x.mass_before, 'mass': x.mass,
+                             'centre_before': x.centre_before, 'centre': x.centre}
+                      for name, x in changed.links.items()},
+            'difference': {joint: {'before': changed.before[joint], 'after': value}
+                           for joint, value in changed.after.items()}}
+
+
+def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescription:
+    if args.to == 'mjcf':
+        from gravity_comp_ros.export.mjcf_file import changed_mjcf
+        return changed_mjcf(args.mjcf, read_text(args.mjcf, 'MJCF'), model)
+    from gravity_comp_ros.export.urdf_file import changed_urdf
+    return changed_urdf(read_text(args.urdf), model, str(args.urdf), held(args))
+
+
+def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+    payload = payload_of(model)
+    if args.flange is not None:
+        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), held(args))
+        payload = in_frame(payload, arm, args.flange)
+    lines = drive_lines(payload)
+    if args.json != '-':
+        terminal.say(payload.sentence(), 'the inertia is not identified and is 0 in these lines; '
+                     'none was tested on its robot')
+        for line in lines:
+            terminal.say('', f'{line.maker} ({line.source})')
+            terminal.show_command(line.line)
+    return {'files': [], 'effects': [], 'left_out': {},
+            'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
+
+
+def _link_table(changed: ChangedDescription) -> ScreenTable:
+    rows = []
+    for name, link in changed.links.items():
+        shift = sum((a - b) ** 2 for a, b in zip(link.centre, link.centre_before)) ** 0.5
+        rows.append((name, f'{link.mass_before:.3f}', f'{link.mass:.3f}',
+                     ' '.join(f'{x:+.4f}' for x in link.centre), f'{1e3 * shift:.1f}'))
+    return terminal.table('', ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
+
+
+def _difference_table(changed: ChangedDescription) -> ScreenTable:
+    rows = [(joint, f'{changed.before[joint]:.4f}', f'{value:.4f}')
+            for joint, value in changed.after.items()]
+    return terminal.table('', ('joint', 'largest difference from the model N·m before', 'after'),
+                          rows)

@@ -1,0 +1,127 @@
+"""Places of all links that an arm carries, and the torque per unit of their masses."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
+from gravity_comp_ros.description.urdf import HeldPositions, parse_urdf
+from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.models.kinematic.chain import about, aligned
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
+from gravity_comp_ros.printable import printable, shown_names
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPlace:
+    """
+    A link fixed to the arm: `rotation` (3, 3) and `origin` (3,) in m in frame `joint`.
+
+    Frame number `joint` (from 0) turns with the joint of that number; its z is the axis.
+    """
+
+    joint: int
+    rotation: FloatArray
+    origin: FloatArray
+
+    def then(self, rotation: FloatArray, origin: FloatArray) -> LinkPlace:
+        """Return the place of a frame that has this place in this link."""
+        return LinkPlace(self.joint, self.rotation @ rotation,
+                         self.origin + self.rotation @ origin)
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedArm:
+    """An arm with the places of all links that it carries, by name; the last joint's included."""
+
+    geometry: Geometry
+    places: Mapping[str, LinkPlace]
+
+    def place(self, link: str) -> LinkPlace:
+        """
+        Return the place of a link.
+
+        :raises ModelMismatchError: if the arm does not carry it.
+        """
+        if link not in self.places:
+            raise ModelMismatchError(
+                f'{self.geometry.source}: the arm carries no link {printable(link)}; it carries '
+                f'{shown_names(list(self.places))}')
+        return self.places[link]
+
+    def to_frames(self, links: Collection[str]) -> FloatArray:
+        """
+        Return the matrix (4N, 4L) from masses and first moments of links to those of frames.
+
+        The first moments are in the frame of each link, and in the frames of the joints about
+        their origins; links on one frame add.
+        """
+        result = np.zeros((self.geometry.n_joints, 4, len(links), 4))
+        for number, link in enumerate(links):
+            place = self.place(link)
+            result[place.joint, 0, number, 0] = 1.0
+            result[place.joint, 1:, number, 0] = place.origin
+            result[place.joint, 1:, number, 1:] = place.rotation
+        return result.reshape(4 * self.geometry.n_joints, -1)
+
+    def columns(self, q: FloatArray, links: Collection[str]) -> FloatArray:
+        """
+        Return the torque (M, N, 4L) per mass and first moment of links, at q (M, N) in rad.
+
+        In N·m/kg and N·m/(kg m); the first moment is in the frame of the link.
+        """
+        rest = np.zeros_like(q)
+        every = regressor(self.geometry, q, rest, rest, STANDARD_GRAVITY)
+        frames = every.reshape(*q.shape, -1, len(PARAMETERS))[..., :4]
+        return np.asarray(frames.reshape(*q.shape, -1) @ self.to_frames(links))
+
+
+def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URDF',
+                  held: HeldPositions = HeldPositions()) -> DescribedArm:
+    """
+    Return the arm of these joints in a URDF with the links that it carries.
+
+    Other joints beyond an axis of the arm, such as those of a gripper, are at rest.
+
+    :raises DataError: if the text is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
+    """
+    geometry = parse_urdf(text, joints, source, held)
+    tree = parse_tree(text, source)
+    values = {joint.name: joint.value for joint in geometry.held}
+    places: dict[str, LinkPlace] = {}
+    for number, name in enumerate(geometry.joints):
+        joint = tree.joints[name]
+        places[joint.child] = LinkPlace(number, aligned(joint.axis()).T, np.zeros(3))
+    remaining = {joint.child: joint for joint in tree.joints.values()
+                 if joint.name not in geometry.joints}
+    # Parents first: each pass places the children of the links placed before.
+    placed = list(places)
+    while placed:
+        children = [joint for joint in remaining.values() if joint.parent in placed]
+        for joint in children:
+            places[joint.child] = _beyond(places[joint.parent], tree, joint, values)
+            del remaining[joint.child]
+        placed = [joint.child for joint in children]
+    return DescribedArm(geometry, places)
+
+
+def _beyond(parent: LinkPlace, tree: RobotTree, joint: TreeJoint,
+            values: Mapping[str, float]) -> LinkPlace:
+    place = parent.then(joint.rotation(), joint.origin())
+    if not joint.moves or joint.kind in FREE:
+        return place
+    value = values.get(joint.name)
+    if value is None:
+        rule = joint.mimic
+        leader = None if rule is None else tree.joints.get(rule.joint)
+        value = joint.rest() if rule is None or leader is None \
+            else rule.multiplier * leader.rest() + rule.offset
+    if joint.revolute:
+        return place.then(about(joint.axis(), value), np.zeros(3))
+    return place.then(np.eye(3), value * joint.axis())

@@ -1,0 +1,129 @@
+"""Check of a description against a recording: faults, moments, and what cannot be checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.description.inertials import frame_parameters, Inertial, on_frame
+from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.description_check.arm_state import ArmState
+from gravity_comp_ros.description_check.faults import (
+    AXIS_REVERSED, AXIS_TURNED, Fault, MOUNT, possible_faults, ZERO)
+from gravity_comp_ros.description_check.search import (
+    CheckOptions, corrected, Evidence, FaultFit, search)
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
+import numpy as np
+
+_MIN_SAMPLES = 50
+# Standard deviation in rad beyond which an angle counts as not checked.
+_UNCHECKED = 0.05
+# Number of searches, each with the noise that the one before has left.
+_PASSES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptionCheck:
+    """
+    The result of a check.
+
+    `faults` are the worst first. `before` and `after` (N,) are the RMS residual in N·m with the
+    description as it is and without the faults, offset and friction fitted. `unchecked` are faults
+    that this recording does not show, by kind.
+    """
+
+    joints: tuple[str, ...]
+    faults: tuple[FaultFit, ...]
+    before: FloatArray
+    after: FloatArray
+    torque: FloatArray
+    unchecked: dict[str, tuple[str, ...]]
+
+
+def check_description(samples: JointSamples, arm: DescribedArm,
+                      inertials: dict[str, Inertial],
+                      options: CheckOptions = CheckOptions()) -> DescriptionCheck:
+    """
+    Return the faults of a description that a recording of slow motion shows.
+
+    :param samples: of the joints of the arm, with speeds.
+    :param inertials: of the links that the arm carries.
+    :raises DataError: if there are too few samples.
+    """
+    joints = arm.geometry.joints
+    samples = samples.joints(joints)
+    if samples.n_samples < _MIN_SAMPLES:
+        raise DataError(f'{samples.n_samples} slow samples are too few to check a description; '
+                        f'at least {_MIN_SAMPLES} are needed')
+    links = {name: (arm.place(name).joint, on_frame(arm, name, inertial))
+             for name, inertial in inertials.items()}
+    parameters = frame_parameters(arm, inertials)
+    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, parameters[:, :4])
+    faults = possible_faults(state, joints, {
+        name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0})
+    fits: list[FaultFit] = []
+    noise = _noise(samples.tau)
+    for _ in range(_PASSES):
+        final = corrected(state, fits)
+        evidence = _evidence(samples, arm.geometry, final, parameters, noise, options)
+        fits, following = search(evidence, state, faults)
+        rms = _rms(evidence, corrected(state, [*fits, *([] if fits else [following])]))
+        is_known = bool((rms > 0.9 * noise).all())
+        noise = np.minimum(noise, rms)
+        if is_known:
+            break
+    final = corrected(state, fits)
+    return DescriptionCheck(joints, tuple(fits), _rms(evidence, state), _rms(evidence, final),
+                            np.sqrt((samples.tau ** 2).mean(axis=0)),
+                            _unchecked(evidence, final, faults))
+
+
+def _rms(evidence: Evidence, arm: ArmState) -> FloatArray:
+    """Return the RMS residual (N,) of an arm, offset and friction fitted, N·m."""
+    residual = evidence.residual(arm).reshape(len(evidence.q), -1) / evidence.weight
+    return np.asarray(np.sqrt((residual ** 2).mean(axis=0)))
+
+
+def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, parameters: FloatArray,
+              noise: FloatArray, options: CheckOptions) -> Evidence:
+    """Return the evidence of gravity, with the dynamic torque of an arm subtracted."""
+    q, qd = samples.q, samples.qd
+    qdd = accelerations(samples)
+    turned = replace(geometry, rotations=arm.rotations, origins=arm.origins)
+    columns = regressor(turned, arm.angles(q), arm.signs * qd[:, arm.order],
+                        arm.signs * qdd[:, arm.order])
+    dynamic = arm.recorded(columns @ np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
+    tau = samples.tau - dynamic
+    interval = np.median(np.diff(samples.t)) if samples.n_samples > 1 else options.correlation
+    per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
+    return Evidence(q, qd, tau, noise, per_error, arm, options)
+
+
+def _noise(tau: FloatArray) -> FloatArray:
+    """Return the white noise (N,) of torques from their second differences, N·m."""
+    differences = np.diff(tau, n=2, axis=0)
+    return np.asarray(np.median(np.abs(differences), axis=0) / 0.6745 / np.sqrt(6.0))
+
+
+def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
+               ) -> dict[str, tuple[str, ...]]:
+    """Return the joints by kind of fault for which it would not show."""
+    result: dict[str, tuple[str, ...]] = {}
+    cost = 0.5 * (evidence.residual(arm) ** 2).sum()
+    for fault in faults:
+        if fault.kind == AXIS_REVERSED:
+            reversed_arm = fault.change(arm, np.zeros(0))
+            is_visible = bool(0.5 * (evidence.residual(reversed_arm) ** 2).sum() - cost
+                              > evidence.options.min_evidence)
+        elif fault.kind in (ZERO, AXIS_TURNED, MOUNT):
+            start = fault.starts[0]
+            _, covariance, _ = evidence.fitted(arm, [fault], start, start)
+            is_visible = bool(np.sqrt(np.linalg.eigvalsh(covariance)[-1]) < _UNCHECKED)
+        else:
+            continue
+        if not is_visible:
+            result[fault.kind] = (*result.get(fault.kind, ()), *fault.subjects)
+    return result

@@ -1,0 +1,141 @@
+"""
+Possible faults of a robot description, each with its parameters.
+
+A fault changes the arm (`ArmState`) as a function of up to four parameters with a prior standard
+deviation. `starts` are the values from which a search begins: an angle by a quarter turn is far
+from no fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description_check.arm_state import ArmState
+from gravity_comp_ros.models.kinematic.chain import about, tilt
+import numpy as np
+
+AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_angle', 'order'
+MOUNT, GAIN, UNIT, MASS, BODY = 'mount', 'effort_scale', 'effort_unit', 'mass', 'body'
+KINDS = (AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER, MOUNT, GAIN, UNIT, MASS, BODY)
+# Prior standard deviations: angles in rad, factors, masses and first moments relative to those of
+# the arm beyond the joint.
+_ANGLE, _FACTOR, _BODY = 0.3, 0.5, 0.5
+# Smallest mass in kg and lever in m for the prior of a body.
+_MIN_MASS, _MIN_LEVER = 0.2, 0.1
+_QUARTER = 0.5 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """
+    A possible fault.
+
+    `subjects` are the joints or links. `change` returns the arm with parameters (P,); `scale`
+    (P,) is their prior standard deviation about each start of `starts` (K, P). A fault without
+    parameters has P = 0.
+    """
+
+    kind: str
+    subjects: tuple[str, ...]
+    scale: FloatArray
+    starts: FloatArray
+    change: Callable[[ArmState, FloatArray], ArmState]
+
+    @property
+    def size(self) -> int:
+        return len(self.scale)
+
+
+def possible_faults(arm: ArmState, joints: tuple[str, ...],
+                    links: dict[str, tuple[int, FloatArray]]) -> list[Fault]:
+    """
+    Return all faults that are compared.
+
+    :param links: by name, the frame of a link and its mass and first moment there (4,).
+    """
+    faults = [_mount(), _unit()]
+    for n, joint in enumerate(joints):
+        faults += [_reversed(n, joint), _zero(n, joint), _turned(n, joint), _gain(n, joint),
+                   _body(arm, n, joint)]
+        faults += [_swapped(n, m, joint, joints[m]) for m in range(n)]
+    return faults + [_mass(link, *place) for link, place in links.items()]
+
+
+def _reversed(n: int, joint: str) -> Fault:
+    def change(arm: ArmState, _: FloatArray) -> ArmState:
+        signs = arm.signs.copy()
+        signs[n] = -signs[n]
+        return replace(arm, signs=signs)
+
+    return _fixed(AXIS_REVERSED, (joint,), change)
+
+
+def _swapped(n: int, m: int, joint: str, other: str) -> Fault:
+    def change(arm: ArmState, _: FloatArray) -> ArmState:
+        order = arm.order.copy()
+        order[[n, m]] = order[[m, n]]
+        return replace(arm, order=order)
+
+    return _fixed(ORDER, (other, joint), change)
+
+
+def _zero(n: int, joint: str) -> Fault:
+    def change(arm: ArmState, p: FloatArray) -> ArmState:
+        return replace(arm, zeros=arm.zeros + p[0] * (np.arange(len(arm.zeros)) == n))
+
+    starts = np.array([[0.0], [_QUARTER], [-_QUARTER], [2 * _QUARTER]])
+    return Fault(ZERO, (joint,), np.array([_ANGLE]), starts, change)
+
+
+def _turned(n: int, joint: str) -> Fault:
+    starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
+                       [0.0, -_QUARTER]])
+    return Fault(AXIS_TURNED, (joint,), np.full(2, _ANGLE), starts,
+                 lambda arm, p: arm.turned_axis(n, tilt(p[None])[0]))
+
+
+def _mount() -> Fault:
+    starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
+                       [0.0, -_QUARTER], [2 * _QUARTER, 0.0]])
+    return Fault(MOUNT, ('base',), np.full(2, _ANGLE), starts,
+                 lambda arm, p: arm.turned_base(turn_of(p)))
+
+
+def turn_of(p: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) by the vector (p_x, p_y, 0) in rad."""
+    angle = float(np.hypot(*p))
+    axis = np.array([*p, 0.0]) / angle if angle > 1e-12 else np.array([1.0, 0.0, 0.0])
+    return about(axis, angle)
+
+
+def _gain(n: int, joint: str) -> Fault:
+    def change(arm: ArmState, p: FloatArray) -> ArmState:
+        gains = arm.gains.copy()
+        gains[arm.order == arm.order[n]] *= p[0]
+        return replace(arm, gains=gains)
+
+    return Fault(GAIN, (joint,), np.array([_FACTOR]), np.array([[1.0], [-1.0]]), change)
+
+
+def _unit() -> Fault:
+    return Fault(UNIT, ('all joints',), np.array([_FACTOR]), np.array([[1.0], [-1.0]]),
+                 lambda arm, p: replace(arm, gains=arm.gains * p[0]))
+
+
+def _mass(link: str, frame: int, body: FloatArray) -> Fault:
+    return Fault(MASS, (link,), np.array([_FACTOR]), np.array([[0.0]]),
+                 lambda arm, p: arm.with_body(frame, p[0] * body))
+
+
+def _body(arm: ArmState, n: int, joint: str) -> Fault:
+    mass = max(float(arm.bodies[n:, 0].sum()), _MIN_MASS)
+    lever = max(_MIN_LEVER, float(np.linalg.norm(arm.origins[n + 1:], axis=1).sum()))
+    return Fault(BODY, (joint,), _BODY * mass * np.array([1.0, lever, lever, lever]),
+                 np.zeros((1, 4)), lambda state, p: state.with_body(n, p))
+
+
+def _fixed(kind: str, subjects: tuple[str, ...],
+           change: Callable[[ArmState, FloatArray], ArmState]) -> Fault:
+    return Fault(kind, subjects, np.zeros(0), np.zeros((1, 0)), change)

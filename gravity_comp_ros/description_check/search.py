@@ -1,0 +1,242 @@
+"""
+Selection of the faults of a description by their evidence.
+
+    tau = g(q; faults) + dynamics + N_j c_j + e,   c_j: offset, Coulomb and viscous friction
+
+The dynamic torque is that of the description. The error e has the standard deviation of the sensor
+noise and of a stated discrepancy, and its samples are autocorrelated. The log evidence of a fault
+is that of Laplace: half the decrease of the squared residual, minus the deviation of its
+parameters from their start in prior standard deviations, minus half log det of the information in
+these units, minus the logarithm of the number of faults that were compared. Faults are added
+while each raises the evidence; the parameters of all are fitted together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description_check.arm_state import ArmState
+from gravity_comp_ros.description_check.faults import Fault
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+
+_STEPS = 12
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """
+    Options of a check.
+
+    `discrepancy` is the share of a joint's torque range that no rigid arm explains, and
+    `friction_discrepancy` that of its friction that Coulomb and viscous friction do not explain
+    (Stribeck friction, presliding), as standard deviations. `resolution` is the least deviation of a torque, as a share of the arm's largest
+    torque range: simulated recordings have joints without any. `correlation` in s is the time
+    over which the errors of samples are dependent. `min_evidence` in nats is the least log
+    evidence of a fault, and `margin` that by which a fault must exceed others to be named alone.
+    `max_faults` bounds the search. `sign_width` in rad/s is the speed over which friction changes
+    its sign.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    discrepancy: float = 0.005
+    friction_discrepancy: float = 0.3
+    resolution: float = 1e-4
+    correlation: float = 2.0
+    min_evidence: float = 5.0
+    margin: float = 3.0
+    max_faults: int = 4
+    sign_width: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not min(vars(self).values()) > 0.0:
+            raise OptionError('check of a description: every option must be positive')
+
+
+@dataclass(frozen=True, eq=False)
+class FaultFit:
+    """
+    A fault with its parameters (P,), their covariance (P, P) and its log evidence in nats.
+
+    `alternatives` are other faults that explain the recording as well.
+    """
+
+    fault: Fault
+    parameters: FloatArray
+    covariance: FloatArray
+    evidence: float
+    alternatives: tuple[FaultFit, ...] = ()
+
+
+class Evidence:
+    """
+    The recording, and the log likelihood of arms.
+
+    :param q: recorded angles (M, N), rad. :param qd: speeds (M, N), rad/s.
+    :param tau: recorded torque minus the dynamic torque (M, N), N·m.
+    :param arm: of which the residual shows the size of friction.
+    :param samples_per_error: number of samples over which errors are dependent.
+    """
+
+    def __init__(self, q: FloatArray, qd: FloatArray, tau: FloatArray, noise: FloatArray,
+                 samples_per_error: float, arm: ArmState, options: CheckOptions) -> None:
+        self.q, self.options = q, options
+        columns = [np.column_stack([np.ones(len(q)), np.tanh(x / options.sign_width), x])
+                   for x in qd.T]
+        rest = tau - arm.gravity(q)
+        friction = [np.std(part[:, 1:] @ np.linalg.lstsq(part, y, rcond=None)[0][1:])
+                    for part, y in zip(columns, rest.T)]
+        sigma = np.sqrt(noise ** 2 + (options.discrepancy * np.ptp(tau, axis=0)) ** 2
+                        + (options.friction_discrepancy * np.array(friction)) ** 2)
+        smallest = options.resolution * np.ptp(tau, axis=0).max() + 1e-12
+        self.weight = 1.0 / (np.maximum(sigma, smallest) * np.sqrt(samples_per_error))
+        self._bases = [_basis(part) for part in columns]
+        self.target = self.weighted(tau)
+
+    def weighted(self, torque: FloatArray) -> FloatArray:
+        """Return a torque without offset and friction, in standard deviations, flat."""
+        rest = np.stack([column - basis @ (basis.T @ column)
+                         for basis, column in zip(self._bases, torque.T)], axis=1)
+        return np.asarray((rest * self.weight).ravel())
+
+    def residual(self, arm: ArmState) -> FloatArray:
+        """Return the residual of an arm in standard deviations, (M N,)."""
+        return self.target - self.weighted(arm.gravity(self.q))
+
+    def fitted(self, arm: ArmState, faults: Sequence[Fault], start: FloatArray,
+               prior: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """
+        Return parameters, covariance and log posterior of faults from a start, by Gauss-Newton.
+
+        :param prior: mean of the parameters.
+        """
+        scale = np.concatenate([fault.scale for fault in faults])
+        p, damping = start.copy(), 1e-3
+        residual = self.residual(changed(arm, faults, p))
+        cost = _cost(residual, (p - prior) / scale)
+        hessian = np.eye(len(p))
+        for _ in range(_STEPS if len(p) else 0):
+            jacobian = self._jacobian(arm, faults, p, scale)
+            hessian = jacobian.T @ jacobian + np.eye(len(p))
+            gradient = jacobian.T @ residual - (p - prior) / scale
+            while damping < 1e6:
+                step = scale * np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)),
+                                               gradient)
+                after = self.residual(changed(arm, faults, p + step))
+                lower = _cost(after, (p + step - prior) / scale)
+                if lower < cost:
+                    break
+                damping *= 10.0
+            else:
+                break
+            decrease, cost, p, residual = cost - lower, lower, p + step, after
+            damping *= 0.1
+            if decrease < 1e-3:
+                break
+        covariance = scale[:, None] * np.linalg.inv(hessian) * scale
+        return p, covariance, -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])
+
+    def _jacobian(self, arm: ArmState, faults: Sequence[Fault], p: FloatArray,
+                  scale: FloatArray) -> FloatArray:
+        """Return d torque / d parameters, in standard deviations of both."""
+        columns = []
+        for k, size in enumerate(scale):
+            step = _STEP * size * (np.arange(len(p)) == k)
+            columns.append((self.residual(changed(arm, faults, p - step))
+                            - self.residual(changed(arm, faults, p + step))) / (2.0 * _STEP))
+        return np.column_stack(columns)
+
+
+def changed(arm: ArmState, faults: Sequence[Fault], parameters: FloatArray) -> ArmState:
+    """Return the arm with faults, their parameters one after another."""
+    start = 0
+    for fault in faults:
+        arm = fault.change(arm, parameters[start:start + fault.size])
+        start += fault.size
+    return arm
+
+
+def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]
+           ) -> tuple[list[FaultFit], FaultFit]:
+    """Return the faults of a description in the order of their evidence, and the next one."""
+    options, selected = evidence.options, list[FaultFit]()
+    while True:
+        best = _best(evidence, arm, selected, faults)
+        if best.evidence < options.min_evidence or len(selected) == options.max_faults:
+            return sorted(selected, key=lambda fit: -fit.evidence), best
+        selected = _together(evidence, arm, [*selected, best])
+        if len(selected) > 1:
+            selected = _exchanged(evidence, arm, selected, faults)
+
+
+def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
+          faults: Sequence[Fault]) -> FaultFit:
+    """Return the fault of the largest evidence in addition to others, with its alternatives."""
+    state = corrected(arm, others)
+    before = -_cost(evidence.residual(state), np.zeros(0))
+    fits = [_best_start(evidence, state, fault, before, float(np.log(len(faults))))
+            for fault in faults if all(fault is not fit.fault for fit in others)]
+    fits.sort(key=lambda fit: -fit.evidence)
+    return replace(fits[0], alternatives=tuple(
+        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < evidence.options.margin))
+
+
+def _exchanged(evidence: Evidence, arm: ArmState, selected: list[FaultFit],
+               faults: Sequence[Fault]) -> list[FaultFit]:
+    """Return the faults after each was compared again, given the others."""
+    for fit in list(selected):
+        others = [other for other in selected if other is not fit]
+        best = _best(evidence, arm, others, faults)
+        if best.evidence < evidence.options.min_evidence:
+            selected = others
+        elif best.fault is not fit.fault:
+            selected = _together(evidence, arm, [*others, best])
+            break
+    return selected
+
+
+def _best_start(evidence: Evidence, arm: ArmState, fault: Fault, before: float,
+                log_odds: float) -> FaultFit:
+    results = []
+    for start in fault.starts:
+        p, covariance, posterior = evidence.fitted(arm, [fault], start, start)
+        results.append(FaultFit(fault, p, covariance, posterior - before - log_odds
+                                - float(np.log(len(fault.starts)))))
+    return max(results, key=lambda fit: fit.evidence)
+
+
+def _together(evidence: Evidence, arm: ArmState, fits: Sequence[FaultFit]) -> list[FaultFit]:
+    """Return the faults with all parameters fitted together."""
+    faults, start = [fit.fault for fit in fits], _joined(fits)
+    nearest = [fit.fault.starts[np.argmin(np.abs(fit.fault.starts - fit.parameters).sum(axis=1))]
+               for fit in fits]
+    p, covariance, _ = evidence.fitted(arm, faults, start, np.concatenate(nearest))
+    result, first = [], 0
+    for fit in fits:
+        own = slice(first, first + fit.fault.size)
+        result.append(replace(fit, parameters=p[own], covariance=covariance[own, own]))
+        first += fit.fault.size
+    return result
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of columns, some of which may be 0."""
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(basis[:, size > 1e-9 * size[0]])
+
+
+def corrected(arm: ArmState, fits: Sequence[FaultFit]) -> ArmState:
+    """Return the arm without faults of its description."""
+    return changed(arm, [fit.fault for fit in fits], _joined(fits))
+
+
+def _joined(fits: Sequence[FaultFit]) -> FloatArray:
+    return np.concatenate([np.zeros(0), *(fit.parameters for fit in fits)])
+
+
+def _cost(residual: FloatArray, deviation: FloatArray) -> float:
+    return 0.5 * float(residual @ residual + deviation @ deviation)

@@ -1,0 +1,1 @@
+"""Export of a gravity model: C source, robot descriptions, payload settings of drives."""

@@ -1,0 +1,196 @@
+"""
+C statements of the effects of a model whose torque depends on pose and speed alone.
+
+Each law repeats the equation of its effect (`effects`), with g the gravity torque and d the
+direction of motion; tests compare both. An effect without a law here, such as a base tilt, is
+written as a sum over the dictionary if its torque is one (`dictionary_torque`). Others depend on
+time, on earlier samples or on acceleration, and are left out with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.export.dictionary_torque import dictionary_torque
+from gravity_comp_ros.export.gravity_code import sum_code
+from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
+
+# Coefficient symbols, and settings that remain numbers; other settings select the code.
+Law = Callable[['_Effect'], str]
+
+
+@dataclass(frozen=True)
+class EffectCode:
+    """
+    Statements that add the torque of effects to `tau`.
+
+    `static` uses q and the gravity torque g, `friction` also the speeds qd. `included` and
+    `left_out` are the targets of the effects, the second with the reason.
+    """
+
+    static: tuple[str, ...]
+    friction: tuple[str, ...]
+    included: tuple[str, ...]
+    left_out: Mapping[str, str]
+
+
+@dataclass
+class _Effect:
+    """An effect of one joint while its statement is written."""
+
+    model: GravityModel
+    effect: AppliedEffect
+    numbers: Numbers
+    widths: dict[int, str]
+    used: set[str] = field(default_factory=set)
+
+    @property
+    def joint(self) -> int:
+        return self.model.joints.index(str(self.effect.joint))
+
+    @property
+    def q(self) -> str:
+        return f'q[{self.joint}]'
+
+    @property
+    def qd(self) -> str:
+        return f'qd[{self.joint}]'
+
+    def c(self, symbol: str) -> str:
+        """Return the expression of a coefficient."""
+        value = self.effect.coefficients[symbol]
+        self.used.add(symbol)
+        return self.numbers.add(f'{self._name()} {symbol} {value.unit}'.rstrip(), value.value)
+
+    def setting(self, name: str, positive: bool = False) -> str:
+        """Return the expression of a nonlinear parameter."""
+        return self.numbers.add(f'{self._name()} {name}', self.effect.setting[name], positive)
+
+    def choice(self, name: str, default: float = 0.0) -> float:
+        """Return a nonlinear parameter that selects the code."""
+        return float(self.effect.setting.get(name, default))
+
+    def direction(self) -> str:
+        """Return the expression of the joint's direction of motion, -1 to 1."""
+        n, shape = self.joint, self.model.applied.direction
+        if n not in self.widths:
+            self.widths[n] = self.numbers.add(f'{self.model.joints[n]} direction width rad/s',
+                                              shape['width'][n], positive=True)
+        ramp = 'ramp' in shape and bool(shape['ramp'][n])
+        return smooth(self.qd, self.widths[n], ramp)
+
+    def _name(self) -> str:
+        """Return the target with the settings that select the code."""
+        chosen = [f'{key}={value:g}' for key, value in sorted(self.effect.setting.items())
+                  if key in _CHOICES]
+        return ' '.join([self.effect.target, *chosen])
+
+
+_CHOICES = ('side', 'order', 'overtones', 'partner', 'sign', 'ramp', 'power')
+
+
+def smooth(speed: str, width: str, ramp: bool) -> str:
+    """Return the expression of a smoothed sign (`effects.motion_direction.smooth_sign`)."""
+    return f'gc_ramp({speed} / {width})' if ramp else f'GC_TANH({speed} / {width})'
+
+
+def _hinge(e: _Effect) -> str:
+    return f'gc_beyond({e.q}, {e.setting("start")}, GC_C({e.choice("side"):g}.0))'
+
+
+def _spring(e: _Effect) -> str:
+    orders = range(2, int(e.choice('overtones')) + 2)
+    if not orders:
+        return f'{e.c("k")} * ({e.q} - {e.setting("centre")})'
+    return ' + '.join([f'{e.c(f"a_{m}")} * GC_SIN(GC_C({m}.0) * {e.q})' for m in orders]
+                      + [f'{e.c(f"b_{m}")} * GC_COS(GC_C({m}.0) * {e.q})' for m in orders])
+
+
+def _cable(e: _Effect) -> str:
+    k = e.c('k')
+    if not e.choice('side'):
+        twist = f'({e.q} - {e.setting("start")})'
+        return f'{k} * gc_cubic{twist[:-1]}, {e.setting("half", positive=True)})'
+    order = e.choice('order', 1.0)
+    if order == 1.0:
+        return f'{k} * {_hinge(e)}'
+    return (f'{k} * gc_power({_hinge(e)}, {e.setting("half", positive=True)}, '
+            f'GC_C({order!r}))')
+
+
+def _ripple(e: _Effect) -> str:
+    k = e.setting('k')
+    return f'{e.c("a")} * GC_SIN({k} * {e.q}) + {e.c("b")} * GC_COS({k} * {e.q})'
+
+
+def _stribeck(e: _Effect) -> str:
+    ratio = f'{e.qd} / {e.setting("speed", positive=True)}'
+    return f'{e.c("F_s")} * {e.direction()} * GC_EXP(-gc_square({ratio}))'
+
+
+def _coupled(e: _Effect) -> str:
+    partner, sign = int(e.choice('partner')) - 1, '+' if e.choice('sign') > 0 else '-'
+    width = e.setting('width', positive=True)
+    speed = f'({e.qd} {sign} qd[{partner}])'
+    return f'{e.c("F_k")} * {smooth(speed, width, bool(e.choice("ramp")))}'
+
+
+STATIC: Mapping[str, Law] = {
+    'torque_offset': lambda e: e.c('b'),
+    'torque_gain': lambda e: f'{e.c("k")} * g[{e.joint}]',
+    'joint_spring': _spring,
+    'cable_stiffness': _cable,
+    'end_stop': lambda e: f'{e.c("k")} * {_hinge(e)}',
+    'torque_ripple': _ripple,
+}
+FRICTION: Mapping[str, Law] = {
+    'coulomb_friction': lambda e: f'{e.c("F_c")} * {e.direction()}',
+    'viscous_friction': lambda e: f'{e.c("F_v")} * {e.qd}',
+    'asymmetric_friction': lambda e: f'{e.c("F_a")} * GC_FABS({e.direction()})',
+    'load_dependent_friction':
+        lambda e: f'{e.c("mu")} * GC_FABS(g[{e.joint}]) * {e.direction()}',
+    'stribeck_friction': _stribeck,
+    'degressive_friction': lambda e: (f'{e.c("F_d")} * {e.direction()} * GC_POW('
+                                      f'GC_FABS({e.qd}), GC_C({e.choice("power")!r}))'),
+    'coupled_friction': _coupled,
+}
+
+
+def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
+    """
+    Return the statements of all effects of a model that have a law here.
+
+    Order of the numbers: by effect, in the order of the model.
+    """
+    lines: dict[bool, list[str]] = {True: [], False: []}
+    included: list[str] = []
+    left_out: dict[str, str] = {}
+    widths: dict[int, str] = {}
+    for effect in model.applied.effects:
+        law = STATIC.get(effect.name) or FRICTION.get(effect.name)
+        if law is None or effect.joint is None:
+            torques = dictionary_torque(model, effect)
+            if torques is None:
+                left_out[effect.target] = 'its torque is not a function of pose and speed alone'
+            else:
+                lines[True] += sum_code(model.joints, torques, numbers, f'{effect.target} ')
+                included.append(effect.target)
+            continue
+        trial = _Effect(model, effect, Numbers(), dict(widths))
+        try:
+            law(trial)
+            if trial.used != set(effect.coefficients):
+                raise DataError(f'unknown coefficients {sorted(effect.coefficients)}')
+        except (KeyError, DataError):
+            left_out[effect.target] = ('its coefficients or nonlinear parameters are not those '
+                                       'of the law that is exported')
+            continue
+        written = _Effect(model, effect, numbers, widths)
+        is_static = effect.name in STATIC
+        lines[is_static].append(f'    tau[{written.joint}] += {law(written)};')
+        included.append(effect.target)
+    return EffectCode(tuple(lines[True]), tuple(lines[False]), tuple(included), left_out)

@@ -1,0 +1,146 @@
+"""A URDF with masses and centres of mass that give the gravity torque of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.inertials import INERTIA_KEYS, Inertial, urdf_inertials
+from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.urdf import HeldPositions
+from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.export.changed_description import (
+    changed_description, ChangedDescription, friction_numbers)
+from gravity_comp_ros.export.nearest_masses import (
+    Links, nearest_masses, NearestOptions, trained_poses)
+from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.printable import printable
+import numpy as np
+
+# Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
+_THINNEST = 1e-3
+
+
+def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
+                 held: HeldPositions = HeldPositions(),
+                 options: NearestOptions = NearestOptions()) -> ChangedDescription:
+    """
+    Return a URDF with the masses and centres nearest to its own that give the model's torque.
+
+    Inertias about the centre of mass stay. Coulomb and viscous friction of the model are written
+    as `<dynamics>`. Axes and zero angles are not changed.
+
+    :raises DataError: if the file is not a URDF, or has no masses on the arm.
+    :raises ModelMismatchError: if it describes another arm.
+    """
+    arm = described_arm(data, model.joints, source, held)
+    edit = XmlEdit(data, source)
+    elements = _elements(edit, arm)
+    inertials = {name: inertial for name, inertial in urdf_inertials(data, arm, source).items()
+                 if inertial.mass > 0.0}
+    links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
+                  np.array([x.centre for x in inertials.values()]),
+                  np.array([_consistent(x.second_moment) for x in inertials.values()]))
+    arm, notes = _with_model_axes(arm, model)
+    order = [model.joints.index(name) for name in arm.geometry.joints]
+    q = trained_poses(model, options.poses)
+    result = nearest_masses(links, arm.columns(q[:, order], links.names),
+                            model.predict(q)[:, order], model.noise[order], arm.geometry.joints,
+                            options)
+    for name, mass, centre in zip(inertials, result.masses, result.centres):
+        _write(edit, elements[name], float(mass), centre)
+    notes += _repaired(edit, elements, inertials)
+    return changed_description(edit, model, links, result, _write_friction(edit, model),
+                               'a URDF has no such effect', notes, arm.geometry.joints)
+
+
+def _elements(edit: XmlEdit, arm: DescribedArm) -> dict[str, Element]:
+    """Return the <inertial> of the links that the arm carries, by link."""
+    links = {printable(link.attributes.get('name', '')): link.child('inertial')
+             for link in edit.root.children if link.tag == 'link'}
+    return {name: element for name, element in links.items()
+            if element is not None and name in arm.places}
+
+
+def _consistent(second_moment: FloatArray) -> FloatArray:
+    """Return the nearest second moment that no mass distribution contradicts."""
+    values, vectors = np.linalg.eigh(second_moment)
+    if values[0] >= -1e-9 * abs(values[-1]):
+        return second_moment
+    return np.asarray(vectors @ np.diag(np.maximum(values, _THINNEST * values[-1])) @ vectors.T)
+
+
+def _repaired(edit: XmlEdit, elements: Mapping[str, Element],
+              inertials: Mapping[str, Inertial]) -> list[str]:
+    """Write the inertias that break the triangle inequality, and return a note for each."""
+    notes = []
+    for name, inertial in inertials.items():
+        consistent = _consistent(inertial.second_moment)
+        element = elements[name].child('inertia')
+        if element is None or np.array_equal(consistent, inertial.second_moment):
+            continue
+        inertia = np.trace(consistent) * np.eye(3) - consistent
+        own = inertial.rotation.T @ inertia @ inertial.rotation
+        for key, (row, column) in zip(INERTIA_KEYS, zip(*np.triu_indices(3))):
+            edit.set(element, key, number(float(own[row, column])))
+        notes.append(f'link {name}: no body has the inertia of the description (the triangle '
+                     f'inequality); it has the nearest possible one')
+    return notes
+
+
+def _with_model_axes(arm: DescribedArm, model: GravityModel) -> tuple[DescribedArm, list[str]]:
+    """Return the arm with the vertical and the zero angles that the model was fitted with."""
+    own = model.geometry
+    if own is None or own.joints != arm.geometry.joints:
+        return arm, []
+    geometry: Geometry = arm.geometry
+    angle = np.degrees(np.array([_angle(a.T @ b) for a, b in zip(geometry.rotations,
+                                                                 own.rotations)]))
+    notes = []
+    if np.degrees(_tilt(geometry, own)) > 0.05:
+        notes.append(f'the model has a base tilted by {np.degrees(_tilt(geometry, own)):.2f} deg '
+                     f'from that of the description, which does not change')
+    if angle[1:].max(initial=0.0) > 0.05:
+        worst = int(np.argmax(angle[1:])) + 1
+        notes.append(f'the model has other axes or zero angles than the description, which '
+                     f'keeps its own: {angle[worst]:.2f} deg at {own.joints[worst]}')
+    return replace(arm, geometry=replace(geometry, rotations=own.rotations)), notes
+
+
+def _tilt(first: Geometry, second: Geometry) -> float:
+    return float(np.arccos(np.clip(first.rotations[0][2] @ second.rotations[0][2], -1.0, 1.0)))
+
+
+def _angle(rotation: FloatArray) -> float:
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
+
+
+def _write(edit: XmlEdit, inertial: Element, mass: float, centre: FloatArray) -> None:
+    mass_element, origin = inertial.child('mass'), inertial.child('origin')
+    if mass_element is None:
+        raise ModelMismatchError('an <inertial> has no <mass>')
+    edit.set(mass_element, 'value', number(mass))
+    xyz = ' '.join(map(number, centre.tolist()))
+    if origin is None:
+        edit.insert(inertial, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
+    else:
+        edit.set(origin, 'xyz', xyz)
+
+
+def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
+    """Write Coulomb and viscous friction as <dynamics>, and return these effects."""
+    joints = {printable(joint.attributes.get('name', '')): joint for joint in edit.root.children
+              if joint.tag == 'joint'}
+    numbers, written = friction_numbers(model, joints, coulomb='friction', viscous='damping')
+    for name, attributes in numbers.items():
+        element = joints[name].child('dynamics')
+        if element is None:
+            text = ' '.join(f'{key}="{value}"' for key, value in sorted(attributes.items()))
+            edit.insert(joints[name], f'<dynamics {text}/>')
+            continue
+        for key, value in attributes.items():
+            edit.set(element, key, value)
+    return written
