@@ -203,8 +203,9 @@ def same(path, options, other):
 def test_degrees(tmp_path):
     known = read_bag(bag(tmp_path / 'rad.mcap')).samples
     path = bag(tmp_path / 'deg.mcap', q=np.degrees(Q))
-    assert any('are they degrees? --degrees' in note for note in read_bag(path).report.notes)
-    report = same(path, ReadOptions(degrees=True), known)
+    with pytest.raises(BagError, match='are they degrees.*--position-unit deg'):
+        read_bag(path)
+    report = same(path, ReadOptions(position_unit='deg'), known)
     assert not any('degrees' in note for note in report.notes)
 
 
@@ -240,7 +241,7 @@ def test_renamed_joints(tmp_path):
 
 def test_the_options_reach_every_reader(tmp_path, capsys):
     path = str(bag(tmp_path / 'x.mcap', q=np.degrees(Q), tau=1000 * TAU))
-    options = ['--degrees', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
+    options = ['--position-unit', 'deg', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
     assert main(['info', path, *options]) == 0
     output = capsys.readouterr().out
     assert ' a ' in output and 'degrees?' not in output and '3.50' in output

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.recordings.units import TORQUE_UNITS
+from gravity_comp_ros.recordings.units import ANGLE_HELP, TORQUE_UNITS
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.axes import AxesOptions
@@ -51,8 +51,13 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
-    group.add_argument('--degrees', action='store_true',
-                       help='angles and speeds in the bag are in degrees')
+    group.add_argument('--position-unit', metavar='UNIT', default='rad',
+                       help=f'unit of angles and speeds in the bag: {ANGLE_HELP} (default: '
+                       '%(default)s)')
+    group.add_argument('--accept', metavar='FACT,...', type=joint_list, default=(),
+                       help='read the recording as it is in spite of these facts, e.g. '
+                       'effort_spikes,effort_unit: nothing is corrected or refused for them '
+                       '(`info` lists the facts)')
     group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
                        default=[], help='rename joints of the bag, e.g. to those of a URDF; '
                        'the other options and the model use the new names')
@@ -67,8 +72,8 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
-    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.degrees,
-                       args.effort_unit, dict(args.rename))
+    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.position_unit,
+                       args.effort_unit, dict(args.rename), accept=args.accept)
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:

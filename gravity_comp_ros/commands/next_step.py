@@ -51,7 +51,11 @@ def reading_options(args: argparse.Namespace, joints: bool) -> list[str]:
         options += ['--effort-unit', args.effort_unit]
     if args.rename:
         options += ['--rename', ','.join(f'{old}={new}' for old, new in args.rename)]
-    options += ['--degrees'] * args.degrees + ['--differentiate'] * args.differentiate
+    if args.position_unit != 'rad':
+        options += ['--position-unit', args.position_unit]
+    if args.accept:
+        options += ['--accept', ','.join(args.accept)]
+    options += ['--differentiate'] * args.differentiate
     return options
 
 

@@ -36,11 +36,11 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
 
     Joints are matched by name in each message. Invalid messages are dropped and counted: missing
     joints, arrays of different lengths, duplicate names, NaN, time that does not increase. Time is
-    the header stamp if it increases, else the log time. Missing velocities are differentiated
-    from the positions by a zero-phase filter.
+    the header stamp if it increases, else the log time. The
+    signals are judged (`facts.judge`): safe corrections are made and listed in the report.
 
-    :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, or
-        at least half of its messages have the same defect.
+    :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, at
+        least half of its messages have the same defect, or its signals are refused.
     :raises ModelMismatchError: if a joint named in the options is missing.
     """
     path = Path(path)
@@ -63,10 +63,10 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} (to be renamed); it '
                                  f'has {", ".join(sorted(columns.recorded))}')
     options = _with_joint_names(where, columns.names, options)
-    joints = choose_joints(where, columns, options.joints)
-    cleaning = Cleaning(where, columns, joints, notes, options.degrees)
+    joints, facts = choose_joints(where, columns, options)
+    cleaning = Cleaning(where, columns, joints, notes, facts, options)
     del columns
-    return cleaning.recording(path, topic, n_messages, options)
+    return cleaning.recording(path, topic, n_messages)
 
 
 def joint_positions(path: Path | str, joints: Collection[str],

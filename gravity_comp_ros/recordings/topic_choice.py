@@ -7,8 +7,11 @@ from pathlib import Path
 
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact
+from gravity_comp_ros.facts.joints import named_facts
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
+from gravity_comp_ros.recordings.read_options import ReadOptions
 from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from gravity_comp_ros.recordings.storage_interface import Storage
 import numpy as np
@@ -75,17 +78,26 @@ def named_joints(where: str, known: tuple[str, ...], requested: Iterable[str],
     return joints
 
 
-def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
-                  ) -> tuple[str, ...]:
+def choose_joints(where: str, columns: Columns, options: ReadOptions
+                  ) -> tuple[tuple[str, ...], list[Fact]]:
     """
-    Return the joints to read: the chosen ones, or all in order of their first appearance.
+    Return the joints to read, and the facts on joints that are left out by their names.
+
+    They are the chosen ones, or all in order of their first appearance.
 
     :param where: name of the recording in errors.
     :raises BagError: if the joints are of several arms, or one is missing in at least half of the
         messages.
     """
-    joints = chosen or columns.names
-    arms = [] if chosen else arms_by_name(joints) or arms_by_message(columns.layouts)
+    facts = [] if options.joints else [
+        as_noted(fact) if fact.kind in accepted_kinds(options.accept) else fact
+        for fact in named_facts(columns.names)]
+    left_out = {joint for fact in facts if fact.action is Action.LEFT_OUT
+                for joint in fact.joints}
+    joints = options.joints or tuple(name for name in columns.names if name not in left_out)
+    layouts = [kept for names in columns.layouts
+               if (kept := tuple(name for name in names if name not in left_out))]
+    arms = [] if options.joints else arms_by_name(joints) or arms_by_message(layouts)
     if arms:
         lines = ' or '.join(f'--joints {",".join(arm)}' for arm in arms)
         raise BagError(f'{where} has the joints of {len(arms)} arms; choose one: {lines}')
@@ -100,4 +112,4 @@ def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
             f'{where}: joint {joints[worst]} is missing from '
             f'{int((~present[:, worst]).sum())} of {len(present)} messages; leave it out with '
             f'--joints {",".join(good)}')
-    return joints
+    return joints, facts
