@@ -96,7 +96,7 @@ def test_milliseconds_of_a_fast_motion_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(('columns', 'factor', 'message'), [
-    (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
+    (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --position-unit deg'),
     (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
     (slice(3, 5), -1.0, 'the velocity has the opposite sign: give --velocity none')])
 def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, message):
@@ -105,8 +105,8 @@ def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, mes
     path = with_velocity(tmp_path / 'x.csv', rows)
     unit = 'deg' if columns.start == 1 else 'rad'
     with pytest.raises(BagError, match=message):
-        read_table(path, TableOptions(angle_unit=unit))
-    result = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
+        read_table(path, TableOptions(position_unit=unit))
+    result = read_table(path, TableOptions(position_unit=unit, velocity='none'))
     assert result.topic.velocity is None
     np.testing.assert_allclose(result.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
                                atol=1e-6)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.recordings.units import ANGLE_HELP, TORQUE_UNITS
+from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit, TORQUE_UNITS
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.axes import AxesOptions
@@ -51,7 +51,7 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
-    group.add_argument('--position-unit', metavar='UNIT', default='rad',
+    group.add_argument('--position-unit', metavar='UNIT', type=position_unit, default='rad',
                        help=f'unit of angles and speeds in the bag: {ANGLE_HELP} (default: '
                        '%(default)s)')
     group.add_argument('--accept', metavar='FACT,...', type=joint_list, default=(),
@@ -218,6 +218,15 @@ def renames(text: str) -> list[tuple[str, str]]:
             raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
         pairs.append((old, new))
     return pairs
+
+
+def position_unit(text: str) -> str:
+    """Return a unit of position."""
+    try:
+        radians_per_unit(text)
+    except OptionError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def finite(text: str) -> float:

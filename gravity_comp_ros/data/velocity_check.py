@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.runs import run_slices
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 import numpy as np
 
 # s. Long enough for a motion above the noise of encoders, shorter than a reversal.
@@ -23,25 +23,28 @@ _MIN_SPANS = 20
 _MIN_RATIO, _MAX_RATIO, _MIN_LIKENESS = 0.5, 2.0, 0.6
 
 
-def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray,
+                 runs: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
     """
     Return the ratio of qd to dq/dt of each joint (N,), and their correlation (N,).
 
     NaN if a joint moves too little, or if all velocities are 0.
 
-    :param t: rising times (M,) in s of one run; q, qd (M, N).
+    :param t: times (M,) in s, rising within a run; q, qd (M, N).
+    :param runs: run number of each sample (M,), None for one run.
     """
     ratio = np.full(q.shape[1], np.nan)
     likeness = ratio.copy()
-    if len(t) < 2 or not np.nan_to_num(qd).any():
-        return ratio, likeness
     steps = np.diff(t)
-    length = max(1, int(round(_SPAN / np.median(steps))))
-    gaps = np.append(0, np.cumsum(steps > 3.0 * np.median(steps)))
-    if len(t) <= length:
+    rising = steps > 0 if runs is None else np.diff(runs) == 0
+    if not rising.any() or not np.nan_to_num(qd).any():
         return ratio, likeness
-    whole = gaps[length:] == gaps[:-length]  # the mean slope over a gap is not the velocity
-    for n in range(q.shape[1]):
+    usual = float(np.median(steps[rising]))
+    length = max(1, int(round(_SPAN / usual)))
+    # The mean slope over a gap is not the velocity.
+    gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * usual)))
+    whole = gaps[length:] == gaps[:-length]
+    for n in range(q.shape[1] if len(t) > length else 0):
         integral = np.append(0.0, np.cumsum(0.5 * (qd[1:, n] + qd[:-1, n]) * steps))
         change = (q[length:, n] - q[:-length, n])[whole]
         area = (integral[length:] - integral[:-length])[whole]
@@ -59,28 +62,13 @@ def is_inconsistent(ratio: FloatArray, likeness: FloatArray) -> BoolArray:
     return np.asarray((ratio < _MIN_RATIO) | (ratio > _MAX_RATIO) | (likeness < _MIN_LIKENESS))
 
 
-def velocity_ratio(samples: JointSamples) -> FloatArray:
-    """Return the ratio of qd to dq/dt of each joint (N,), over all runs; NaN as above."""
-    return _of_runs(samples)[0]
-
-
-def _of_runs(samples: JointSamples) -> tuple[FloatArray, FloatArray]:
-    ratios = [slope_ratios(samples.t[run], samples.q[run], samples.qd[run])
-              for run in run_slices(samples)]
-    if not ratios:
-        return np.full(samples.n_joints, np.nan), np.full(samples.n_joints, np.nan)
-    with np.errstate(all='ignore'):
-        both = np.nanmedian(np.array(ratios), axis=0)
-    return both[0], both[1]
-
-
 def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
     """
     Return the samples with velocities consistent with positions, and a warning or ''.
 
     Inconsistent velocities are replaced by the slope of the positions.
     """
-    ratio, likeness = _of_runs(samples)
+    ratio, likeness = slope_ratios(samples.t, samples.q, samples.qd, samples.runs)
     inconsistent = np.flatnonzero(is_inconsistent(ratio, likeness))
     if not inconsistent.size:
         return samples, ''

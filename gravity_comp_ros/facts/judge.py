@@ -1,7 +1,7 @@
 """
 The one look at a recording: facts about its signals, and the corrected signals.
 
-Each step sees the signals that the steps before it corrected. A fact that is accepted by the reader
+Each step sees the signals that the steps before it corrected. A fact that the reader accepts
 (`--accept`) is still listed, and the recording is read as it is.
 """
 

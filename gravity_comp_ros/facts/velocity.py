@@ -57,8 +57,8 @@ def velocity_facts(signals: Signals, missing: BoolArray,
             replaced |= wrong
             facts.append(Fact(
                 Kind.VELOCITY, names, f'velocity contradicts position on {parts}',
-                Action.CORRECTED, 'the slope of the position is used instead; check the unit of velocity in the '
-                'driver', _KEEP, values))
+                Action.CORRECTED, 'the slope of the position is used instead; check the unit of '
+                'velocity in the driver', _KEEP, values))
     return replaced, facts
 
 
