@@ -9,6 +9,7 @@ from pathlib import Path
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
+from gravity_comp_ros.recordings.joint_state_cdr import ROS1
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
@@ -50,6 +51,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         limit = options.max_messages
         share = 1.0 if limit is None else min(limit / max(count, 1), 1.0)
         columns = _read_columns(storage, topic, options.rename, share)
+        notes += storage.notes
         if share < 1.0:
             notes.append(f'{share:.0%} of {count} messages are used, to limit memory')
     n_messages = len(columns) + sum(columns.dropped.values())
@@ -103,7 +105,9 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
 def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
                   share: float = 1.0) -> Columns:
     """Decode an evenly distributed share of the messages of a topic."""
-    columns, decoder, count = Columns(rename), LayoutDecoder(), 0
+    is_ros1 = any((each.type, each.encoding) == ROS1 for each in storage.topics
+                  if each.name == topic)
+    columns, decoder, count = Columns(rename), LayoutDecoder(is_ros1), 0
     for batch in storage.batches(topic):
         count += len(batch)
         if share < 1.0:

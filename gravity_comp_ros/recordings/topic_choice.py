@@ -10,7 +10,7 @@ from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact
 from gravity_comp_ros.facts.joints import named_facts
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
+from gravity_comp_ros.recordings.joint_state_cdr import CDR, ROS1
 from gravity_comp_ros.recordings.read_options import ReadOptions
 from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from gravity_comp_ros.recordings.storage_interface import Storage
@@ -32,7 +32,7 @@ def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[s
     if not storage.topics:
         raise BagError(f'{path} is empty: it has no topics')
     topics = {t.name: t for t in storage.topics}
-    usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
+    usable = [t.name for t in storage.topics if (t.type, t.encoding) in (CDR, ROS1)]
     if requested is not None:
         name = requested if requested.startswith('/') else '/' + requested
         if name in usable:
