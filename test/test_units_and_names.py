@@ -4,6 +4,7 @@ from pathlib import Path
 import tempfile
 
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.joint_names import rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
@@ -246,3 +247,15 @@ def test_the_options_reach_every_reader(tmp_path, capsys):
     output = capsys.readouterr().out
     assert ' a ' in output and 'degrees?' not in output and '3.50' in output
     assert main(['info', path, '--rename', 'joint_1']) == 2
+
+
+@pytest.mark.parametrize(('known', 'wanted', 'pairs'), [
+    (('r1_j2', 'r1_j1'), ('j1', 'j2'), 'r1_j1=j1,r1_j2=j2'),
+    (('j1', 'j2'), ('left/j1', 'left/j2'), 'j1=left/j1,j2=left/j2'),
+    (('arm_a_pan', 'arm_a_lift', 'arm_a_gripper'), ('b_lift', 'b_pan'), ''),
+    (('arm_pan_joint', 'arm_lift_joint'), ('ur_lift', 'ur_pan'),
+     'arm_lift_joint=ur_lift,arm_pan_joint=ur_pan'),
+    (('a', 'b'), ('c', 'd'), ''), (('x1', 'x2', 'x12'), ('2', '1'), 'x2=2,x1=1')])
+def test_names_of_another_prefix_are_mapped(known, wanted, pairs):
+    hint = rename_hint(known, wanted)
+    assert hint.endswith(pairs) and bool(hint) == bool(pairs)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.data.joint_names import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact
 from gravity_comp_ros.facts.joints import named_facts
@@ -71,7 +71,7 @@ def named_joints(where: str, known: tuple[str, ...], requested: Iterable[str],
     unknown = [text for text, joint in zip(requested, matches) if joint is None]
     if unknown:
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it has '
-                                 f'{", ".join(known)}')
+                                 f'{", ".join(known)}{rename_hint(known, requested)}')
     joints = tuple(joint for joint in matches if joint is not None)
     if len(set(joints)) < len(joints):
         raise OptionError(f'a joint is named twice ({what}): {", ".join(requested)}')
