@@ -252,7 +252,8 @@ def test_the_options_reach_every_reader(tmp_path, capsys):
 @pytest.mark.parametrize(('known', 'wanted', 'pairs'), [
     (('r1_j2', 'r1_j1'), ('j1', 'j2'), 'r1_j1=j1,r1_j2=j2'),
     (('j1', 'j2'), ('left/j1', 'left/j2'), 'j1=left/j1,j2=left/j2'),
-    (('arm_a_pan', 'arm_a_lift', 'arm_a_gripper'), ('b_lift', 'b_pan'), ''),
+    (('arm_a_pan', 'arm_a_lift', 'arm_a_gripper'), ('b_lift', 'b_pan'),
+     'arm_a_lift=b_lift,arm_a_pan=b_pan'),
     (('arm_pan_joint', 'arm_lift_joint'), ('ur_lift', 'ur_pan'),
      'arm_lift_joint=ur_lift,arm_pan_joint=ur_pan'),
     (('a', 'b'), ('c', 'd'), ''), (('x1', 'x2', 'x12'), ('2', '1'), 'x2=2,x1=1')])

@@ -61,6 +61,11 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
                        default=[], help='rename joints of the bag, e.g. to those of a URDF; '
                        'the other options and the model use the new names')
+    group.add_argument('--reverse', metavar='A,B,...', type=joint_list, default=(),
+                       help='joints that turn against their axis in the description: position, '
+                       'velocity and effort get the opposite sign')
+    group.add_argument('--zero', metavar='JOINT=RAD', type=_values, action='append', default=[],
+                       help='recorded position of the zero in the description; may be repeated')
     group.add_argument('--differentiate', action='store_true',
                        help='compute velocities from positions, for a driver whose velocities '
                        'are 0 or wrong; always done for a bag without velocities')
@@ -72,8 +77,12 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
+    zero: dict[str, float] = {}
+    for part in args.zero:
+        zero.update(part)
     return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.position_unit,
-                       args.effort_unit, dict(args.rename), accept=args.accept)
+                       args.effort_unit, dict(args.rename), accept=args.accept,
+                       reverse=args.reverse, zero=zero)
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:

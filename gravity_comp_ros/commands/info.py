@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
+from gravity_comp_ros.api.learn import known_arm, LearnOptions
 from gravity_comp_ros.api.read import read_each
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
-from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.arguments import gate_options, read_options
+from gravity_comp_ros.commands import next_step, reading
+from gravity_comp_ros.commands.arguments import axes_options, gate_options, read_options
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -26,7 +28,14 @@ def run(args: argparse.Namespace) -> int:
     gate = gate_options(args)
     with progress() as report:
         recordings = read_each(args.bags, options, report)
-        facts = [(each.report, describe(each.samples, gate)) for each in recordings]
+        facts = []
+        for each in recordings:
+            data = Recording(each.samples, gate, (each.report,))
+            arm = known_arm(data, LearnOptions(axes=axes_options(args),
+                                               ordered=args.joints is not None))
+            more = reading.arm_facts(data, arm)
+            facts.append((replace(each.report, facts=(*each.report.facts, *more)),
+                          describe(each.samples, gate)))
     # Reports bags of different robots, which a fit would reject.
     concatenate(recording.samples for recording in recordings)
     refusals = [fact for each, _ in facts for fact in refused(each.facts)]

@@ -55,6 +55,10 @@ def reading_options(args: argparse.Namespace, joints: bool) -> list[str]:
         options += ['--position-unit', args.position_unit]
     if args.accept:
         options += ['--accept', ','.join(args.accept)]
+    if args.reverse:
+        options += ['--reverse', ','.join(args.reverse)]
+    zeros = [f'{joint}={zero:g}' for part in args.zero for joint, zero in part.items()]
+    options += ['--zero', ','.join(zeros)] if zeros else []
     options += ['--differentiate'] * args.differentiate
     return options
 

@@ -11,6 +11,8 @@ import numpy as np
 
 # Samples at most that a search for exact limits needs.
 _MOST = 20000
+# Share of the motion in one direction at the limit, from which it is friction.
+_ALWAYS = 0.9
 
 
 def dead(signals: Signals, options: FactOptions) -> list[Fact]:
@@ -139,7 +141,7 @@ def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact |
         tau, q = signals.tau[:, n], signals.q[:, n]
         clipped = np.zeros_like(rows)
         for sign in (1.0, -1.0):
-            at_limit = _at_limit(sign * tau, q, options)
+            at_limit = _at_limit(sign * tau, q, signals.qd[:, n], options)
             if at_limit.any():
                 clipped |= at_limit
                 limits[name] = float(tau[at_limit][0])
@@ -156,7 +158,8 @@ def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact |
         '--accept saturated_effort keeps them', counts)
 
 
-def _at_limit(tau: FloatArray, q: FloatArray, options: FactOptions) -> BoolArray:
+def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
+              options: FactOptions) -> BoolArray:
     """Return the mask (M,) of samples at the upper limit of tau (M,), if it is clipped."""
     limit = tau.max()
     at_limit = np.asarray(tau == limit)
@@ -170,6 +173,9 @@ def _at_limit(tau: FloatArray, q: FloatArray, options: FactOptions) -> BoolArray
     if len(near) < options.min_clipped * len(tau) or len(levels) < 5:
         return none
     per_level = len(near) / len(levels)
+    if any(at_limit[way].mean() > _ALWAYS for way in (qd > 0, qd < 0) if way.any()
+           and not at_limit[~way].any()):
+        return none  # friction alone: the effort is the same whenever the joint moves this way
     moves = np.ptp(q[at_limit]) > options.min_travel
     in_stretches = np.count_nonzero(at_limit[1:] & at_limit[:-1]) > 0.5 * at_limit.sum()
     if at_limit.sum() < options.clipped_excess * per_level or not (moves and in_stretches):

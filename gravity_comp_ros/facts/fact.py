@@ -30,6 +30,7 @@ class Kind(Enum):
     LINEAR_JOINT = 'linear_joint'
     PUBLISHER = 'second_publisher'
     ORDER = 'joint_order'
+    AXES = 'described_axes'
     COMPENSATED = 'compensated_gravity'
     MOTION = 'motion'
 

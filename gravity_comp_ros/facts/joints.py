@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import re
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
@@ -57,6 +58,41 @@ def by_position(signals: Signals, options: FactOptions) -> list[Fact]:
     reach = ', '.join(f'{name} ({value:.0f})' for name, value in values.items())
     return [_fact(Kind.LINEAR_JOINT, names, f'position of {reach} is no angle in rad: a linear '
                   f'joint or a gripper', values)]
+
+
+def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
+    """
+    Return the fact that angles within the range of joints are degrees.
+
+    Gravity is nearly linear in a few degrees, and periodic in as many radians.
+    """
+    if len(signals) < options.min_samples:
+        return []
+    part = signals.thinned(2000)
+    wide = np.ptp(part.q, axis=0) > options.degrees_travel
+    if np.count_nonzero(wide) < 2:
+        return []
+    ratios = {}
+    for n, name in enumerate(signals.names):
+        tau, qd = part.tau[:, n], part.qd[:, n]
+        friction = np.column_stack([np.ones(len(part)), np.sign(qd), qd])
+        lines, waves = (_variance_left(np.column_stack([friction, *columns]), tau) for columns in (
+            (part.q,), (np.sin(part.q), np.cos(part.q))))
+        if min(lines, waves) < (1 - options.min_explained) * _variance_left(friction, tau):
+            ratios[name] = lines / max(waves, 1e-18)
+    if not ratios or max(ratios.values()) > options.better_unit:
+        return []
+    names = tuple(ratios)
+    return [Fact(
+        Kind.ANGLE_UNIT, names, f'the effort of {", ".join(names)} is linear in angles of '
+        f'{np.ptp(part.q, axis=0).max():.2g} rad of travel, not periodic', Action.REFUSED,
+        'are they degrees?', '--position-unit deg converts them; --accept angle_unit if they are '
+        'rad', ratios)]
+
+
+def _variance_left(columns: FloatArray, values: FloatArray) -> float:
+    solution = np.linalg.lstsq(columns, values, rcond=1e-8)[0]
+    return float((values - columns @ solution).var())
 
 
 def _fact(kind: Kind, names: tuple[str, ...], why: str,

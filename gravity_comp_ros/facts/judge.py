@@ -109,7 +109,9 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     signals = judge.rows(signals)
     signals, replaced = judge.velocity(signals, missing)
     finite: BoolArray = np.asarray(np.isfinite(signals.qd).all(axis=1))
-    for fact in effort_facts(signals.keep(finite), options):
+    finite_signals = signals.keep(finite)
+    for fact in (*joints.small_degrees(finite_signals, options),
+                 *effort_facts(finite_signals, options)):
         judge.add(fact)
     differentiated = np.zeros(len(everything), dtype=bool)
     differentiated[here] = replaced

@@ -66,6 +66,14 @@ class FactOptions:
     # Share of the effort's range: a smaller torque of the direction may be gravity that the
     # first-order fit does not model.
     min_direction_torque: float = 0.02
+    # Ratio of squared residuals, from which another direction or zero of an axis is right.
+    better_axes: float = 0.5
+    # Ratio of squared residuals, from which angles are degrees; travel in the recorded unit, from
+    # which sines and cosines of true angles differ from lines.
+    better_unit: float = 0.5
+    degrees_travel: float = 3.0
+    # Share of the variance of the effort without friction that a fit must explain to count.
+    min_explained: float = 0.75
     # Number of joints that move widely, above which one of them at least carries gravity: a
     # vertical axis and the roll of the last link carry none.
     min_wide_joints: float = 3

@@ -99,7 +99,10 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
     chosen = options.joints
     if chosen is not None:
         chosen = named_joints(where, names, chosen, 'chosen')
-    return replace(options, joints=chosen, effort_scale=scale)
+    zeros = named_joints(where, names, options.zero, 'zero')
+    return replace(options, joints=chosen, effort_scale=scale,
+                   reverse=named_joints(where, names, options.reverse, 'reversed'),
+                   zero=dict(zip(zeros, options.zero.values())))
 
 
 def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,

@@ -55,6 +55,10 @@ class Cleaning:
         unit = radians_per_unit(options.position_unit)
         if unit != 1.0:
             self.q, self.qd = unit * self.q, unit * self.qd
+        if options.reverse or options.zero:
+            sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
+            zero = np.array([options.zero.get(name, 0.0) for name in joints])
+            self.q, self.qd = sign * (self.q - zero), sign * self.qd
         second, fact = second_publisher(columns, joints, self.q, self.tau)
         if fact is not None:
             accepted = fact.kind in self.accept
@@ -85,7 +89,7 @@ class Cleaning:
         signals = Signals(
             self.joints, time, self._release('q'), self._release('qd'),
             self._release('tau'), np.arange(len(self.times)),
-            np.array([value != 1.0 for value in scale.values()]))
+            np.array([abs(value) != 1.0 for value in scale.values()]))
         judged = judge(signals, np.array(list(scale.values())), missing,
                        self.options.joints is not None, self.accept)
         del signals

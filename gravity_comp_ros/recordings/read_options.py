@@ -28,9 +28,12 @@ class ReadOptions:
     - `rename`: new names of joints, by recorded name; the other options use the new names.
     - `accept`: kinds of facts (`facts.fact.Kind`) that are neither corrected nor refused.
     - `refuse`: whether a recording is refused for its facts; they are listed in the report.
+    - `reverse`: joints whose position, velocity and effort have the opposite sign.
+    - `zero`: position at which the joint is at 0, by joint, rad; subtracted before `reverse`.
     - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
 
-    In `joints` and `effort_scale` a joint is named, or numbered from 1 in order of appearance.
+    In `joints`, `reverse`, `zero` and `effort_scale` a joint is named, or numbered from 1 in
+    order of appearance.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
         or kind of fact is unknown, or `max_messages` is less than 1.
@@ -45,6 +48,8 @@ class ReadOptions:
     rename: Mapping[str, str] = field(default_factory=dict)
     max_messages: int | None = None
     accept: tuple[str, ...] = ()
+    reverse: tuple[str, ...] = ()
+    zero: Mapping[str, float] = field(default_factory=dict)
     refuse: bool = True
 
     def __post_init__(self) -> None:
@@ -70,7 +75,8 @@ class ReadOptions:
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
         """Return N·m per recorded unit of effort, sign included, for each joint."""
         unit = TORQUE_UNITS[self.effort_unit]
-        return {joint: unit * float(self.effort_scale.get(joint, 1.0)) for joint in joints}
+        return {joint: unit * float(self.effort_scale.get(joint, 1.0))
+                * (-1.0 if joint in self.reverse else 1.0) for joint in joints}
 
 
 @dataclass(frozen=True)
