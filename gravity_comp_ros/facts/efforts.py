@@ -12,7 +12,9 @@ import numpy as np
 # Samples at most that a search for exact limits needs.
 _MOST = 20000
 # Share of the motion in one direction at the limit, from which it is friction.
-_ALWAYS = 0.9
+_ALWAYS = 0.5
+# Share of the limit by which equal values may differ.
+_ROUNDING = 1e-9
 
 
 def dead(signals: Signals, options: FactOptions) -> list[Fact]:
@@ -104,9 +106,11 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
     speed = np.abs(np.nan_to_num(signals.qd[1:] + signals.qd[:-1]))
     integral[1:] = np.cumsum(0.5 * speed * np.diff(signals.t)[:, None], axis=0)
     for n, name in enumerate(signals.names):
-        for values, travel in ((signals.tau[:, n], travelled[:, n]),
-                               (signals.q[:, n], integral[:, n])):
-            found = _frozen_rows(signals.t, values, travel, options)
+        of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n], options)
+        # Friction alone stays at an extreme for as long as the joint moves in one direction.
+        of_effort &= _inside(signals.tau[:, n])
+        for found in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n],
+                                              options)):
             if found.any():
                 rows |= found
                 times[name] = float(found.sum())
@@ -132,6 +136,13 @@ def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
     if not others.size or others.mean() > options.coarse_share:
         rows[:] = False
     return rows
+
+
+def _inside(values: FloatArray) -> BoolArray:
+    """Return the mask (M,) of values that are not an extreme."""
+    low, high = values.min(), values.max()
+    edge = _ROUNDING * max(abs(low), abs(high))
+    return np.asarray((values > low + edge) & (values < high - edge))
 
 
 def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
@@ -162,7 +173,7 @@ def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
               options: FactOptions) -> BoolArray:
     """Return the mask (M,) of samples at the upper limit of tau (M,), if it is clipped."""
     limit = tau.max()
-    at_limit = np.asarray(tau == limit)
+    at_limit = np.asarray(tau >= limit - _ROUNDING * abs(limit))
     share = at_limit.mean()
     none = np.zeros_like(at_limit)
     # Friction alone has two usual values: a limit is rarer, and most values lie below it.
@@ -173,9 +184,10 @@ def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
     if len(near) < options.min_clipped * len(tau) or len(levels) < 5:
         return none
     per_level = len(near) / len(levels)
-    if any(at_limit[way].mean() > _ALWAYS for way in (qd > 0, qd < 0) if way.any()
-           and not at_limit[~way].any()):
-        return none  # friction alone: the effort is the same whenever the joint moves this way
+    is_symmetric = abs(tau.min() + limit) <= 1e-6 * limit
+    if is_symmetric and any(at_limit[way].mean() > _ALWAYS and not at_limit[~way].any()
+                            for way in (qd > 0, qd < 0) if way.any()):
+        return none  # friction alone: the same effort whenever the joint moves this way
     moves = np.ptp(q[at_limit]) > options.min_travel
     in_stretches = np.count_nonzero(at_limit[1:] & at_limit[:-1]) > 0.5 * at_limit.sum()
     if at_limit.sum() < options.clipped_excess * per_level or not (moves and in_stretches):
