@@ -27,7 +27,7 @@ class FactOptions:
     # N·m. Smaller than any sensor resolves: denormal or unset numbers.
     dead_torque: float = 1e-6
     # Recorded units. Smaller whole numbers may be torques of a coarse sensor.
-    min_count: float = 50
+    min_count: float = 10
     # rad. Deviation of a single sample from its neighbours: 0.06 rad is 3 rad/s over 20 ms.
     min_glitch: float = 0.06
     # Standard deviations of the deviation from the median of five samples: never noise.
