@@ -21,6 +21,7 @@ def files(folder):
 
 SIM = ['pin>=2.7']
 BAGS = ['mcap>=1.1', 'zstandard>=0.21']
+PARQUET = ['pyarrow>=14']
 REPORT = ['bokeh>=3.4']
 COMPLETION = ['shtab>=1.6']
 MJCF = ['mujoco>=3.0']
@@ -57,8 +58,8 @@ setup(
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
                       'rich>=13.3', 'defusedxml>=0.7'],
     extras_require={'bags': BAGS, 'completion': COMPLETION, 'fleet': FLEET, 'mjcf': MJCF,
-                    'report': REPORT, 'ros': ROS, 'sim': SIM,
-                    'test': TEST + BAGS + COMPLETION + FLEET + MJCF + REPORT + SIM},
+                    'parquet': PARQUET, 'report': REPORT, 'ros': ROS, 'sim': SIM,
+                    'test': TEST + BAGS + COMPLETION + FLEET + MJCF + PARQUET + REPORT + SIM},
     zip_safe=False,
     entry_points={
         'console_scripts': [

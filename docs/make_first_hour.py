@@ -205,7 +205,7 @@ def own_table(session: Session) -> None:
     session.say(f'```\n$ head -2 my_log.csv\n{head}\n```')
     command = 'gravity_comp convert my_log.csv -o my_log.mcap'
     printed = session.run(command)
-    for option in ('--angle-unit deg', '--time-unit ms'):
+    for option in ('--position-unit deg', '--time-unit ms'):
         if not re.search(option, printed):
             raise SystemExit(f'{option} was not requested: {printed}')
         command = command.replace(' -o', f' {option} -o')

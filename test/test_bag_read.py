@@ -4,6 +4,7 @@ import shutil
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings import cleaning, joint_columns
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
@@ -207,7 +208,6 @@ def zero_effort(row):
     (every(spoil_inf), 'position of joint wrist .*--joints shoulder,elbow'),
     (every_second(spoil_joint), 'joint wrist is missing from 25 of 50 messages.*'
                                 '--joints shoulder,elbow'),
-    (every_second(spoil_joints), 'joint gripper is missing from 25 of 50'),
     (every(spoil_size), 'no usable message: 50 arrays of different lengths'),
     (every(spoil_names), 'no usable message: 50 duplicate joint name'),
     (every(spoil_bytes), 'no usable message: 50 not decodable'),
@@ -224,7 +224,7 @@ def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, corrupt,
 def test_joints_of_two_publishers_on_one_topic_can_be_selected(tmp_path):
     rows = messages(100)
     for row in rows[1::2]:
-        spoil_joints(row)
+        row[1].update(names=['lamp'], position=[1.0], velocity=[0.0], effort=[0.5])
     path = recorded(tmp_path, rows)
     with pytest.raises(BagError, match='missing from 50 of 100.*--joints'):
         read_bag(path)
@@ -277,7 +277,7 @@ def test_missing_velocity_is_differentiated_and_noted(tmp_path):
         row[1]['velocity'] = []
     recording = read_bag(recorded(tmp_path, rows))
     assert recording.report.velocity == 'differentiated'
-    assert any('velocity of every joint is differentiated' in n for n in recording.report.notes)
+    assert any('velocity of every joint is not recorded' in n for n in recording.report.notes)
     _, _, qd, _ = motion(200)
     np.testing.assert_allclose(recording.samples.qd, qd, atol=2e-3)
 
@@ -287,36 +287,40 @@ def test_velocity_missing_on_one_joint_only(tmp_path):
     for row in rows:
         row[1]['velocity'][1] = float('nan')
     recording = read_bag(recorded(tmp_path, rows))
-    assert any('velocity of elbow is differentiated' in note for note in recording.report.notes)
+    assert any('velocity of elbow is not recorded' in note for note in recording.report.notes)
     _, _, qd, _ = motion(200)
     np.testing.assert_array_equal(recording.samples.qd[:, [0, 2]], qd[:, [0, 2]])
     np.testing.assert_allclose(recording.samples.qd[:, 1], qd[:, 1], atol=2e-3)
 
 
-def test_velocity_on_request_and_zero_velocity_noted(tmp_path):
+def test_velocity_of_zero_is_differentiated_unless_accepted(tmp_path):
     rows = messages(200)
     for row in rows:
         row[1]['velocity'] = [0.0] * 3
     path = recorded(tmp_path, rows)
     recording = read_bag(path)
-    assert any('velocity is 0 throughout' in note for note in recording.report.notes)
-    assert not recording.samples.qd.any()
+    (fact,) = recording.report.facts
+    assert (fact.kind, fact.action) == (Kind.VELOCITY, Action.CORRECTED)
     forced = read_bag(path, ReadOptions(differentiate=True))
-    assert forced.report.velocity == 'differentiated'
-    np.testing.assert_allclose(forced.samples.qd, motion(200)[2], atol=2e-3)
+    for each in (recording, forced):
+        assert each.report.velocity == 'differentiated'
+        np.testing.assert_allclose(each.samples.qd, motion(200)[2], atol=2e-3)
+    accepted = read_bag(path, ReadOptions(accept=('velocity',)))
+    assert accepted.report.facts[0].action is Action.NOTED and not accepted.samples.qd.any()
 
 
-def test_zero_velocity_of_one_joint_is_noted(tmp_path):
+def test_zero_velocity_of_one_joint_is_differentiated(tmp_path):
     rows = messages(200)
     for row in rows:
         row[1]['velocity'][1] = 0.0
-    path = recorded(tmp_path, rows)
-    (note,) = read_bag(path).report.notes
-    assert note.startswith('velocity of elbow is 0 throughout') and '--differentiate' in note
-    # Velocity 0 of a joint at rest is not noted.
+    recording = read_bag(recorded(tmp_path, rows))
+    (fact,) = recording.report.facts
+    assert fact.joints == ('elbow',) and fact.action is Action.CORRECTED
+    np.testing.assert_allclose(recording.samples.qd, motion(200)[2], atol=2e-3)
+    # Velocity 0 of a joint at rest is no fact.
     for row in rows:
         row[1]['position'][1] = 0.4
-    assert read_bag(recorded(tmp_path / 'still', rows)).report.notes == ()
+    assert read_bag(recorded(tmp_path / 'still', rows)).report.facts == ()
 
 
 def test_the_report_contains_the_effort_scales_used(tmp_path):

@@ -63,6 +63,6 @@ def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, ch
 @pytest.mark.parametrize('arguments', [
     ('log.csv',), ('log.csv', '-o', 'x.csv'), ('log.csv', '-o', 'x.mcap', '--rate', '-1'),
     ('log.csv', '-o', 'x.mcap', '--gear-ratio', 'a'),
-    ('log.csv', '-o', 'x.mcap', '--angle-unit', 'grad')])
+    ('log.csv', '-o', 'x.mcap', '--position-unit', 'grad')])
 def test_wrong_usage(arguments):
     assert main(['convert', *arguments]) == 2

@@ -18,7 +18,8 @@ def bag(tmp_path):
     t = np.arange(300) * 0.02
     values = np.column_stack([np.sin(t), np.cos(t)])
     path = tmp_path / 'run.mcap'
-    write_bag(path, [JointTopic('/joint_states', ('a', 'b'), t, values, 0.1 * values, 5 * values)],
+    write_bag(path, [JointTopic('/joint_states', ('a', 'b'), t, values, values[:, ::-1] * [1, -1],
+                                5 * values)],
               WriteOptions(start_ns=START))
     return path
 

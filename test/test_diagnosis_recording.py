@@ -1,10 +1,13 @@
-"""Facts and remarks about recordings, checked by hand."""
+"""Facts about the motion and the efforts of recordings, checked by hand."""
 
 from dataclasses import replace
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.evaluation.recording_quality import count_reversals, describe
+from gravity_comp_ros.facts.friction import effort_facts
+from gravity_comp_ros.facts.motion import count_reversals, describe
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.motions import MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions
@@ -19,6 +22,12 @@ FRICTION = 0.7 * np.array([4.0, 4.0, 3.0, 3.0, 1.0, 1.0, 0.5])
 
 def remarks(samples, word, **options):
     return [text for text in describe(samples, **options).remarks if word in text]
+
+
+def of_effort(samples):
+    signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
+                      np.arange(len(samples)), np.zeros(samples.n_joints, dtype=bool))
+    return [fact.sentence for fact in effort_facts(signals, FactOptions())]
 
 
 @pytest.mark.parametrize(('q', 'count'), [
@@ -41,7 +50,6 @@ def test_facts_by_hand():
     assert (b.travel, b.reversals, b.tau_std) == (0, 0, 0)
     assert facts.slow_share == pytest.approx(0.8) and facts.kept == 4
     assert any('never moves: b' in text for text in facts.remarks)
-    assert any('effort never changes: b' in text for text in facts.remarks)
 
 
 def test_a_good_slow_recording_has_no_remark():
@@ -99,8 +107,8 @@ def test_a_reversed_sign_is_detected_with_friction_only(seed, speed, band):
     rigid = synthesise(ARM, motion, NOISE)
     rubbing = replace(rigid, tau=rigid.tau + FRICTION * np.tanh(rigid.qd / 0.002))
     for samples in (rigid, replace(rigid, tau=-rigid.tau), rubbing):
-        assert not remarks(samples, 'sign looks reversed')
-    (text,) = remarks(replace(rubbing, tau=-rubbing.tau), 'sign looks reversed')
+        assert of_effort(samples) == []
+    (text,) = of_effort(replace(rubbing, tau=-rubbing.tau))
     assert 'iiwa_joint_1=-1' in text
 
 
@@ -109,11 +117,12 @@ def test_one_joint_with_reversed_sign():
     sign = np.ones(7)
     sign[6] = -1.0
     tau = sign * (samples.tau + FRICTION * np.tanh(samples.qd / 0.002))
-    (text,) = remarks(replace(samples, tau=tau), 'sign looks reversed')
-    assert text.endswith('--effort-scale iiwa_joint_7=-1')
+    (text,) = of_effort(replace(samples, tau=tau))
+    assert 'sign looks reversed' in text and '--effort-scale iiwa_joint_7=-1,' in text
 
 
 def test_a_recording_with_gravity_compensation():
     samples = synthesise(ARM, motions.eq17(), NOISE)
     noise = 0.3 * np.random.default_rng(0).standard_normal(samples.tau.shape)
-    assert len(remarks(replace(samples, tau=noise), 'hardly depends on the pose')) == 1
+    (text,) = of_effort(replace(samples, tau=noise))
+    assert 'hardly depends on the pose' in text

@@ -17,6 +17,7 @@ MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 ROOMS = (
     ('errors', 'printable', 'display', 'atomic'),
     ('data', 'worker'),
+    ('facts',),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
     ('terms', 'description_check', 'calibration'),
@@ -30,7 +31,7 @@ ROOMS = (
     ('node', 'workbench', 'commands', 'cli'),
 )
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
-CORE = ({name for names in ROOMS[:8] for name in names}
+CORE = ({name for names in ROOMS[:9] for name in names}
         - {'recordings', 'simulation', 'description', 'description_check',
            'calibration'})
 # Forbidden imports between packages of a level or of adjacent levels.

@@ -77,7 +77,7 @@ def test_units_signs_constants_by_hand(tmp_path):
     text = 'ms,p_1,p_2,v_1,v_2,i_1,i_2\n1000,180,90,10,-20,500,250\n1250,0,45,0,0,1000,0\n'
     converted = read_table(csv(tmp_path, text), TableOptions(
         time='ms', position='p_{i}', velocity='v_{i}', effort='i_{i}', time_unit='ms',
-        angle_unit='deg', effort_unit='mA', torque_constant=(0.1, 0.2), gear_ratio=(100.0,),
+        position_unit='deg', effort_unit='mA', torque_constant=(0.1, 0.2), gear_ratio=(100.0,),
         effort_sign=(1.0, -1.0)))
     topic = converted.topic
     np.testing.assert_allclose(topic.t, [0, 0.25])
@@ -107,11 +107,11 @@ def test_absolute_times_are_kept(tmp_path):
 def test_degrees_read_as_radians_are_refused(tmp_path):
     values = np.column_stack([T, 100 * Q, TAU])
     path = csv(tmp_path, table_text(values=values))
-    with pytest.raises(BagError, match='are they degrees. Give --angle-unit deg, or rad'):
+    with pytest.raises(BagError, match='are they degrees. Give --position-unit deg, or rad'):
         read_table(path)
-    in_degrees = read_table(path, TableOptions(angle_unit='deg')).topic
+    in_degrees = read_table(path, TableOptions(position_unit='deg')).topic
     np.testing.assert_allclose(in_degrees.position, np.radians(100 * Q))
-    assert read_table(path, TableOptions(angle_unit='rad')).topic.position.max() == 60.0
+    assert read_table(path, TableOptions(position_unit='rad')).topic.position.max() == 60.0
 
 
 GOOD = table_text()

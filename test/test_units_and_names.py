@@ -4,6 +4,7 @@ from pathlib import Path
 import tempfile
 
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.joint_names import rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
@@ -96,7 +97,7 @@ def test_milliseconds_of_a_fast_motion_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(('columns', 'factor', 'message'), [
-    (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
+    (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --position-unit deg'),
     (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
     (slice(3, 5), -1.0, 'the velocity has the opposite sign: give --velocity none')])
 def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, message):
@@ -105,8 +106,8 @@ def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, mes
     path = with_velocity(tmp_path / 'x.csv', rows)
     unit = 'deg' if columns.start == 1 else 'rad'
     with pytest.raises(BagError, match=message):
-        read_table(path, TableOptions(angle_unit=unit))
-    result = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
+        read_table(path, TableOptions(position_unit=unit))
+    result = read_table(path, TableOptions(position_unit=unit, velocity='none'))
     assert result.topic.velocity is None
     np.testing.assert_allclose(result.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
                                atol=1e-6)
@@ -203,8 +204,9 @@ def same(path, options, other):
 def test_degrees(tmp_path):
     known = read_bag(bag(tmp_path / 'rad.mcap')).samples
     path = bag(tmp_path / 'deg.mcap', q=np.degrees(Q))
-    assert any('are they degrees? --degrees' in note for note in read_bag(path).report.notes)
-    report = same(path, ReadOptions(degrees=True), known)
+    with pytest.raises(BagError, match='are they degrees.*--position-unit deg'):
+        read_bag(path)
+    report = same(path, ReadOptions(position_unit='deg'), known)
     assert not any('degrees' in note for note in report.notes)
 
 
@@ -240,8 +242,21 @@ def test_renamed_joints(tmp_path):
 
 def test_the_options_reach_every_reader(tmp_path, capsys):
     path = str(bag(tmp_path / 'x.mcap', q=np.degrees(Q), tau=1000 * TAU))
-    options = ['--degrees', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
+    options = ['--position-unit', 'deg', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
     assert main(['info', path, *options]) == 0
     output = capsys.readouterr().out
     assert ' a ' in output and 'degrees?' not in output and '3.50' in output
     assert main(['info', path, '--rename', 'joint_1']) == 2
+
+
+@pytest.mark.parametrize(('known', 'wanted', 'pairs'), [
+    (('r1_j2', 'r1_j1'), ('j1', 'j2'), 'r1_j1=j1,r1_j2=j2'),
+    (('j1', 'j2'), ('left/j1', 'left/j2'), 'j1=left/j1,j2=left/j2'),
+    (('arm_a_pan', 'arm_a_lift', 'arm_a_gripper'), ('b_lift', 'b_pan'),
+     'arm_a_lift=b_lift,arm_a_pan=b_pan'),
+    (('arm_pan_joint', 'arm_lift_joint'), ('ur_lift', 'ur_pan'),
+     'arm_lift_joint=ur_lift,arm_pan_joint=ur_pan'),
+    (('a', 'b'), ('c', 'd'), ''), (('x1', 'x2', 'x12'), ('2', '1'), 'x2=2,x1=1')])
+def test_names_of_another_prefix_are_mapped(known, wanted, pairs):
+    hint = rename_hint(known, wanted)
+    assert hint.endswith(pairs) and bool(hint) == bool(pairs)

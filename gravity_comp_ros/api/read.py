@@ -101,7 +101,7 @@ def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[Rea
     for k in kept:
         notes = [f'{other.path} is a copy of this recording and is ignored'
                  for other in reports[k + 1:] if other.sha256 == digests[k]]
-        noted.append(replace(reports[k], notes=(*reports[k].notes, *notes)))
+        noted.append(replace(reports[k], file_notes=(*reports[k].file_notes, *notes)))
     return kept, tuple(noted)
 
 

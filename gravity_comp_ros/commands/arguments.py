@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.recordings.units import TORQUE_UNITS
+from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit, TORQUE_UNITS
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.axes import AxesOptions
@@ -51,11 +51,21 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
-    group.add_argument('--degrees', action='store_true',
-                       help='angles and speeds in the bag are in degrees')
+    group.add_argument('--position-unit', metavar='UNIT', type=position_unit, default='rad',
+                       help=f'unit of angles and speeds in the bag: {ANGLE_HELP} (default: '
+                       '%(default)s)')
+    group.add_argument('--accept', metavar='FACT,...', type=joint_list, default=(),
+                       help='read the recording as it is in spite of these facts, e.g. '
+                       'effort_spikes,effort_unit: nothing is corrected or refused for them '
+                       '(`info` lists the facts)')
     group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
                        default=[], help='rename joints of the bag, e.g. to those of a URDF; '
                        'the other options and the model use the new names')
+    group.add_argument('--reverse', metavar='A,B,...', type=joint_list, default=(),
+                       help='joints that turn against their axis in the description: position, '
+                       'velocity and effort get the opposite sign')
+    group.add_argument('--zero', metavar='JOINT=RAD', type=_values, action='append', default=[],
+                       help='recorded position of the zero in the description; may be repeated')
     group.add_argument('--differentiate', action='store_true',
                        help='compute velocities from positions, for a driver whose velocities '
                        'are 0 or wrong; always done for a bag without velocities')
@@ -67,8 +77,12 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
-    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.degrees,
-                       args.effort_unit, dict(args.rename))
+    zero: dict[str, float] = {}
+    for part in args.zero:
+        zero.update(part)
+    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.position_unit,
+                       args.effort_unit, dict(args.rename), accept=args.accept,
+                       reverse=args.reverse, zero=zero)
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
@@ -224,6 +238,15 @@ def renames(text: str) -> list[tuple[str, str]]:
             raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
         pairs.append((old, new))
     return pairs
+
+
+def position_unit(text: str) -> str:
+    """Return a unit of position."""
+    try:
+        radians_per_unit(text)
+    except OptionError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def finite(text: str) -> float:

@@ -15,8 +15,9 @@ from gravity_comp_ros.recordings.table import read_table, TableOptions
 def run(args: argparse.Namespace) -> int:
     options = TableOptions(
         args.time, args.position, args.velocity, args.effort, args.rate, args.time_unit,
-        args.angle_unit, args.effort_unit, args.effort_sign, args.torque_constant,
-        args.gear_ratio, args.joint_names, args.header, args.delimiter, args.skip_bad_rows)
+        args.position_unit, args.effort_unit, args.effort_sign, args.torque_constant,
+        args.rated_torque, args.gear_ratio, args.joint_names, args.header, args.delimiter,
+        args.skip_bad_rows)
     converted = read_table(args.table, options, args.topic)
     write_bag(args.output, [converted.topic], WriteOptions(start_ns=converted.start_ns))
     topic = converted.topic

@@ -9,6 +9,7 @@ import shlex
 
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, Recording
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
@@ -27,7 +28,9 @@ class Part:
 
 def run(args: argparse.Namespace) -> int:
     """Read, cut and write."""
-    recording = read_bag(args.bag, ReadOptions(args.topic, args.joints))
+    # The parts are written as recorded.
+    recording = read_bag(args.bag, ReadOptions(
+        args.topic, args.joints, accept=tuple(kind.value for kind in Kind)))
     parts = cut(recording, args.output, args.begin, args.end, args.split)
     _check_files(args.bag, parts)
     for part in parts:

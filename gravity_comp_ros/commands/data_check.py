@@ -11,7 +11,7 @@ from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
 from gravity_comp_ros.effects.motion_direction import min_widths
-from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
+from gravity_comp_ros.facts.motion import describe, RecordingFacts
 import numpy as np
 
 _COLUMNS = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',

@@ -45,13 +45,14 @@ def run(args: argparse.Namespace) -> int:
         if refit:
             terminal.show('', refitting.fitted_sentence(refit), refitting.error_table(refit),
                           *refitting.effect_lines(refit))
-    if axes.problem:
-        terminal.warn(axes.problem)
+    facts = reading.arm_facts(whole, arm)
+    terminal.warn(*([axes.problem] if axes.problem else []), *(each.sentence for each in facts))
     terminal.warn(*refitting.warnings(refit) if refit else ())
     if args.json:
         document = {
             'model': str(args.output) if args.output else None, **result.to_json(),
             'seconds': seconds, 'holdout': model.provenance['holdout'],
+            'facts': [each.to_json() for each in facts],
             'description': axes.to_json(), 'joint_order': learned.arm.order.source,
             **whole.to_json()}
         if refit:

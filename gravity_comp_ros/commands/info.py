@@ -1,44 +1,66 @@
-"""`gravity_comp info`: joints, speeds and coverage of recordings, and their limitations."""
+"""`gravity_comp info`: joints, speeds and coverage of recordings, and the facts about them."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
+from gravity_comp_ros.api.learn import known_arm, LearnOptions
 from gravity_comp_ros.api.read import read_each
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
-from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.arguments import gate_options, read_options
+from gravity_comp_ros.commands import next_step, reading
+from gravity_comp_ros.commands.arguments import axes_options, gate_options, read_options
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.evaluation.recording_quality import (
-    describe, JointFacts, RecordingFacts)
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
+from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.units import TORQUE_UNITS
 
+_COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 'green',
+            Action.REFUSED: 'red'}
+
 
 def run(args: argparse.Namespace) -> int:
-    options = read_options(args)
+    options = replace(read_options(args), refuse=False)
     gate = gate_options(args)
     with progress() as report:
         recordings = read_each(args.bags, options, report)
-        facts = [(each.report, describe(each.samples, gate)) for each in recordings]
+        facts = []
+        for each in recordings:
+            data = Recording(each.samples, gate, (each.report,))
+            arm = known_arm(data, LearnOptions(axes=axes_options(args),
+                                               ordered=args.joints is not None))
+            more = reading.arm_facts(data, arm)
+            facts.append((replace(each.report, facts=(*each.report.facts, *more)),
+                          describe(each.samples, gate)))
     # Reports bags of different robots, which a fit would reject.
     concatenate(recording.samples for recording in recordings)
+    refusals = [fact for each, _ in facts for fact in refused(each.facts)]
     if args.json:
-        emit_json({'recordings': [{'path': str(recording.path), **recording.to_json(),
-                                   **fact.to_json()} for recording, fact in facts]}, args.json)
+        emit_json({'recordings': [_to_json(*each) for each in facts]}, args.json)
         return 0
     for recording_report, fact in facts:
         _show(recording_report, fact)
-    _show_next_step(args, facts)
+    _show_next_step(args, facts, refusals)
     return 0
 
 
-def _show_next_step(args: argparse.Namespace,
-                    recordings: list[tuple[ReadReport, RecordingFacts]]) -> None:
+def _to_json(report: ReadReport, facts: RecordingFacts) -> dict[str, object]:
+    every = [fact.to_json() for fact in (*report.facts, *facts.motion)]
+    return {'path': str(report.path), **report.to_json(), **facts.to_json(), 'facts': every}
+
+
+def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, RecordingFacts]],
+                    refusals: list[Fact]) -> None:
     """Show the command of the fit, with inverted effort where friction has the wrong sign."""
-    inverted = {name for _, facts in recordings for name in facts.reversed_joints}
+    other = [fact for fact in refusals if fact.kind is not Kind.EFFORT_SIGN]
+    if other:
+        show('[bold]next step[/bold]: correct what is refused above; `fit` refuses it too')
+        return
+    inverted = {name for fact in refusals for name in fact.joints}
     why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
     if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
         why += '; few samples are slow, so `fit` uses fast samples as well'
@@ -67,13 +89,19 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
     columns = ('joint', 'range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals',
                'effort N·m')
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
-    for line in (*report.notes, *facts.remarks):
+    for line in report.file_notes:
         show(f'  [yellow]•[/yellow] {safe(line)}')
+    for fact in (*report.facts, *facts.motion):
+        word = 'refused: ' * (fact.action is Action.REFUSED)
+        colour = _COLOURS[fact.action]
+        show(f'  [{colour}]•[/{colour}] {word}{safe(fact.sentence)}')
     show('')
 
 
 def _row(name: str, joint: JointFacts) -> tuple[str, ...]:
+    # Two digits at least of an effort of any size.
+    digits = '.2f' if max(-joint.tau_min, joint.tau_max) >= 0.1 else '.2g'
     return (name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.travel:.2f}',
             f'{joint.rms_speed:.3f}', f'{joint.max_speed:.3f}',
             '–' if joint.reversals is None else str(joint.reversals),
-            f'{joint.tau_min:.2f} … {joint.tau_max:.2f}')
+            f'{joint.tau_min:{digits}} … {joint.tau_max:{digits}}')

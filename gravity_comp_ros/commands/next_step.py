@@ -51,7 +51,15 @@ def reading_options(args: argparse.Namespace, joints: bool) -> list[str]:
         options += ['--effort-unit', args.effort_unit]
     if args.rename:
         options += ['--rename', ','.join(f'{old}={new}' for old, new in args.rename)]
-    options += ['--degrees'] * args.degrees + ['--differentiate'] * args.differentiate
+    if args.position_unit != 'rad':
+        options += ['--position-unit', args.position_unit]
+    if args.accept:
+        options += ['--accept', ','.join(args.accept)]
+    if args.reverse:
+        options += ['--reverse', ','.join(args.reverse)]
+    zeros = [f'{joint}={zero:g}' for part in args.zero for joint, zero in part.items()]
+    options += ['--zero', ','.join(zeros)] if zeros else []
+    options += ['--differentiate'] * args.differentiate
     return options
 
 

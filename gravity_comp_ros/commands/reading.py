@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from gravity_comp_ros.api.learn import KnownArm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
+from gravity_comp_ros.facts.axes import axis_facts
+from gravity_comp_ros.facts.fact import Fact
+from gravity_comp_ros.facts.order import order_facts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -36,6 +41,15 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback) -> Recording
     :raises ModelMismatchError: if two bags are of different robots.
     """
     return with_enough_motion(load(args, report))
+
+
+def arm_facts(recording: Recording, arm: KnownArm) -> list[Fact]:
+    """Return the facts on the joints against the order of the names and the description."""
+    samples = arm.of(recording).samples
+    if arm.axes.geometry is not None:
+        return axis_facts(samples, arm.axes.geometry.rotations)
+    by_name = arm.order.source in (NUMBERS, WORDS)
+    return order_facts(samples, arm.order.joints) if by_name else []
 
 
 def lines(recording: Recording) -> list[str]:

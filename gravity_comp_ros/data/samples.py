@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.joint_names import rename_hint
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,7 +155,8 @@ class JointSamples:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise ModelMismatchError(
-                f'no joint {", ".join(missing)} in the data; it has {", ".join(self.names)}')
+                f'no joint {", ".join(missing)} in the data; it has {", ".join(self.names)}'
+                + rename_hint(self.names, names))
         if tuple(names) == self.names:
             return self
         order = [self.names.index(name) for name in names]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import io
 import json
 from pathlib import Path
@@ -12,6 +12,7 @@ import zipfile
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, GravityCompError
+from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.gated_bag import GatedRecording
 import numpy as np
@@ -43,7 +44,8 @@ class Store:
                 arrays = {name: file[name] for name in _ARRAYS}
                 qdd = file['qdd']
             report = ReadReport(**{**head['report'], 'path': Path(head['report']['path']),
-                                   'notes': tuple(head['report']['notes'])})
+                                   'file_notes': tuple(head['report']['file_notes']),
+                                   'facts': tuple(map(Fact.from_json, head['facts']))})
             samples = JointSamples.single_run(head['names'], **arrays, label=head['label'],
                                               qdd=qdd if len(qdd) else None)
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError,
@@ -54,7 +56,9 @@ class Store:
     def save_recording(self, key: str, recording: GatedRecording) -> None:
         """Store samples."""
         samples, report = recording.samples, recording.report
-        head = json.dumps({'report': {**asdict(report), 'path': str(report.path)},
+        plain = asdict(replace(report, facts=()))
+        head = json.dumps({'report': {**plain, 'path': str(report.path)},
+                           'facts': [fact.to_json() for fact in report.facts],
                            'dropped': recording.dropped, 'names': samples.names,
                            'label': samples.run_labels[0]})
         data = io.BytesIO()

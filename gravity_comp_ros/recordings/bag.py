@@ -9,6 +9,7 @@ from pathlib import Path
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
+from gravity_comp_ros.recordings.joint_state_cdr import ROS1
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
@@ -36,11 +37,11 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
 
     Joints are matched by name in each message. Invalid messages are dropped and counted: missing
     joints, arrays of different lengths, duplicate names, NaN, time that does not increase. Time is
-    the header stamp if it increases, else the log time. Missing velocities are differentiated
-    from the positions by a zero-phase filter.
+    the header stamp if it increases, else the log time. The
+    signals are judged (`facts.judge`): safe corrections are made and listed in the report.
 
-    :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, or
-        at least half of its messages have the same defect.
+    :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, at
+        least half of its messages have the same defect, or its signals are refused.
     :raises ModelMismatchError: if a joint named in the options is missing.
     """
     path = Path(path)
@@ -50,6 +51,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         limit = options.max_messages
         share = 1.0 if limit is None else min(limit / max(count, 1), 1.0)
         columns = _read_columns(storage, topic, options.rename, share)
+        notes += storage.notes
         if share < 1.0:
             notes.append(f'{share:.0%} of {count} messages are used, to limit memory')
     n_messages = len(columns) + sum(columns.dropped.values())
@@ -63,10 +65,10 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} (to be renamed); it '
                                  f'has {", ".join(sorted(columns.recorded))}')
     options = _with_joint_names(where, columns.names, options)
-    joints = choose_joints(where, columns, options.joints)
-    cleaning = Cleaning(where, columns, joints, notes, options.degrees)
+    joints, facts = choose_joints(where, columns, options)
+    cleaning = Cleaning(where, columns, joints, notes, facts, options)
     del columns
-    return cleaning.recording(path, topic, n_messages, options)
+    return cleaning.recording(path, topic, n_messages)
 
 
 def joint_positions(path: Path | str, joints: Collection[str],
@@ -97,13 +99,18 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
     chosen = options.joints
     if chosen is not None:
         chosen = named_joints(where, names, chosen, 'chosen')
-    return replace(options, joints=chosen, effort_scale=scale)
+    zeros = named_joints(where, names, options.zero, 'zero')
+    return replace(options, joints=chosen, effort_scale=scale,
+                   reverse=named_joints(where, names, options.reverse, 'reversed'),
+                   zero=dict(zip(zeros, options.zero.values())))
 
 
 def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
                   share: float = 1.0) -> Columns:
     """Decode an evenly distributed share of the messages of a topic."""
-    columns, decoder, count = Columns(rename), LayoutDecoder(), 0
+    is_ros1 = any((each.type, each.encoding) == ROS1 for each in storage.topics
+                  if each.name == topic)
+    columns, decoder, count = Columns(rename), LayoutDecoder(is_ros1), 0
     for batch in storage.batches(topic):
         count += len(batch)
         if share < 1.0:

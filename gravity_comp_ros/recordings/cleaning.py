@@ -6,18 +6,19 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact, Kind, refused
+from gravity_comp_ros.facts.judge import judge
+from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.read_notes import (
-    degree_notes, gap_notes, mask_out_of_range, MAX_MAGNITUDE, zero_effort_note,
-    zero_velocity_notes)
+from gravity_comp_ros.recordings.publishers import positions_alternate, second_publisher
+from gravity_comp_ros.recordings.read_notes import gap_notes, mask_out_of_range, MAX_MAGNITUDE
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
-from gravity_comp_ros.recordings.several_arms import positions_alternate
 from gravity_comp_ros.recordings.storage import fingerprint
 from gravity_comp_ros.recordings.topic_choice import COMMON_DEFECT
+from gravity_comp_ros.recordings.units import radians_per_unit
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,63 +31,94 @@ ISOLATED = 'alone in a gap, no velocity'
 
 # Share of stamps not later than an earlier one, above which the log time is used instead.
 BAD_STAMPS = 0.1
-# Minimum travel of a joint that counts as moving, rad.
-MIN_TRAVEL = 1e-3
 
 
 class Cleaning:
-    """Steps from columns to samples; each step may drop messages and add notes."""
+    """
+    Steps from columns to samples; each step may drop messages and add facts.
 
-    def __init__(self, where: str, columns: Columns, joints: tuple[str, ...],
-                 notes: list[str], degrees: bool) -> None:
-        self.where, self.joints, self.notes = where, joints, notes
+    :param facts: facts known before.
+    """
+
+    def __init__(self, where: str, columns: Columns, joints: tuple[str, ...], notes: list[str],
+                 facts: list[Fact], options: ReadOptions) -> None:
+        self.where, self.joints, self.notes, self.facts = where, joints, notes, facts
+        self.options, self.accept = options, accepted_kinds(options.accept)
         self.dropped = Counter(columns.dropped)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
-        self.degrees = degrees
         present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
         beyond = mask_out_of_range(self.q, self.qd, self.tau)
         if beyond:
             self.notes.append(f'{counted(beyond, "value")} beyond {MAX_MAGNITUDE:g}: not a '
                               f'measurement, treated as missing')
-        if degrees:
-            self.q, self.qd = np.radians(self.q), np.radians(self.qd)
+        unit = radians_per_unit(options.position_unit)
+        if unit != 1.0:
+            self.q, self.qd = unit * self.q, unit * self.qd
+        if options.reverse or options.zero:
+            sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
+            zero = np.array([options.zero.get(name, 0.0) for name in joints])
+            self.q, self.qd = sign * (self.q - zero), sign * self.qd
+        second, fact = second_publisher(columns, joints, self.q, self.tau)
+        if fact is not None:
+            accepted = fact.kind in self.accept
+            self.facts.append(as_noted(fact) if accepted else fact)
+            present = present if accepted else present & ~second[:, None]
+        if fact is not None and not accepted:
+            self._keep(~second, fact.kind.value)
+            present = present[~second]
         self._keep(present.any(axis=1), OTHER_JOINTS)
         present = present[present.any(axis=1)]
         self._keep(present.all(axis=1), MISSING)
 
-    def recording(self, path: Path, topic: str, n_messages: int,
-                  options: ReadOptions) -> Recording:
+    def recording(self, path: Path, topic: str, n_messages: int) -> Recording:
         """
         Return the samples and the report.
 
-        :raises BagError: if at least half of the messages have the same defect.
+        :raises BagError: if at least half of the messages have the same defect, or the signals
+            are refused.
         """
         self._check_values()
-        unmeasured = self._unmeasured(options)
+        missing = self._missing_velocities()
         self._choose_clock()
         self._check_jumps()
-        self._differentiate(unmeasured)
-        time = (self.times - self.times[0]) / 1e9
-        scale = options.scale(self.joints)
-        self.tau *= list(scale.values())
-        samples = JointSamples.single_run(
-            self.joints, time, self._release('q'), self._release('qd'), self._release('tau'),
-            path.name or path.resolve().name, int(self.times[0]) / 1e9)
+        start = int(self.times[0])
+        scale = self.options.scale(self.joints)
+        time = (self.times - start) / 1e9
         self.notes += gap_notes(time)
-        largest = max(samples.q.max(initial=0.0), -samples.q.min(initial=0.0))
-        self.notes += degree_notes(largest, self.degrees)
-        report = read_report(path, topic, n_messages, time, self.dropped,
-                             'differentiated' if unmeasured.any() else 'measured',
-                             int(self.times[0]), scale, self.notes)
+        signals = Signals(
+            self.joints, time, self._release('q'), self._release('qd'),
+            self._release('tau'), np.arange(len(self.times)),
+            np.array([abs(value) != 1.0 for value in scale.values()]))
+        judged = judge(signals, np.array(list(scale.values())), missing,
+                       self.options.joints is not None, self.accept)
+        del signals
+        self.dropped.update(judged.left_out)
+        self.facts += judged.facts
+        self._refuse()
+        samples, isolated = _samples(judged.signals, path, start / 1e9)
+        if isolated:
+            self.dropped[ISOLATED] += isolated
+        first = int(self.times[judged.signals.rows[0]]) if len(judged.signals) else start
+        report = read_report(
+            path, topic, n_messages, samples.t, self.dropped,
+            'differentiated' if judged.differentiated.any() else 'measured', first,
+            {name: scale[name] for name in samples.names}, self.notes, self.facts)
         return Recording(samples, report)
 
+    def _refuse(self) -> None:
+        """Raise the refusals as one error, with the joints that were left out."""
+        refusals = refused(self.facts)
+        if not refusals or not self.options.refuse:
+            return
+        others = [fact for fact in self.facts if fact.action is Action.LEFT_OUT
+                  and fact.kind in (Kind.GRIPPER, Kind.LINEAR_JOINT)]
+        raise BagError(f'{self.where}: ' + '; '.join(
+            fact.sentence for fact in (*refusals, *others)))
+
     def _release(self, name: str) -> NDArray[np.float64]:
-        """Return an array, read-only, and drop the reference to it, to keep one copy in memory."""
+        """Return an array and drop the reference to it, to keep one copy in memory."""
         values: NDArray[np.float64] = self.__dict__.pop(name)
-        if values.base is not None:
-            values = values.copy()
-        values.flags.writeable = False
         return values
 
     def _keep(self, keep: ArrayLike, reason: str) -> None:
@@ -119,12 +151,6 @@ class Cleaning:
                     f'messages; leave it out with --joints {good}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),
                    NOT_FINITE)
-        zero = ~self.tau.any(axis=0)
-        if zero.all():
-            raise BagError(f'{self.where}: effort is 0 throughout, for every joint; the driver '
-                           f'does not measure it')
-        for joint in np.array(self.joints)[zero]:
-            self.notes.append(zero_effort_note(joint))
 
     def _check_jumps(self) -> None:
         if positions_alternate(self.q):
@@ -132,15 +158,13 @@ class Cleaning:
                            f'message, as if two robots published the same joint names on one '
                            f'topic; give each robot a namespace and record again')
 
-    def _unmeasured(self, options: ReadOptions) -> BoolArray:
+    def _missing_velocities(self) -> BoolArray:
         """Return the mask (N,) of joints whose velocity is computed from the position."""
-        if options.differentiate:
+        if self.options.differentiate:
             return np.ones(len(self.joints), dtype=bool)
-        unmeasured = (~np.isfinite(self.qd)).mean(axis=0) >= COMMON_DEFECT
-        self._keep(np.isfinite(self.qd[:, ~unmeasured]).all(axis=1), VELOCITY)
-        moves = np.ptp(self.q, axis=0) > MIN_TRAVEL
-        self.notes += zero_velocity_notes(self.joints, moves, self.qd.any(axis=0) | unmeasured)
-        return unmeasured
+        missing = np.asarray((~np.isfinite(self.qd)).mean(axis=0) >= COMMON_DEFECT)
+        self._keep(np.isfinite(self.qd[:, ~missing]).all(axis=1), VELOCITY)
+        return missing
 
     def _choose_clock(self) -> None:
         """Choose stamp or log time, and drop messages that are not later than all before."""
@@ -154,22 +178,31 @@ class Cleaning:
         self._keep(rising, TIME)
         self.times = clock[rising]
 
-    def _differentiate(self, unmeasured: BoolArray) -> None:
-        if not unmeasured.any():
-            return
-        time = (self.times - self.times[0]) / 1e9
-        self.qd[:, unmeasured] = differentiate(time, self.q[:, unmeasured])
-        finite = np.isfinite(self.qd).all(axis=1)
-        self.times = self.times[finite]
-        self._keep(finite, ISOLATED)
-        names = ('every joint' if unmeasured.all()
-                 else ', '.join(np.array(self.joints)[unmeasured]))
-        self.notes.append(f'velocity of {names} is differentiated from the position (zero phase)')
+
+def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, int]:
+    """
+    Return the samples with time 0 at the first one, and the number of those without velocity.
+
+    :param start: time on the clock in s at which t of the signals is 0.
+    """
+    finite: BoolArray = np.asarray(np.isfinite(signals.qd).all(axis=1))
+    kept = signals.keep(finite)
+    arrays = [kept.t - kept.t[0], kept.q, kept.qd, kept.tau] if len(kept) else []
+    if not arrays:
+        raise BagError(f'{path} has no usable message: no sample has a velocity')
+    for number, values in enumerate(arrays):
+        arrays[number] = values = values.copy() if values.base is not None else values
+        values.flags.writeable = False
+    t, q, qd, tau = arrays
+    samples = JointSamples.single_run(kept.names, t, q, qd, tau,
+                                      path.name or path.resolve().name, start + float(kept.t[0]))
+    return samples, int(np.count_nonzero(~finite))
 
 
 def read_report(path: Path, topic: str, n_messages: int, t: FloatArray,
                 dropped: Mapping[str, int], velocity: str, start_ns: int,
-                scale: Mapping[str, float], notes: Sequence[str]) -> ReadReport:
+                scale: Mapping[str, float], notes: Sequence[str],
+                facts: Sequence[Fact] = ()) -> ReadReport:
     """
     Return the report on samples at times t (M,), in s since the first sample.
 
@@ -180,7 +213,7 @@ def read_report(path: Path, topic: str, n_messages: int, t: FloatArray,
         path, topic, n_messages, len(t), dict(dropped), velocity,
         float(1 / np.median(steps)) if steps.size else 0.0, float(t[-1]), start_ns,
         fingerprint(path), {joint: value for joint, value in scale.items() if value != 1.0},
-        tuple(notes))
+        tuple(notes), tuple(facts))
 
 
 def _rising(values: NDArray[np.int64]) -> BoolArray:

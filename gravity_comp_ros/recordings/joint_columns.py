@@ -100,6 +100,11 @@ class Columns:
         """The distinct name sequences of the messages, in order of their first appearance."""
         return tuple(self._layouts)
 
+    def names_of(self, message: int) -> tuple[str, ...]:
+        """Return the joint names of message number `message`."""
+        return next(names for names, layout in self._layouts.items()
+                    if (np.frombuffer(layout.rows, dtype=np.int64) == message).any())
+
     @property
     def most_common(self) -> tuple[str, ...]:
         """The most frequent sequence of joint names."""

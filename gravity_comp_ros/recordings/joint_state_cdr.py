@@ -1,4 +1,4 @@
-"""CDR encoding and decoding of sensor_msgs/JointState."""
+"""Decoding of sensor_msgs/JointState in CDR and in the serialisation of ROS 1; encoding in CDR."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+# Type and encoding of a topic of joint states, of ROS 2 and of ROS 1.
+CDR, ROS1 = (JOINT_STATE, 'cdr'), ('sensor_msgs/JointState', 'ros1')
 JOINT_STATE_HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'
 JOINT_STATE_DEFINITION = f"""\
 std_msgs/Header header
@@ -65,31 +67,35 @@ class JointStateDecoder:
 
     Publishers repeat their joint names in every message. The last name block is cached, so that
     identical bytes are decoded once.
+
+    :param ros1: messages of ROS 1, which has no padding, and a sequence number in place of the
+        encapsulation header.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, ros1: bool = False) -> None:
         self._block: bytes | None = None
         self._order = ''
         self._names: tuple[str, ...] = ()
+        self._ros1 = ros1
 
     def decode(self, data: bytes) -> tuple[JointStateMessage, Spans]:
         """
         Return the message in `data`, and the offsets of its parts.
 
-        :raises ValueError: if the bytes are not a JointState in plain CDR.
+        :raises ValueError: if the bytes are not a JointState in plain CDR, or of ROS 1.
         """
-        if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
+        if len(data) < _HEADER or not self._ros1 and (data[0] != 0 or data[1] not in (0, 1)):
             raise ValueError('not plain CDR')
-        order = '<' if data[1] == 1 else '>'
+        order = '<' if self._ros1 or data[1] == 1 else '>'
         arrays, spans = [], []
         try:
             seconds, nanoseconds, frame = struct.unpack_from(order + 'iII', data, _HEADER)
-            start = _aligned(_HEADER + 12 + frame, 4)
+            start = self._aligned(_HEADER + 12 + frame, 4)
             names, end = self._read_names(data, order, start)
             after_names = end
             for _ in range(3):
-                count = _aligned(end, 4)
-                values, end = _read_doubles(data, order, end)
+                count = self._aligned(end, 4)
+                values, end = self._read_doubles(data, order, end)
                 arrays.append(values)
                 spans.append((count, end - 8 * len(values), len(values)))
         except struct.error:
@@ -105,7 +111,7 @@ class JointStateDecoder:
         if count > len(data):
             raise ValueError('more names than bytes')
         for _ in range(count):
-            end = _aligned(end, 4)
+            end = self._aligned(end, 4)
             (length,) = struct.unpack_from(order + 'I', data, end)
             end += 4 + length
             if end > len(data):
@@ -113,6 +119,20 @@ class JointStateDecoder:
             names.append(data[end - length:end].rstrip(b'\0').decode('utf-8'))
         self._block, self._order, self._names = bytes(data[start:end]), order, tuple(names)
         return self._names, end
+
+    def _read_doubles(self, data: bytes, order: str, start: int) -> tuple[FloatArray, int]:
+        start = self._aligned(start, 4)
+        (count,) = struct.unpack_from(order + 'I', data, start)
+        start += 4
+        if count == 0:  # an empty sequence has no padding after its length
+            return np.empty(0), start
+        start = self._aligned(start, 8)
+        if start + 8 * count > len(data):
+            raise ValueError('an array ends after the message')
+        return np.frombuffer(data, order + 'f8', count, start), start + 8 * count
+
+    def _aligned(self, offset: int, size: int) -> int:
+        return offset if self._ros1 else offset + -(offset - _HEADER) % size
 
 
 def encode(stamp_ns: int, names: Sequence[str], position: ArrayLike = (),
@@ -146,19 +166,3 @@ def _put_string(out: bytearray, text: str) -> None:
     raw = text.encode('utf-8') + b'\0'
     _put_length(out, len(raw))
     out += raw
-
-
-def _read_doubles(data: bytes, order: str, start: int) -> tuple[FloatArray, int]:
-    start = _aligned(start, 4)
-    (count,) = struct.unpack_from(order + 'I', data, start)
-    start += 4
-    if count == 0:  # an empty sequence has no padding after its length
-        return np.empty(0), start
-    start = _aligned(start, 8)
-    if start + 8 * count > len(data):
-        raise ValueError('an array ends after the message')
-    return np.frombuffer(data, order + 'f8', count, start), start + 8 * count
-
-
-def _aligned(offset: int, size: int) -> int:
-    return offset + -(offset - _HEADER) % size

@@ -13,6 +13,7 @@ import struct
 from typing import BinaryIO
 import zlib
 
+from gravity_comp_ros.recordings.compression import CompressionError, decompressed
 from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
 from mcap.records import ChunkIndex
 import numpy as np
@@ -92,28 +93,22 @@ def _read(stream: BinaryIO, index: ChunkIndex, known: set[int]) -> _Chunk:
     buffer = np.frombuffer(data, dtype=np.uint8)
     offset = _indexed_offsets(stream, index, buffer)
     if offset is None:
-        offset = _scan(data)
+        offset = message_offsets(data)
     return _chunk(buffer, offset, known)
 
 
 def _decompressed(body: bytes, compression: bytes, size: int) -> bytes:
-    if compression == b'zstd':
-        import zstandard
-        try:
-            return zstandard.ZstdDecompressor().decompress(body, max_output_size=size)
-        except zstandard.ZstdError as error:
-            raise ChunkError(str(error)) from None
-    if compression == b'lz4':
-        try:
-            import lz4.frame  # type: ignore[import-untyped]
-            return bytes(lz4.frame.decompress(body))
-        except ImportError:
-            raise ChunkError('it is compressed by lz4, and lz4 is not installed') from None
-        except RuntimeError as error:
-            raise ChunkError(str(error)) from None
-    if compression:
+    if not compression:
+        return body
+    if compression not in (b'zstd', b'lz4'):
         raise ChunkError(f'compression {compression.decode(errors="replace")!r} is unknown')
-    return body
+    try:
+        data = decompressed(body, compression.decode(), size)
+    except CompressionError as error:
+        raise ChunkError(str(error)) from None
+    if len(data) < size:
+        raise ChunkError('a chunk is shorter than its size')
+    return data
 
 
 def _indexed_offsets(stream: BinaryIO, index: ChunkIndex, data: Bytes) -> Places | None:
@@ -150,13 +145,13 @@ def _is_complete(data: Bytes, offset: Places) -> bool:
     if (begin > until).any():
         return False
     try:
-        return not any(_scan(data[a:b].tobytes()).size
+        return not any(message_offsets(data[a:b].tobytes()).size
                        for a, b in zip(begin[begin < until], until[begin < until]))
     except ChunkError:
         return False
 
 
-def _scan(data: bytes) -> Places:
+def message_offsets(data: bytes) -> Places:
     """Return the offsets of the messages among consecutive records."""
     offsets, begin, end = [], 0, len(data)
     while begin < end:

@@ -8,11 +8,12 @@ import struct
 import zlib
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.mcap_chunks import ChunkError, topic_batches
+from gravity_comp_ros.recordings.compression import decompressed
+from gravity_comp_ros.recordings.mcap_chunks import ChunkError, message_offsets, topic_batches
 from gravity_comp_ros.recordings.message_batch import Batch, batched
 from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic, summed
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Footer, Message, Schema
+from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
@@ -23,14 +24,14 @@ _MAX_RECORD = 1 << 30
 
 class McapStorage(Storage):
     """
-    An open MCAP file with a footer and a summary.
+    An open MCAP file with a footer and a summary; `named` is its name in messages.
 
     :raises BagError: if the file is truncated or damaged; the message gives the number of
         readable messages.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, named: Path | None = None) -> None:
+        self._path, self._file = named or path, path
         self._stream = path.open('rb')
         try:
             self._check_end()
@@ -47,16 +48,14 @@ class McapStorage(Storage):
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield log time in ns and bytes of every message of a topic."""
-        try:
-            for _, _, message in self._reader.iter_messages(topic):
-                yield message.log_time, message.data
-        except Exception as error:
-            raise self._damaged(error) from None
+        for batch in self.batches(topic):
+            for m, stamp in enumerate(batch.log_ns):
+                yield int(stamp), batch.message(m)
 
     def batches(self, topic: str) -> Iterator[Batch]:
         """Yield the same messages in batches; whole chunks if the file has chunks."""
         if self._summary is None or not self._summary.chunk_indexes:
-            yield from batched(self.messages(topic))
+            yield from batched(self._scanned(topic))
             return
         channels = self._summary.channels
         selected = {number for number, channel in channels.items() if channel.topic == topic}
@@ -64,6 +63,15 @@ class McapStorage(Storage):
             yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
                                      selected)
         except (ChunkError, OSError, struct.error) as error:
+            raise self._damaged(error) from None
+
+    def _scanned(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """Yield the messages of a topic of a file without an index of chunks."""
+        try:
+            _check_chunks(self._file)
+            for _, _, message in self._reader.iter_messages(topic):
+                yield message.log_time, message.data
+        except Exception as error:
             raise self._damaged(error) from None
 
     def close(self) -> None:
@@ -90,6 +98,7 @@ class McapStorage(Storage):
 
     def _scan(self) -> tuple[StoredTopic, ...]:
         """Return the topics of a file without summary, from all its messages."""
+        _check_chunks(self._file)
         self._stream.seek(0)
         topics = summed((_key(channel, schema), 1) for schema, channel, _ in
                         SeekingReader(self._stream).iter_messages())
@@ -97,7 +106,7 @@ class McapStorage(Storage):
         return topics
 
     def _truncated(self, size: int) -> BagError:
-        readable = _readable_messages(self._path)
+        readable = _readable_messages(self._file)
         advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
                   else 'no message in it can be read')
         return BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
@@ -107,6 +116,19 @@ class McapStorage(Storage):
         reason = ' '.join(str(error).split()) or type(error).__name__
         return BagError(f'{self._path} is damaged: {reason}; `mcap recover` saves the readable '
                         f'part')
+
+
+def _check_chunks(path: Path) -> None:
+    """
+    Check the size of every chunk, which the library does not.
+
+    :raises CompressionError: if a chunk expands to more than its size.
+    """
+    with path.open('rb') as stream:
+        for record in StreamReader(stream, emit_chunks=True,
+                                   record_size_limit=_MAX_RECORD).records:
+            if isinstance(record, Chunk):
+                _plain(record)
 
 
 def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
@@ -124,10 +146,19 @@ def _readable_messages(path: Path) -> int:
     count = 0
     try:
         with path.open('rb') as stream:
-            for record in StreamReader(stream, record_size_limit=_MAX_RECORD).records:
+            for record in StreamReader(stream, emit_chunks=True,
+                                       record_size_limit=_MAX_RECORD).records:
                 count += isinstance(record, Message)
+                if isinstance(record, Chunk):
+                    count += len(message_offsets(_plain(record)))
                 if isinstance(record, Footer):
                     break
     except Exception:  # the library raises various types for damaged files
         return count
     return count
+
+
+def _plain(chunk: Chunk) -> bytes:
+    """Return the records of a chunk, decompressed up to its size."""
+    size = min(chunk.uncompressed_size, _MAX_RECORD)
+    return decompressed(chunk.data, chunk.compression, size) if chunk.compression else chunk.data

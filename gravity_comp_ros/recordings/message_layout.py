@@ -18,7 +18,7 @@ from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
 import numpy as np
 from numpy.typing import NDArray
 
-# Offset of the stamp (seconds, nanoseconds) after the CDR encapsulation header, bytes.
+# Offset of the stamp (seconds, nanoseconds) after the header of CDR or the number of ROS 1, bytes.
 _STAMP = 4
 # Maximum number of templates that messages are compared with.
 _MAX_TEMPLATES = 16
@@ -43,10 +43,12 @@ class Block:
 class _Template:
     """Layout of a message: bytes that must be equal, and offsets of the numbers."""
 
-    def __init__(self, raw: bytes, message: JointStateMessage, spans: Spans) -> None:
+    def __init__(self, raw: bytes, message: JointStateMessage, spans: Spans,
+                 ros1: bool) -> None:
         self.length, self.names = len(raw), message.names
-        self._order = '<' if raw[1] == 1 else '>'
-        fixed = [(0, _STAMP), (_STAMP + 8, _STAMP + 12), spans.names]
+        self._order = '<' if ros1 or raw[1] == 1 else '>'
+        # ROS 1 counts its messages where CDR has its header.
+        fixed = [(0, 0 if ros1 else _STAMP), (_STAMP + 8, _STAMP + 12), spans.names]
         fixed += [(count, count + 4) for count, _, _ in spans.arrays]
         whole = np.frombuffer(raw, dtype=np.uint8)
         self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
@@ -73,11 +75,12 @@ class _Template:
 
 
 class LayoutDecoder:
-    """Decoder for the batches of one topic; templates are shared by all batches."""
+    """Decoder for the batches of one topic, of ROS 2 or 1; all batches share templates."""
 
-    def __init__(self) -> None:
+    def __init__(self, ros1: bool = False) -> None:
         self._templates: list[_Template] = []
-        self._single = JointStateDecoder()
+        self._ros1 = ros1
+        self._single = JointStateDecoder(ros1)
 
     def decode(self, batch: Batch) -> Iterator[Block]:
         """Yield the messages of a batch; undecodable ones are in no block."""
@@ -97,7 +100,7 @@ class LayoutDecoder:
                         *(np.asarray(values, dtype=np.float64)[None, :] for values in (
                             message.position, message.velocity, message.effort)))
             if len(self._templates) < _MAX_TEMPLATES and remaining.size:
-                template = _Template(raw, message, spans)
+                template = _Template(raw, message, spans, self._ros1)
                 self._templates.append(template)
                 remaining = yield from self._matched(template, batch, remaining)
 

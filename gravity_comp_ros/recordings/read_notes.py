@@ -1,10 +1,8 @@
-"""Notes on a recording: values out of range, gaps, units, velocities and efforts of 0."""
+"""Notes on a recording: values out of range, gaps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 # Maximum magnitude of a position, velocity or effort in any unit.
@@ -43,32 +41,3 @@ def gap_notes(t: FloatArray) -> list[str]:
     what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
     return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
             f'its load changed in between, cut the recording there']
-
-
-def degree_notes(largest: float, degrees: bool) -> list[str]:
-    """Return a note if the largest position magnitude suggests degrees."""
-    if degrees or largest <= 4 * np.pi:
-        return []
-    return [f'positions reach {largest:.0f} rad: are they degrees? --degrees converts them']
-
-
-def zero_effort_note(joint: str) -> str:
-    """Return the note on a joint with constant effort 0."""
-    return f'effort of joint {joint} is always 0'
-
-
-def zero_velocity_notes(joints: Sequence[str], moves: BoolArray, speed: BoolArray) -> list[str]:
-    """
-    Return a note on moving joints with velocity 0, which the driver does not measure.
-
-    :param moves: mask (N,) of joints that move.
-    :param speed: mask (N,) of joints with nonzero or differentiated velocity.
-    """
-    zero = moves & ~speed
-    if not zero.any():
-        return []
-    if not speed.any():
-        return ['velocity is 0 throughout although joints move: treated as a series of static '
-                'poses; if the driver does not measure velocity, read it with --differentiate']
-    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although the joint '
-            f'moves: the driver does not measure it; read it with --differentiate']

@@ -9,7 +9,8 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.recordings.units import TORQUE_UNITS
+from gravity_comp_ros.facts.fact import accepted_kinds, Fact
+from gravity_comp_ros.recordings.units import radians_per_unit, TORQUE_UNITS
 import numpy as np
 
 
@@ -22,29 +23,40 @@ class ReadOptions:
     - `joints`: names in the desired order; None for all joints in order of appearance.
     - `effort_scale`: factor on the effort by joint, sign included; default 1.
     - `differentiate`: compute velocities from positions even if velocities are recorded.
-    - `degrees`: positions and velocities are recorded in degrees.
+    - `position_unit`: unit of positions and velocities, see `units.radians_per_unit`.
     - `effort_unit`: unit of the scaled effort, one of `TORQUE_UNITS`.
     - `rename`: new names of joints, by recorded name; the other options use the new names.
+    - `accept`: kinds of facts (`facts.fact.Kind`) that are neither corrected nor refused.
+    - `refuse`: whether a recording is refused for its facts; they are listed in the report.
+    - `reverse`: joints whose position, velocity and effort have the opposite sign.
+    - `zero`: position at which the joint is at 0, by joint, rad; subtracted before `reverse`.
     - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
 
-    In `joints` and `effort_scale` a joint is named, or numbered from 1 in order of appearance.
+    In `joints`, `reverse`, `zero` and `effort_scale` a joint is named, or numbered from 1 in
+    order of appearance.
 
-    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the unit is
-        unknown, or `max_messages` is less than 1.
+    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
+        or kind of fact is unknown, or `max_messages` is less than 1.
     """
 
     topic: str | None = None
     joints: tuple[str, ...] | None = None
     effort_scale: Mapping[str, float] = field(default_factory=dict)
     differentiate: bool = False
-    degrees: bool = False
+    position_unit: str = 'rad'
     effort_unit: str = 'Nm'
     rename: Mapping[str, str] = field(default_factory=dict)
     max_messages: int | None = None
+    accept: tuple[str, ...] = ()
+    reverse: tuple[str, ...] = ()
+    zero: Mapping[str, float] = field(default_factory=dict)
+    refuse: bool = True
 
     def __post_init__(self) -> None:
         if self.max_messages is not None and self.max_messages < 1:
             raise OptionError(f'{self.max_messages} messages to read; it must be 1 or more')
+        radians_per_unit(self.position_unit)
+        accepted_kinds(self.accept)
         for joint, scale in self.effort_scale.items():
             if not np.isfinite(scale) or scale == 0:
                 raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '
@@ -63,7 +75,8 @@ class ReadOptions:
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
         """Return N·m per recorded unit of effort, sign included, for each joint."""
         unit = TORQUE_UNITS[self.effort_unit]
-        return {joint: unit * float(self.effort_scale.get(joint, 1.0)) for joint in joints}
+        return {joint: unit * float(self.effort_scale.get(joint, 1.0))
+                * (-1.0 if joint in self.reverse else 1.0) for joint in joints}
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,8 @@ class ReadReport:
     - `start_ns`: time of the first sample, ns since the epoch.
     - `sha256`: digest of the data files.
     - `effort_scale`: N·m per unit of effort by joint, where not 1.
+    - `file_notes`: sentences about the file.
+    - `facts`: facts about the signals, and what was done about them.
     """
 
     path: Path
@@ -91,7 +106,13 @@ class ReadReport:
     start_ns: int
     sha256: str
     effort_scale: Mapping[str, float]
-    notes: tuple[str, ...]
+    file_notes: tuple[str, ...] = ()
+    facts: tuple[Fact, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return sentences about the file and the facts."""
+        return (*self.file_notes, *(fact.sentence for fact in self.facts))
 
     def to_json(self) -> dict[str, Any]:
         """Return the recording's entry in a model's provenance."""
@@ -99,7 +120,8 @@ class ReadReport:
                 'n_messages': self.n_messages, 'n_samples': self.n_samples,
                 'dropped': dict(self.dropped), 'velocity': self.velocity,
                 'rate_hz': self.rate_hz, 'duration_s': self.duration_s,
-                'effort_scale': dict(self.effort_scale), 'notes': list(self.notes)}
+                'effort_scale': dict(self.effort_scale), 'notes': list(self.notes),
+                'facts': [fact.to_json() for fact in self.facts]}
 
 
 @dataclass(frozen=True)

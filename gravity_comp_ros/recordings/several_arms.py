@@ -1,21 +1,15 @@
-"""Detection of several arms in a recording, from joint names, messages and positions."""
+"""Detection of several arms in a recording, from joint names and messages."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import re
 
-from gravity_comp_ros.data.samples import FloatArray
-import numpy as np
-
 _SIDES = ('left', 'right', 'l', 'r')
 # Minimum number of joint names shared by two arms, for sides and for other words.
 _MIN_SHARED_SIDES, _MIN_SHARED = 2, 4
 # Minimum share of all joints that belong to arms.
 _MIN_SHARE = 0.6
-# Minimum median step between messages, rad, and maximum ratio of the step over two messages to
-# it, of positions that alternate.
-_MIN_STEP, _MAX_RETURN = 0.05, 0.2
 
 
 def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
@@ -58,18 +52,3 @@ def arms_by_message(layouts: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]
         if len(names) >= 2 and all(not set(names) & set(other) for other in arms):
             arms.append(names)
     return arms if len(arms) > 1 else []
-
-
-def positions_alternate(q: FloatArray) -> bool:
-    """
-    Return whether positions (M, N) in rad alternate between two values, message by message.
-
-    This occurs if two robots publish the same joint names on one topic.
-    """
-    if len(q) < 20:
-        return False
-    for joint in q.T:
-        step = np.median(np.abs(np.diff(joint)))
-        if step > _MIN_STEP and np.median(np.abs(joint[2:] - joint[:-2])) < _MAX_RETURN * step:
-            return True
-    return False

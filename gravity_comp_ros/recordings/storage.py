@@ -12,16 +12,17 @@ import tempfile
 from typing import Any
 
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.compression import (
+    CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
-from gravity_comp_ros.recordings.message_batch import Batch
+from gravity_comp_ros.recordings.message_batch import Batch, batched
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
 from gravity_comp_ros.recordings.storage_interface import Storage, summed
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
-_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _ROS1_MAGIC = b'#ROSBAG V'
-_TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy')
+_TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy', '.parquet')
 _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
@@ -41,27 +42,51 @@ class _Joined(Storage):
         for part in self._parts:
             yield from part.batches(topic)
 
+    @property
+    def notes(self) -> list[str]:
+        return [note for part in self._parts for note in part.notes]
+
     def close(self) -> None:
         for part in self._parts:
             part.close()
 
 
 class _Decompressing(Storage):
-    """Storage of a recording with per-message compression of rosbag2."""
+    """
+    Storage of a recording whose messages may be compressed one by one, as rosbag2 can do.
+
+    Such messages begin with the magic number of zstd, which no plain message does, so that the
+    metadata of the recording is not needed.
+    """
 
     def __init__(self, inner: Storage, path: Path) -> None:
         self._inner, self._path = inner, path
         self.topics = inner.topics
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        import zstandard
-        decompressor = zstandard.ZstdDecompressor()
         for stamp, data in self._inner.messages(topic):
-            try:
-                yield stamp, decompressor.decompressobj().decompress(data)
-            except zstandard.ZstdError as error:
-                raise BagError(f'{self._path}: a message on {topic} cannot be '
-                               f'decompressed: {error}') from None
+            yield stamp, self._plain(topic, data)
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        for batch in self._inner.batches(topic):
+            if len(batch) and batch.message(0).startswith(ZSTD_MAGIC):
+                yield from batched((int(stamp), self._plain(topic, batch.message(m)))
+                                   for m, stamp in enumerate(batch.log_ns))
+            else:
+                yield batch
+
+    @property
+    def notes(self) -> list[str]:
+        return self._inner.notes
+
+    def _plain(self, topic: str, data: bytes) -> bytes:
+        if not data.startswith(ZSTD_MAGIC):
+            return data
+        try:
+            return decompressed(data, 'zstd', MAX_MESSAGE)
+        except CompressionError as error:
+            raise BagError(f'{self._path}: a message on {topic} cannot be decompressed: '
+                           f'{error}') from None
 
     def close(self) -> None:
         self._inner.close()
@@ -131,48 +156,34 @@ def _open(path: Path, scratch: Path) -> Storage:
     except BaseException:
         _Joined(parts).close()
         raise
-    storage: Storage = parts[0] if len(parts) == 1 else _Joined(parts)
-    metadata = _metadata(path) if path.is_dir() else None
-    if metadata and str(metadata.get('compression_mode', '')).lower() == 'message':
-        return _Decompressing(storage, path)
-    return storage
+    return _Decompressing(parts[0] if len(parts) == 1 else _Joined(parts), path)
 
 
-def _open_file(file: Path, scratch: Path) -> Storage:
+def _open_file(file: Path, scratch: Path, source: Path | None = None) -> Storage:
+    """Open a file; `source` is the file that it was decompressed from."""
+    named = source or file
     try:
         with file.open('rb') as stream:
             magic = stream.read(16)
     except FileNotFoundError:
-        raise BagError(f'no such recording: {file}') from None
+        raise BagError(f'no such recording: {named}') from None
     except OSError as error:
-        raise BagError(f'cannot read {file}: {error.strerror}') from None
+        raise BagError(f'cannot read {named}: {error.strerror}') from None
     if magic.startswith(_MCAP_MAGIC):
-        return McapStorage(file)
+        return McapStorage(file, named)
     if magic.startswith(_SQLITE_MAGIC):
-        return SqliteStorage(file)
-    if magic.startswith(_ZSTD_MAGIC) and not scratch.exists():
-        return _open_file(_decompressed(file, scratch), scratch)
+        return SqliteStorage(file, named)
+    if magic.startswith(ZSTD_MAGIC) and source is None:
+        decompress_file(file, scratch)
+        return _open_file(scratch, scratch, file)
     if not magic:
-        raise BagError(f'{file} is empty (0 bytes)')
+        raise BagError(f'{named} is empty (0 bytes)')
     if magic.startswith(_ROS1_MAGIC):
-        raise BagError(f'{file} is a ROS 1 bag; convert it to ROS 2 first (rosbags-convert)')
+        raise BagError(f'{named} is a ROS 1 bag; convert it to ROS 2 first (rosbags-convert)')
     if file.suffix.lower() in _TABLES:
         raise BagError(f'{file} is a table, not a recording: first `gravity_comp convert '
                        f'{shlex.quote(str(file))} -o {shlex.quote(file.stem)}.mcap`')
-    raise BagError(f'{file} is neither an MCAP nor a .db3 file')
-
-
-def _decompressed(file: Path, scratch: Path) -> Path:
-    """Decompress a file with per-file compression of rosbag2."""
-    import zstandard
-    try:
-        with file.open('rb') as source, scratch.open('wb') as target:
-            zstandard.ZstdDecompressor().copy_stream(source, target)
-    except zstandard.ZstdError as error:
-        raise BagError(f'{file} cannot be decompressed: {error}') from None
-    except OSError as error:
-        raise BagError(f'{file} cannot be decompressed: {error.strerror}') from None
-    return scratch
+    raise BagError(f'{named} is neither an MCAP nor a .db3 file')
 
 
 def _metadata(folder: Path) -> dict[str, Any] | None:

@@ -40,6 +40,11 @@ class Storage(ABC):
         """
         return batched(self.messages(topic))
 
+    @property
+    def notes(self) -> list[str]:
+        """Return sentences about what was lost while messages were read."""
+        return []
+
     @abstractmethod
     def close(self) -> None:
         """Close the files."""

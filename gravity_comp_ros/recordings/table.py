@@ -8,20 +8,24 @@ from pathlib import Path
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
+from gravity_comp_ros.recordings.registers import decoded
 from gravity_comp_ros.recordings.table_columns import (
     find_columns, has_columns, named_columns, NamedColumns)
 from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
+from gravity_comp_ros.recordings.table_layouts import (
+    JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
+from gravity_comp_ros.recordings.table_parquet import is_parquet, read_parquet
 from gravity_comp_ros.recordings.table_units import check_angles, check_seconds, check_velocity
 from gravity_comp_ros.recordings.units import (
-    ANGLE_UNITS, CURRENT_UNITS, TIME_UNITS, TORQUE_UNITS)
+    CURRENT_UNITS, is_ticks, radians_per_unit, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
 import numpy as np
 
-EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS}
+EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS, **SHARE_UNITS}
 NONE = 'none'
 NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
 
 # Default column patterns, in order of precedence.
-TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp', '__time', 't_s', 'time_s')
+TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp', JOINED_TIME, 't_s', 'time_s', ROSTOPIC_TIME)
 POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
 VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
                     'vel_{i}', 'vel{i}')
@@ -36,9 +40,11 @@ class TableOptions:
     - `time`, `position`, `velocity`, `effort`: columns, see `find_columns`; None searches for
       default names. `velocity` 'none' ignores velocities.
     - `rate`: sample rate in Hz, required without a time column; `time` 'none' ignores the column.
-    - `time_unit`, `angle_unit`: None assumes s and rad, and refuses implausible values.
+    - `time_unit`, `position_unit`: None assumes s and rad, and refuses implausible values.
+      Counts of encoders (`ticks=N`) may be registers with a sign bit.
     - `effort_sign`, `torque_constant` (N·m/A at the motor), `gear_ratio`: one value for all
       joints or one per joint; the latter two apply to currents.
+    - `rated_torque`: N·m of the joint at 100 %, for efforts in per cent or per mille of it.
     - `joints`: joint names; None takes them from the file.
     - `header`: whether the first line has column names; None detects it.
     - `delimiter`: one character; None detects it.
@@ -54,10 +60,11 @@ class TableOptions:
     effort: str | None = None
     rate: float | None = None
     time_unit: str | None = None
-    angle_unit: str | None = None
+    position_unit: str | None = None
     effort_unit: str = 'Nm'
     effort_sign: tuple[float, ...] = (1.0,)
     torque_constant: tuple[float, ...] | None = None
+    rated_torque: tuple[float, ...] | None = None
     gear_ratio: tuple[float, ...] = (1.0,)
     joints: tuple[str, ...] | None = None
     header: bool | None = None
@@ -66,10 +73,10 @@ class TableOptions:
 
     def __post_init__(self) -> None:
         for what, unit, units in (('time', self.time_unit or 's', TIME_UNITS),
-                                  ('angle', self.angle_unit or 'rad', ANGLE_UNITS),
                                   ('effort', self.effort_unit, EFFORT_UNITS)):
             if unit not in units:
                 raise OptionError(f'{what} unit {unit!r} is not one of {", ".join(units)}')
+        radians_per_unit(self.position_unit or 'rad')
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
             raise OptionError(f'rate is {self.rate} Hz; it must be positive')
         if self.rate is not None and self.time not in (None, NONE):
@@ -80,7 +87,13 @@ class TableOptions:
         if is_current != (self.torque_constant is not None):
             raise OptionError('effort in A or mA needs a torque constant in N·m/A'
                               if is_current else 'a torque constant is for effort in A or mA')
+        is_share = self.effort_unit in SHARE_UNITS
+        if is_share != (self.rated_torque is not None):
+            raise OptionError('effort in per cent or per mille needs a rated torque in N·m'
+                              if is_share else 'a rated torque is for effort in percent or '
+                              'permille')
         for what, values in (('torque constant', self.torque_constant or (1.0,)),
+                             ('rated torque', self.rated_torque or (1.0,)),
                              ('gear ratio', self.gear_ratio)):
             if not all(np.isfinite(value) and value != 0 for value in values):
                 raise OptionError(f'{what} must be finite and not 0')
@@ -108,27 +121,42 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     :raises OptionError: if the number of signs or constants is not the number of joints.
     """
     path = Path(path)
-    if path.suffix.lower() in ('.npz', '.npy'):
+    if is_parquet(path):
+        table = read_parquet(path)
+    elif path.suffix.lower() in ('.npz', '.npy'):
         table = read_npz(path)
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
+    table = known_layout(table)
     columns = _Columns.of(table, options)
+    rows_read = len(table.values)
+    if columns.time is not None:
+        table = merged_rows(table, columns.time, columns.measured)
+    merged = rows_read - len(table.values)
     names = _joint_names(table, options, columns.joints, len(columns.position))
     keep = _usable_rows(table, columns, options)
     rows = table.values[keep]
-    angle = ANGLE_UNITS[options.angle_unit or 'rad']
-    q = rows[:, columns.position] * angle
-    qd = rows[:, columns.velocity] * angle if columns.velocity else None
-    if options.angle_unit is None:
-        check_angles(path, q)
-    tau = rows[:, columns.effort] * _effort_scale(options, names)
+    notes = [NO_VELOCITY] * (not columns.velocity)
+    if merged:
+        notes.append(f'{merged} of {rows_read} rows have blank cells: those of one time are one '
+                     f'sample, those of other topics are omitted')
+    angle = radians_per_unit(options.position_unit or 'rad')
+    position, velocity = rows[:, columns.position], rows[:, columns.velocity]
+    effort = rows[:, columns.effort]
+    if is_ticks(options.position_unit):
+        position, velocity, effort = _registers((position, velocity, effort), notes)
+    q, qd = position * angle, velocity * angle if columns.velocity else None
+    tau = effort * _effort_scale(options, names)
     if not tau.any():
         raise BagError(f'{path}: effort is 0 throughout, for every joint')
     if columns.time is None:
         # Skipped rows do not shift the time of later rows.
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
-        t = rows[:, columns.time] * TIME_UNITS[options.time_unit or 's']
+        is_ns = table.columns[columns.time] == ROSTOPIC_TIME
+        t = rows[:, columns.time] * TIME_UNITS[options.time_unit or ('ns' if is_ns else 's')]
+    if options.position_unit is None:
+        check_angles(path, names, t, q)
     if qd is not None:
         check_velocity(path, t, q, qd, options.time_unit is not None or columns.time is None)
     if columns.time is not None and options.time_unit is None:
@@ -136,7 +164,16 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     start = t[0]
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
     return Converted(JointTopic(topic, names, t - start, q, qd, tau), start_ns,
-                     int(keep.size - keep.sum()), () if qd is not None else (NO_VELOCITY,))
+                     int(keep.size - keep.sum()), tuple(notes))
+
+
+def _registers(parts: tuple[FloatArray, ...], notes: list[str]) -> list[FloatArray]:
+    """Return registers as signed numbers, and add a note on their encodings."""
+    results = [decoded(values) for values in parts]
+    for what, (_, encoding) in zip(('position', 'velocity', 'effort'), results):
+        if encoding:
+            notes.append(f'{what} is read as registers with {encoding}')
+    return [values for values, _ in results]
 
 
 @dataclass(frozen=True)
@@ -148,6 +185,11 @@ class _Columns:
     velocity: list[int]
     effort: list[int]
     joints: tuple[str, ...] | None = None
+
+    @property
+    def measured(self) -> list[int]:
+        """Return the columns of position, velocity and effort."""
+        return [*self.position, *self.velocity, *self.effort]
 
     @classmethod
     def of(cls, table: Table, options: TableOptions) -> _Columns:
@@ -230,7 +272,7 @@ def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | N
 
 def _usable_rows(table: Table, columns: _Columns, options: TableOptions) -> BoolArray:
     """Return the mask of valid rows; refuse invalid ones unless they may be skipped."""
-    used = [*columns.position, *columns.velocity, *columns.effort]
+    used = columns.measured
     used += [] if columns.time is None else [columns.time]
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
@@ -278,6 +320,7 @@ def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:
     scale = np.full(len(names), EFFORT_UNITS[options.effort_unit])
     for what, values in (('effort signs', options.effort_sign),
                          ('torque constants', options.torque_constant or (1.0,)),
+                         ('rated torques', options.rated_torque or (1.0,)),
                          ('gear ratios', options.gear_ratio)):
         if len(values) not in (1, len(names)):
             raise OptionError(f'{len(values)} {what} for {len(names)} joints')

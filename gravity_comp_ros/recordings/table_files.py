@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 import zipfile
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import BagError
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,16 @@ class Table:
 
     `columns`: C unique names. `values` (M, C): NaN for an empty cell or text. `lines` (M,): line
     numbers of the rows in a text file. `joints`: joint names, if the file has them. `text`: line
-    and content of the first cell of text, by column.
+    and content of the first cell of text, by column; `other_text`: of the first that differs.
     """
 
     path: Path
     columns: tuple[str, ...]
     values: FloatArray
-    lines: array | None = None
+    lines: array | IntArray | None = None
     joints: tuple[str, ...] | None = None
     text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
+    other_text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
 
     def where(self, row: int) -> str:
         """Return the location of a row for messages: its number, and its line in a text file."""
@@ -62,7 +63,7 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
                 header = not any(_is_number(cell, not rows.comma) for cell in first[1])
             names = [c.strip() for c in first[1]] if header else [
                 str(k + 1) for k in range(len(first[1]))]
-            _check_columns(path, names)
+            check_columns(path, names)
             table = _TableBuilder(path, names, not rows.comma, skip_bad_rows)
             if not header:
                 table.add(*first)
@@ -130,7 +131,7 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
     if len(lengths) > 1:
         sizes = ', '.join(f'{key} {arrays[key].shape}' for key in arrays)
         raise BagError(f'{path}: arrays have different lengths: {sizes}; each row is one sample')
-    _check_columns(path, columns)
+    check_columns(path, columns)
     return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
 
 
@@ -143,6 +144,7 @@ class _TableBuilder:
         self._decimal_comma, self._skip = decimal_comma, skip_bad_rows
         self._values, self._lines = array('d'), array('q')
         self._text: dict[int, tuple[int, str]] = {}
+        self._other_text: dict[int, tuple[int, str]] = {}
 
     def add(self, line: int, cells: list[str]) -> None:
         if len(cells) == len(self._columns):
@@ -168,14 +170,16 @@ class _TableBuilder:
             return _number(cell, self._decimal_comma)
         except ValueError:
             # Text is an error only in a used column.
-            self._text.setdefault(column, (line, cell))
+            if self._text.setdefault(column, (line, cell))[1] != cell:
+                self._other_text.setdefault(column, (line, cell))
             return np.nan
 
     def finish(self) -> Table:
         if not self._values:
             raise BagError(f'{self._path} has no rows')
         values = np.frombuffer(self._values).reshape(-1, len(self._columns)).copy()
-        return Table(self._path, tuple(self._columns), values, self._lines, None, self._text)
+        return Table(self._path, tuple(self._columns), values, self._lines, None, self._text,
+                     self._other_text)
 
 
 class _Rows:
@@ -205,7 +209,8 @@ class _Rows:
         raise StopIteration
 
 
-def _check_columns(path: Path, names: list[str]) -> None:
+def check_columns(path: Path, names: list[str]) -> None:
+    """Raise a `BagError` if names of columns repeat."""
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')

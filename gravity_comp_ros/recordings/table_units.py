@@ -6,6 +6,10 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.facts.fact import refused
+from gravity_comp_ros.facts.joints import by_position
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
 
@@ -15,23 +19,23 @@ _MIN_TRAVEL, _TYPICAL_SPEED = 0.05, 0.3
 _MIN_SPEED, _MIN_SPEED_SPARSE = 5e-4, 5e-3
 # Minimum median interval that counts as long, s.
 _SPARSE = 0.5
-# Maximum position of a joint, rad.
-_MAX_POSITION = 4 * np.pi
 # Maximum factor between a measured velocity and the rate of change of the position.
 _TOLERANCE = 1.25
 _DEGREES = 180 / np.pi
 
 
-def check_angles(path: Path, q: FloatArray) -> None:
+def check_angles(path: Path, names: tuple[str, ...], t: FloatArray, q: FloatArray) -> None:
     """
-    Check that positions (M, N) can be in rad.
+    Check that positions (M, N) can be in rad; single linear joints are left to the reader.
 
     :raises BagError: if they exceed the range of joints.
     """
-    largest = float(np.abs(q).max())
-    if largest > _MAX_POSITION:
-        raise BagError(f'{path}: positions reach {largest:.0f} rad: are they degrees? Give '
-                       f'--angle-unit deg, or rad if that is right')
+    none = np.zeros(q.shape[1], dtype=bool)
+    signals = Signals(names, t, q, q, q, np.arange(len(q)), none)
+    for fact in refused(by_position(signals, FactOptions(min_samples=1))):
+        unit = 'ticks=4096 (the counts per turn)' if 'counts' in fact.done else 'deg'
+        raise BagError(f'{path}: {fact.evidence}: {fact.done} Give --position-unit {unit}, or rad '
+                       f'if that is right')
 
 
 def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
@@ -74,7 +78,7 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
                 -1.0: 'the velocity has the opposite sign'}
     for factor, problem in problems.items():
         if 1 / _TOLERANCE < ratio / factor < _TOLERANCE:
-            unit = '--angle-unit deg, ' if 0 < factor < 1 else ''
+            unit = '--position-unit deg, ' if 0 < factor < 1 else ''
             raise BagError(f'{path}: it seems that {problem}: give {unit}--velocity none to '
                            f'compute the velocity from the positions')
 

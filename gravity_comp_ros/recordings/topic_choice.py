@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.data.joint_names import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact
+from gravity_comp_ros.facts.joints import named_facts
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
+from gravity_comp_ros.recordings.joint_state_cdr import CDR, ROS1
+from gravity_comp_ros.recordings.read_options import ReadOptions
 from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from gravity_comp_ros.recordings.storage_interface import Storage
 import numpy as np
@@ -29,7 +32,7 @@ def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[s
     if not storage.topics:
         raise BagError(f'{path} is empty: it has no topics')
     topics = {t.name: t for t in storage.topics}
-    usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
+    usable = [t.name for t in storage.topics if (t.type, t.encoding) in (CDR, ROS1)]
     if requested is not None:
         name = requested if requested.startswith('/') else '/' + requested
         if name in usable:
@@ -68,24 +71,33 @@ def named_joints(where: str, known: tuple[str, ...], requested: Iterable[str],
     unknown = [text for text, joint in zip(requested, matches) if joint is None]
     if unknown:
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it has '
-                                 f'{", ".join(known)}')
+                                 f'{", ".join(known)}{rename_hint(known, requested)}')
     joints = tuple(joint for joint in matches if joint is not None)
     if len(set(joints)) < len(joints):
         raise OptionError(f'a joint is named twice ({what}): {", ".join(requested)}')
     return joints
 
 
-def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
-                  ) -> tuple[str, ...]:
+def choose_joints(where: str, columns: Columns, options: ReadOptions
+                  ) -> tuple[tuple[str, ...], list[Fact]]:
     """
-    Return the joints to read: the chosen ones, or all in order of their first appearance.
+    Return the joints to read, and the facts on joints that are left out by their names.
+
+    They are the chosen ones, or all in order of their first appearance.
 
     :param where: name of the recording in errors.
     :raises BagError: if the joints are of several arms, or one is missing in at least half of the
         messages.
     """
-    joints = chosen or columns.names
-    arms = [] if chosen else arms_by_name(joints) or arms_by_message(columns.layouts)
+    facts = [] if options.joints else [
+        as_noted(fact) if fact.kind in accepted_kinds(options.accept) else fact
+        for fact in named_facts(columns.names)]
+    left_out = {joint for fact in facts if fact.action is Action.LEFT_OUT
+                for joint in fact.joints}
+    joints = options.joints or tuple(name for name in columns.names if name not in left_out)
+    layouts = [kept for names in columns.layouts
+               if (kept := tuple(name for name in names if name not in left_out))]
+    arms = [] if options.joints else arms_by_name(joints) or arms_by_message(layouts)
     if arms:
         lines = ' or '.join(f'--joints {",".join(arm)}' for arm in arms)
         raise BagError(f'{where} has the joints of {len(arms)} arms; choose one: {lines}')
@@ -100,4 +112,4 @@ def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
             f'{where}: joint {joints[worst]} is missing from '
             f'{int((~present[:, worst]).sum())} of {len(present)} messages; leave it out with '
             f'--joints {",".join(good)}')
-    return joints
+    return joints, facts

@@ -9,7 +9,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.evaluation.compare import Comparison
-from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
+from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.arm import Arm

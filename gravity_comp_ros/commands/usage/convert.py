@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.recordings.units import (
-    ANGLE_UNITS, CURRENT_UNITS, TIME_UNITS, TORQUE_UNITS)
+    ANGLE_HELP, CURRENT_UNITS, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
 
 EPILOG = """\
 columns (--time, --position, --velocity, --effort):
@@ -17,20 +17,26 @@ columns (--time, --position, --velocity, --effort):
   none       no such column (for --time and --velocity)
   q          in an NPZ file, an array of M rows and N columns
 Without these options common names are searched: t or time, q_{i}, qd_{i}, tau_{i} and similar, and
-names that include the joint, such as /joint_states/elbow/position (PlotJuggler) or position_elbow.
+names that include the joint, such as /joint_states/elbow/position (PlotJuggler), position_elbow or
+elbow.pos. Files of `ros2 topic echo --csv`, rostopic and bagpy, and LeRobot data sets (Parquet,
+with pyarrow) are read without further options.
 Decimal commas are accepted between semicolons or tabs. Times may be dates with a time of day.
 
 examples:
   gravity_comp convert log.csv -o log.mcap
+  gravity_comp convert servos.csv --position-unit ticks=4096 --effort-unit permille \
+      --rated-torque 3 -o servos.mcap
   gravity_comp convert lbr.csv --rate 100 --effort-sign -1 -o lbr.mcap
   gravity_comp convert log.txt --time 1 --position 2-7 --effort 8-13 --time-unit ms \\
-      --angle-unit deg --effort-unit mA --torque-constant 0.06 --gear-ratio 101 -o log.mcap
+      --position-unit deg --effort-unit mA --torque-constant 0.06 --gear-ratio 101 -o log.mcap
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
-    parser.add_argument('table', metavar='TABLE', type=Path, help='a .csv, .txt or .npz file')
+    parser.add_argument('table', metavar='TABLE', type=Path,
+                        help='a .csv, .txt, .npz or .parquet file, or the folder of a LeRobot '
+                        'data set')
     parser.add_argument('-o', '--output', metavar='OUT.mcap', type=arguments.mcap_file,
                         required=True, help='file to write; an existing file is replaced')
     parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
@@ -53,16 +59,19 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
 def _add_units(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default=None,
                        help='(default: s; required if the values contradict it)')
-    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default=None,
-                       help='of positions and velocities (default: rad; required if the values '
-                       'contradict it)')
-    group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *CURRENT_UNITS), default='Nm',
-                       help='A and mA require --torque-constant (default: %(default)s)')
+    group.add_argument('--position-unit', metavar='UNIT', type=arguments.position_unit,
+                       help=f'of positions and velocities: {ANGLE_HELP} (default: rad; required '
+                       'if the values contradict it); sign bits of ticks are detected')
+    group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *CURRENT_UNITS, *SHARE_UNITS),
+                       default='Nm', help='A and mA require --torque-constant, percent and '
+                       'permille --rated-torque (default: %(default)s)')
     group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
                        help='-1 if the file lists the load torque on the drive instead of the '
                        'drive torque (for several: --effort-sign=-1,1,...)')
     group.add_argument('--torque-constant', metavar='NM/A,...', type=numbers,
                        help='motor torque constant, for efforts in A or mA')
+    group.add_argument('--rated-torque', metavar='NM,...', type=numbers,
+                       help='torque of the joint at 100 %%, for efforts in percent or permille')
     group.add_argument('--gear-ratio', metavar='N,...', type=numbers, default=(1.0,),
                        help='motor revolutions per joint revolution (default: 1)')
 

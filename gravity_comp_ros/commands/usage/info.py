@@ -24,6 +24,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `info`."""
     arguments.add_bags(parser)
+    arguments.add_urdf(parser, 'axes to compare the directions and zeros of the joints with')
     arguments.add_reading(parser)
     arguments.add_gate(parser)
     arguments.add_json(parser)

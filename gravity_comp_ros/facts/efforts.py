@@ -1,0 +1,199 @@
+"""Efforts that are no torque: dead, of another unit, clipped, frozen, or of a disabled drive."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals, spans, stretches
+from gravity_comp_ros.printable import counted
+import numpy as np
+
+# Samples at most that a search for exact limits needs.
+_MOST = 20000
+# Share of the motion in one direction at the limit, from which it is friction.
+_ALWAYS = 0.5
+# Share of the limit by which equal values may differ.
+_ROUNDING = 1e-9
+
+
+def dead(signals: Signals, options: FactOptions) -> list[Fact]:
+    """Return the facts on joints whose effort is 0, denormal or constant throughout."""
+    largest = np.abs(signals.tau).max(axis=0)
+    enough = len(signals) >= options.min_samples
+    is_dead = largest < (options.dead_torque if enough else 1e-300)
+    is_constant = ~is_dead & (np.ptp(signals.tau, axis=0) < 1e-9)
+    facts = []
+    if is_dead.all():
+        size = f' (at most {largest.max():.2g})' if largest.any() else ''
+        facts.append(Fact(
+            Kind.DEAD_EFFORT, signals.names, f'effort is 0 throughout, for every joint{size}',
+            Action.REFUSED, 'the driver does not measure it', values=_by_joint(signals, largest)))
+    elif is_dead.any():
+        facts += [Fact(Kind.DEAD_EFFORT, (name,), f'effort of joint {name} is always 0',
+                       Action.NOTED, values={name: float(largest[signals.names.index(name)])})
+                  for name in signals.named(is_dead)]
+    if is_constant.any():
+        names = signals.named(is_constant)
+        facts.append(Fact(Kind.CONSTANT_EFFORT, names, f'effort never changes: {", ".join(names)}',
+                          Action.NOTED))
+    return facts
+
+
+def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
+    """
+    Return the facts on the unit of effort.
+
+    :param raw: efforts (M, N) before scaling; whole numbers are raw counts.
+    """
+    largest = np.quantile(np.abs(signals.tau), 0.98, axis=0)
+    option = '--effort-scale JOINT=N·m per unit, or --accept effort_unit if it is right'
+    facts = []
+    if len(signals) >= options.min_samples:
+        if options.dead_torque < np.abs(signals.tau).max() < options.min_torque:
+            facts.append(Fact(
+                Kind.EFFORT_UNIT, signals.names, f'no effort reaches {options.min_torque:g} N·m '
+                f'(at most {np.abs(signals.tau).max():.2g})', Action.REFUSED,
+                'an arm that holds its own links needs more, so that the effort is not a torque '
+                'in N·m: an error of position or a share of a rated torque has this size',
+                option, _by_joint(signals, largest)))
+        too_large = largest > options.max_torque
+        if too_large.any():
+            names = signals.named(too_large)
+            facts.append(Fact(
+                Kind.EFFORT_UNIT, names, f'effort reaches {largest.max():.3g} on '
+                f'{", ".join(names)}', Action.REFUSED, 'no arm has such torques in N·m',
+                option, _by_joint(signals, largest)))
+    counts = _whole(raw, options) & ~signals.scaled
+    if counts.any():
+        names = signals.named(counts)
+        facts.append(Fact(
+            Kind.EFFORT_UNIT, names, f'effort has whole numbers only on '
+            f'{listed(names, len(signals.names))}', Action.NOTED,
+            'counts, mA or per mille of a rated torque rather than N·m; a model predicts them in '
+            'this unit', '--effort-scale JOINT=VALUE gives the N·m per unit',
+            _by_joint(signals, largest)))
+    return facts
+
+
+def _whole(raw: FloatArray, options: FactOptions) -> BoolArray:
+    """Return the mask (N,) of joints with large whole numbers, of several values."""
+    part = raw[::-(-len(raw) // _MOST)]
+    whole = np.asarray((part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2))
+    is_large = whole.any() and np.abs(part[:, whole]).max() >= options.min_count
+    return whole & is_large
+
+
+def disabled(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+    """Return the mask (M,) of samples in which every effort is exactly 0, and the fact."""
+    rows: BoolArray = np.asarray(~signals.tau.any(axis=1))
+    longest = max((signals.t[part.stop - 1] - signals.t[part.start] for part in stretches(rows)),
+                  default=0.0)
+    if rows.all() or longest < options.disabled_time:
+        return np.zeros(len(rows), dtype=bool), None
+    return rows, Fact(
+        Kind.DISABLED, (), f'effort of every joint is exactly 0 from {spans(signals.t, rows)}',
+        Action.LEFT_OUT, f'the drives are disabled; {counted(int(rows.sum()), "sample")} left out',
+        '--accept drive_disabled keeps them')
+
+
+def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+    """Return the mask (M,) of samples in which a value stays the same in motion, and the fact."""
+    rows, times = np.zeros(len(signals), dtype=bool), {}
+    travelled = np.zeros_like(signals.q)
+    travelled[1:] = np.cumsum(np.abs(np.diff(signals.q, axis=0)), axis=0)
+    integral = np.zeros_like(signals.qd)
+    speed = np.abs(np.nan_to_num(signals.qd[1:] + signals.qd[:-1]))
+    integral[1:] = np.cumsum(0.5 * speed * np.diff(signals.t)[:, None], axis=0)
+    for n, name in enumerate(signals.names):
+        of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n], options)
+        # Friction alone stays at an extreme for as long as the joint moves in one direction.
+        of_effort &= _inside(signals.tau[:, n])
+        for found in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n],
+                                              options)):
+            if found.any():
+                rows |= found
+                times[name] = float(found.sum())
+    if not times:
+        return rows, None
+    return rows, Fact(
+        Kind.FROZEN, tuple(times), f'a value of {", ".join(times)} stays exactly the same during '
+        f'motion, from {spans(signals.t, rows)}', Action.LEFT_OUT,
+        f'{counted(int(rows.sum()), "sample")} left out', '--accept frozen keeps them', times)
+
+
+def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
+                 options: FactOptions) -> BoolArray:
+    same = (np.diff(values) == 0) & (np.ptp(values) > options.dead_torque)
+    rows = np.zeros(len(values), dtype=bool)
+    for part in stretches(same):
+        first, last = part.start, part.stop
+        if (last - first >= options.frozen_samples and t[last] - t[first] >= options.frozen_time
+                and travel[last] - travel[first] >= options.frozen_travel):
+            rows[first:last + 1] = True
+    others = same[~rows[1:]]
+    # A coarse signal repeats its values elsewhere too.
+    if not others.size or others.mean() > options.coarse_share:
+        rows[:] = False
+    return rows
+
+
+def _inside(values: FloatArray) -> BoolArray:
+    """Return the mask (M,) of values that are not an extreme."""
+    low, high = values.min(), values.max()
+    edge = _ROUNDING * max(abs(low), abs(high))
+    return np.asarray((values > low + edge) & (values < high - edge))
+
+
+def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+    """Return the mask (M,) of samples with an effort clipped at a limit, and the fact."""
+    rows, limits, counts = np.zeros(len(signals), dtype=bool), {}, {}
+    for n, name in enumerate(signals.names):
+        tau, q = signals.tau[:, n], signals.q[:, n]
+        clipped = np.zeros_like(rows)
+        for sign in (1.0, -1.0):
+            at_limit = _at_limit(sign * tau, q, signals.qd[:, n], options)
+            if at_limit.any():
+                clipped |= at_limit
+                limits[name] = float(tau[at_limit][0])
+        if 0 < clipped.mean() <= options.max_clipped:
+            rows |= clipped
+            counts[name] = float(clipped.mean())
+    if not counts:
+        return rows, None
+    parts = [f'{name} at {limits[name]:.4g} N·m in {100 * share:.0f} % of the samples'
+             for name, share in counts.items()]
+    return rows, Fact(
+        Kind.SATURATED, tuple(counts), f'effort is clipped on {", ".join(parts)}',
+        Action.LEFT_OUT, f'{counted(int(rows.sum()), "sample")} left out',
+        '--accept saturated_effort keeps them', counts)
+
+
+def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
+              options: FactOptions) -> BoolArray:
+    """Return the mask (M,) of samples at the upper limit of tau (M,), if it is clipped."""
+    limit = tau.max()
+    at_limit = np.asarray(tau >= limit - _ROUNDING * abs(limit))
+    share = at_limit.mean()
+    none = np.zeros_like(at_limit)
+    # Friction alone has two usual values: a limit is rarer, and most values lie below it.
+    if limit <= 0 or not options.min_clipped <= share <= options.max_clipped:
+        return none
+    near = tau[(tau > 0.8 * limit) & ~at_limit]
+    levels = np.unique(near)
+    if len(near) < options.min_clipped * len(tau) or len(levels) < 5:
+        return none
+    per_level = len(near) / len(levels)
+    is_symmetric = abs(tau.min() + limit) <= 1e-6 * limit
+    if is_symmetric and any(at_limit[way].mean() > _ALWAYS and not at_limit[~way].any()
+                            for way in (qd > 0, qd < 0) if way.any()):
+        return none  # friction alone: the same effort whenever the joint moves this way
+    moves = np.ptp(q[at_limit]) > options.min_travel
+    in_stretches = np.count_nonzero(at_limit[1:] & at_limit[:-1]) > 0.5 * at_limit.sum()
+    if at_limit.sum() < options.clipped_excess * per_level or not (moves and in_stretches):
+        return none
+    return at_limit
+
+
+def _by_joint(signals: Signals, values: FloatArray) -> dict[str, float]:
+    return dict(zip(signals.names, map(float, values)))

@@ -1,0 +1,113 @@
+"""`Fact`: a property of a recording, its evidence, and what is done about it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+from gravity_comp_ros.errors import OptionError
+
+
+class Kind(Enum):
+    """The kinds of facts; the values are the names in JSON and of `--accept`."""
+
+    EFFORT_UNIT = 'effort_unit'
+    ANGLE_UNIT = 'angle_unit'
+    EFFORT_SIGN = 'effort_sign'
+    EFFORT_GAIN = 'effort_gain'
+    DEAD_EFFORT = 'dead_effort'
+    CONSTANT_EFFORT = 'constant_effort'
+    FROZEN = 'frozen'
+    SATURATED = 'saturated_effort'
+    SPIKES = 'effort_spikes'
+    GLITCHES = 'position_glitches'
+    WRAPS = 'wrapped_positions'
+    DISABLED = 'drive_disabled'
+    VELOCITY = 'velocity'
+    GRIPPER = 'gripper'
+    LINEAR_JOINT = 'linear_joint'
+    PUBLISHER = 'second_publisher'
+    ORDER = 'joint_order'
+    AXES = 'described_axes'
+    COMPENSATED = 'compensated_gravity'
+    MOTION = 'motion'
+
+
+class Action(Enum):
+    """What is done about a fact by default."""
+
+    NOTED = 'noted'
+    CORRECTED = 'corrected'
+    LEFT_OUT = 'left_out'
+    REFUSED = 'refused'
+
+
+@dataclass(frozen=True)
+class Fact:
+    """
+    One fact.
+
+    - `joints`: the joints concerned; empty for the whole recording.
+    - `evidence`: a clause with the numbers that show it.
+    - `done`: what is done by default, or what the reader should know.
+    - `otherwise`: the option that does otherwise or lifts a refusal, '' for none.
+    - `values`: the numbers of the evidence by joint, in the unit that the evidence names.
+    """
+
+    kind: Kind
+    joints: tuple[str, ...]
+    evidence: str
+    action: Action
+    done: str = ''
+    otherwise: str = ''
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sentence(self) -> str:
+        """Return evidence, action and option in one sentence."""
+        text = f'{self.evidence}: {self.done}' if self.done else self.evidence
+        return f'{text} ({self.otherwise})' if self.otherwise else text
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fact as an object of `--json`."""
+        return {'kind': self.kind.value, 'joints': sorted(self.joints), 'evidence': self.evidence,
+                'action': self.action.value, 'done': self.done, 'option': self.otherwise,
+                'values': dict(self.values)}
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Fact:
+        """Return the fact of an object of `to_json`."""
+        return cls(Kind(document['kind']), tuple(document['joints']), document['evidence'],
+                   Action(document['action']), document['done'], document['option'],
+                   document['values'])
+
+
+def accepted_kinds(names: Collection[str]) -> frozenset[Kind]:
+    """
+    Return the kinds of facts with these names.
+
+    :raises OptionError: if a name is unknown.
+    """
+    known = {kind.value: kind for kind in Kind}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise OptionError(f'no kind of fact is named {", ".join(unknown)}; they are '
+                          f'{", ".join(known)}')
+    return frozenset(known[name] for name in names)
+
+
+def refused(facts: Sequence[Fact]) -> list[Fact]:
+    """Return the facts for which a recording is refused."""
+    return [fact for fact in facts if fact.action is Action.REFUSED]
+
+
+def as_noted(fact: Fact) -> Fact:
+    """Return an accepted fact: the recording is read as it is."""
+    return replace(fact, action=Action.NOTED, done='accepted', otherwise='')
+
+
+def listed(names: Sequence[str], total: int) -> str:
+    """Return the names of joints, `every joint` if they are all of several."""
+    return 'every joint' if len(names) == total > 1 else ', '.join(names)

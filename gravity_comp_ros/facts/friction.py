@@ -1,0 +1,112 @@
+"""Shares of the effort that depend on pose and direction of motion: sign, and missing gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
+import numpy as np
+
+# Samples that are fitted, at most.
+_MOST = 4000
+
+
+@dataclass(frozen=True)
+class Shares:
+    """
+    Shares of the variance of a joint's effort.
+
+    - `pose`: explained by a first-order fit on all joint angles.
+    - `direction`: share of the rest that the direction of motion explains, with the sign of its
+      coefficient, which is positive for friction.
+    - `gravity`: as `pose`, of the effort that a fit of friction leaves; 0 if that is little.
+
+    None where the motion does not show it.
+    """
+
+    pose: float | None = None
+    direction: float | None = None
+    gravity: float | None = None
+
+
+def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
+           options: FactOptions = FactOptions()) -> Shares:
+    """Return the shares of joint n from q, qd and tau (M, N)."""
+    step = -(-max(len(q), 1) // _MOST)
+    q, speed, effort = q[::step], qd[::step, n], tau[::step, n]
+    moving = np.ptp(q, axis=0) > options.min_travel
+    poses = np.column_stack([np.ones(len(q)), np.sin(q[:, moving]), np.cos(q[:, moving])])
+    if not moving.any() or effort.std() < 1e-9 or len(q) < 4 * poses.shape[1]:
+        return Shares()
+    rest = effort - poses @ _solved(poses, effort)
+    pose = float(1 - rest.var() / effort.var())
+    fastest = float(np.abs(speed).max())
+    if fastest == 0 or not moving[n] or rest.std() < 1e-9 * effort.std():
+        return Shares(pose, None, pose)
+    direction = np.tanh(speed / (0.05 * fastest))
+    friction = np.column_stack([np.ones(len(q)), direction, np.sign(speed), speed])
+    with_poses = np.column_stack([poses, friction[:, 1:]])
+    no_friction = effort - friction @ _solved(friction, effort)
+    both = effort - with_poses @ _solved(with_poses, effort)
+    gravity = float(1 - both.var() / max(float(no_friction.var()), 1e-18))
+    if gravity * no_friction.var() < (options.min_gravity * effort.std()) ** 2:
+        gravity = 0.0
+    direction = direction - poses @ _solved(poses, direction)
+    if direction.std() < 1e-6:
+        return Shares(pose, None, gravity)
+    slope = float(direction @ rest / (direction @ direction))
+    if abs(slope) < options.min_direction_torque * np.ptp(effort):
+        return Shares(pose, 0.0, gravity)
+    share = slope ** 2 * float(direction.var() / rest.var())
+    return Shares(pose, float(np.copysign(share, slope)), gravity)
+
+
+def effort_facts(signals: Signals, options: FactOptions) -> list[Fact]:
+    """Return the facts on the sign of the effort and on missing gravity."""
+    if len(signals) < options.min_samples:
+        return []
+    found = {name: shares(signals.q, signals.qd, signals.tau, n, options)
+             for n, name in enumerate(signals.names)}
+    return [fact for fact in (_sign(found, options), _compensated(signals, found, options))
+            if fact is not None]
+
+
+def _sign(found: Mapping[str, Shares], options: FactOptions) -> Fact | None:
+    known = {name: each.direction for name, each in found.items() if each.direction is not None}
+    against = [name for name, share in known.items() if share < -options.min_direction_share]
+    # Several joints show another sign convention of the driver, a single one its wiring.
+    several = len(against) > 1 and max(known.values()) < options.min_direction_share
+    if not several:
+        against = [name for name, share in known.items() if share < -options.min_single_share]
+    if not against:
+        return None
+    several = several or len(against) > 1
+    inverted = tuple(found if several else against)
+    scales = ','.join(f'{name}=-1' for name in inverted)
+    return Fact(
+        Kind.EFFORT_SIGN, inverted, f'effort points against the motion on '
+        f'{", ".join(against)}, opposite to friction', Action.REFUSED,
+        'its sign looks reversed; a model of it would push the arm down',
+        f'--effort-scale {scales}, or --accept effort_sign if it is right',
+        {name: known[name] for name in against})
+
+
+def _compensated(signals: Signals, found: Mapping[str, Shares],
+                 options: FactOptions) -> Fact | None:
+    wide = signals.named(np.ptp(signals.q, axis=0) > options.wide_travel)
+    values = {name: share for name in wide if (share := found[name].gravity) is not None}
+    if len(values) < options.min_wide_joints or max(values.values()) >= options.min_pose_share:
+        return None
+    return Fact(
+        Kind.COMPENSATED, tuple(values), f'effort hardly depends on the pose of {len(values)} '
+        f'joints that move (at most {100 * max(values.values()):.0f} % of what friction '
+        f'leaves)',
+        Action.NOTED, 'the drive may compensate gravity already', values=values)
+
+
+def _solved(columns: FloatArray, values: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0])

@@ -1,0 +1,101 @@
+"""Joints that are not revolute joints of the arm: grippers, wheels, linear axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import re
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
+import numpy as np
+
+_WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+')
+_GRIPPERS = {'gripper', 'grippers', 'finger', 'fingers', 'jaw', 'jaws', 'claw', 'knuckle', 'thumb',
+             'wheel', 'wheels', 'caster', 'suction', 'vacuum'}
+_LINEAR = {'rail', 'slide', 'slider', 'linear', 'prismatic', 'gantry', 'elevator'}
+_KEEP = '--joints keeps it if named there'
+
+
+def named_facts(names: Sequence[str]) -> list[Fact]:
+    """
+    Return the facts on joints with names of grippers, wheels and linear axes.
+
+    There are none if every joint has such a name.
+    """
+    words = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
+    grippers = tuple(name for name in names if words[name] & _GRIPPERS)
+    linear = tuple(name for name in names if name not in grippers and (
+        words[name] & _LINEAR or {'torso', 'lift'} <= words[name]))
+    if len(grippers) + len(linear) == len(names):
+        return []
+    return ([_fact(Kind.GRIPPER, grippers, 'gripper or wheel')] * bool(grippers)
+            + [_fact(Kind.LINEAR_JOINT, linear, 'linear joint')] * bool(linear))
+
+
+def by_position(signals: Signals, options: FactOptions) -> list[Fact]:
+    """
+    Return the facts on positions that are no angles in rad: degrees, counts, linear joints.
+
+    If at least half of the joints exceed the range of angles, the unit of all is wrong.
+    """
+    if len(signals) < options.min_samples:
+        return []
+    largest = np.quantile(np.abs(signals.q), 0.98, axis=0)
+    beyond = largest > options.max_angle
+    if not beyond.any():
+        return []
+    names = signals.named(beyond)
+    values = dict(zip(names, largest[beyond].tolist()))
+    if 2 * len(names) >= len(signals.names):
+        size = f'positions reach {largest.max():.0f} rad'
+        whole = (signals.q == np.rint(signals.q)).all() and largest.max() > 400
+        what = 'are they counts of an encoder?' if whole else 'are they degrees?'
+        unit = 'ticks=4096, the counts per turn,' if whole else 'deg'
+        option = f'--position-unit {unit} converts them; --accept angle_unit if they are rad'
+        return [Fact(Kind.ANGLE_UNIT, names, size, Action.REFUSED, what, option, values)]
+    reach = ', '.join(f'{name} ({value:.0f})' for name, value in values.items())
+    return [_fact(Kind.LINEAR_JOINT, names, f'position of {reach} is no angle in rad: a linear '
+                  f'joint or a gripper', values)]
+
+
+def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
+    """
+    Return the fact that angles within the range of joints are degrees.
+
+    Gravity is nearly linear in a few degrees, and periodic in as many radians.
+    """
+    if len(signals) < options.min_samples:
+        return []
+    part = signals.thinned(2000)
+    wide = np.ptp(part.q, axis=0) > options.degrees_travel
+    if np.count_nonzero(wide) < 2:
+        return []
+    ratios = {}
+    for n, name in enumerate(signals.names):
+        tau, qd = part.tau[:, n], part.qd[:, n]
+        friction = np.column_stack([np.ones(len(part)), np.sign(qd), qd])
+        lines, waves = (_variance_left(np.column_stack([friction, *columns]), tau) for columns in (
+            (part.q,), (np.sin(part.q), np.cos(part.q))))
+        if min(lines, waves) < (1 - options.min_explained) * _variance_left(friction, tau):
+            ratios[name] = lines / max(waves, 1e-18)
+    if not ratios or max(ratios.values()) > options.better_unit:
+        return []
+    names = tuple(ratios)
+    return [Fact(
+        Kind.ANGLE_UNIT, names, f'the effort of {", ".join(names)} is linear in angles of '
+        f'{np.ptp(part.q, axis=0).max():.2g} rad of travel, not periodic', Action.REFUSED,
+        'are they degrees?', '--position-unit deg converts them; --accept angle_unit if they are '
+        'rad', ratios)]
+
+
+def _variance_left(columns: FloatArray, values: FloatArray) -> float:
+    solution = np.linalg.lstsq(columns, values, rcond=1e-8)[0]
+    return float((values - columns @ solution).var())
+
+
+def _fact(kind: Kind, names: tuple[str, ...], why: str,
+          values: dict[str, float] | None = None) -> Fact:
+    evidence = why if values else f'{", ".join(names)} has the name of a {why}'
+    return Fact(kind, names, evidence, Action.LEFT_OUT, 'left out', _KEEP, values or {})

@@ -1,0 +1,182 @@
+"""Motion of a recording: range and speed of each joint, and terms that it cannot identify."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.friction import shares
+from gravity_comp_ros.facts.options import FactOptions
+import numpy as np
+
+# Minimum number of slow samples for the evaluation of a model.
+_MIN_SLOW_SAMPLES = 50
+# Minimum share of slow samples, and of the travel that they cover.
+_MIN_SLOW_SHARE, _MIN_SLOW_TRAVEL = 0.1, 0.3
+# Minimum motion in the opposite direction, in rad, that counts as a reversal.
+_MIN_REVERSAL = 0.01
+_TRAVEL = FactOptions()
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """
+    One joint of a recording.
+
+    Angles in rad, speeds in rad/s, torques in N·m. `reversals` is the number of reversals of
+    more than 0.01 rad, None for poses at rest. `pose_share` is the share of the torque's variance
+    explained by a first-order fit on all joint angles, None without motion. `direction_share` is
+    the share of the residual explained by the direction of motion, with the sign of its
+    coefficient, which is positive for friction. `slow_travel` is the range of angles of the
+    samples that the gate keeps.
+    """
+
+    q_min: float
+    q_max: float
+    max_speed: float
+    rms_speed: float
+    reversals: int | None
+    tau_min: float
+    tau_max: float
+    tau_std: float
+    pose_share: float | None
+    direction_share: float | None
+    slow_travel: float
+
+    @property
+    def travel(self) -> float:
+        return self.q_max - self.q_min
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """
+    A recording: its joints, the result of the slow-motion gate, and facts about the motion.
+
+    `slow_share` is the share of samples in which every joint is slow; `kept` the number of them
+    after the gate has reduced the rate. `at_rest` is True if every velocity is 0, as in a series
+    of poses. `motion` are facts on terms that are not identifiable, with reasons.
+    """
+
+    joints: dict[str, JointFacts]
+    n_samples: int
+    slow_share: float
+    kept: int
+    at_rest: bool
+    motion: tuple[Fact, ...]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Return the sentences of the facts about the motion."""
+        return tuple(fact.sentence for fact in self.motion)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the facts as `info --json` prints them."""
+        joints = {name: asdict(joint) for name, joint in self.joints.items()}
+        for joint in joints.values():
+            del joint['slow_travel']
+        return {'joints': joints, 'slow_share': self.slow_share, 'kept': self.kept,
+                'at_rest': self.at_rest, 'remarks': list(self.remarks)}
+
+
+def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> RecordingFacts:
+    """Return the facts about a recording of one or several runs."""
+    gate = slow_samples(samples, options)
+    slow_share = 1 - gate.dropped.get(FAST, 0) / max(len(samples), 1)
+    at_rest = not samples.qd.any()
+    joints = {name: _joint(samples, n, at_rest, gate.samples)
+              for n, name in enumerate(samples.names)}
+    motion = (*_speed_facts(joints, slow_share, gate.kept, len(samples), options),
+              *_slow_facts(joints, slow_share), *_travel_facts(joints, at_rest))
+    return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, motion)
+
+
+def count_reversals(q: FloatArray, minimum: float = _MIN_REVERSAL) -> int:
+    """
+    Return the number of reversals of a joint.
+
+    :param q: angles (M,) in rad.
+    :param minimum: motion in rad in the opposite direction that counts.
+    """
+    count, direction, extreme = 0, 0, q[0]
+    for angle in q:
+        if direction == 0:
+            if abs(angle - extreme) > minimum:
+                direction, extreme = (1 if angle > extreme else -1), angle
+        elif (angle - extreme) * direction >= 0:
+            extreme = angle
+        elif abs(angle - extreme) > minimum:
+            count, direction, extreme = count + 1, -direction, angle
+    return count
+
+
+def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> JointFacts:
+    q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
+    reversals = None if at_rest else sum(
+        count_reversals(run.q[:, n]) for run in samples.each_run() if len(run))
+    share = shares(samples.q, samples.qd, samples.tau, n)
+    return JointFacts(
+        float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
+        reversals, float(tau.min()), float(tau.max()), float(tau.std()), share.pose,
+        share.direction, float(np.ptp(slow.q[:, n])) if len(slow) else 0.0)
+
+
+def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,
+                 options: GateOptions) -> list[Fact]:
+    limit = options.max_speed
+    limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
+    if slow_share < _MIN_SLOW_SHARE:
+        fastest = max(joints, key=lambda name: joints[name].max_speed)
+        return [_noted(
+            (), f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
+            f'the samples ({kept} kept by the gate), {fastest} reaches '
+            f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
+            f'inertia together', '`fit` can use it, with friction and inertia as nuisance '
+            'terms, but gravity is more accurate from slow motion')]
+    if kept < _MIN_SLOW_SAMPLES:
+        return [_noted((), f'short: the gate keeps {kept} of {total} samples',
+                       'too few to evaluate a model')]
+    return []
+
+
+def _slow_facts(joints: dict[str, JointFacts], slow_share: float) -> list[Fact]:
+    """Return a fact if the slow samples cover little of the recorded travel."""
+    missed = {name: f'{name} ({facts.slow_travel:.2g} of {facts.travel:.2g} rad)'
+              for name, facts in joints.items() if facts.travel >= _TRAVEL.min_travel
+              and facts.slow_travel < _MIN_SLOW_TRAVEL * facts.travel}
+    if slow_share < _MIN_SLOW_SHARE or not missed:
+        return []
+    return [_noted(tuple(missed),
+                   f'slow samples cover little of the motion: {", ".join(missed.values())}')]
+
+
+def _travel_facts(joints: dict[str, JointFacts], at_rest: bool) -> list[Fact]:
+    result: list[Fact] = []
+    low, wide = _TRAVEL.min_travel, _TRAVEL.wide_travel
+    still = tuple(name for name, facts in joints.items() if facts.travel < low)
+    narrow = {name: f'{name} ({facts.travel:.2g} rad)' for name, facts in joints.items()
+              if low <= facts.travel < wide}
+    if still:
+        result.append(_noted(still, f'never moves: {", ".join(still)}',
+                             'gravity at other angles of that joint is not identifiable'))
+    if narrow:
+        result.append(_noted(tuple(narrow), f'moves little: {", ".join(narrow.values())}',
+                             'a model is valid only near these angles'))
+    if at_rest:
+        result.append(_noted((), 'poses at rest (every velocity is 0)', 'friction is not '
+                             'identifiable, and static friction remains in the torque'))
+        return result
+    one_way = tuple(name for name, facts in joints.items()
+                    if facts.travel >= low and facts.reversals == 0)
+    if one_way:
+        result.append(_noted(one_way, f'one direction only: {", ".join(one_way)}', 'friction '
+                             'cannot be separated from gravity without motion in the other '
+                             'direction'))
+    return result
+
+
+def _noted(names: tuple[str, ...], evidence: str, done: str = '') -> Fact:
+    return Fact(Kind.MOTION, names, evidence, Action.NOTED, done)

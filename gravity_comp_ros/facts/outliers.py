@@ -1,0 +1,109 @@
+"""Single samples and jumps: wraps of the angle, glitches of the position, spikes of the effort."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
+from gravity_comp_ros.printable import counted
+import numpy as np
+
+_TURN = 2 * np.pi
+# rad. Maximum difference between a jump and a whole turn: motion and noise of one sample.
+_NEAR_TURN = 0.5
+
+
+def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
+    """
+    Return the positions (M, N) without jumps of whole turns, and the fact if there were any.
+
+    Multiples of a turn are chosen so that the median position is nearest to 0. Gravity has the
+    period of a turn.
+    """
+    jumps: dict[str, float] = {}
+    q = signals.q
+    for n, name in enumerate(signals.names):
+        step = np.diff(q[:, n])
+        turns = np.rint(step / _TURN)
+        is_wrap = (turns != 0) & (np.abs(step - turns * _TURN) < _NEAR_TURN)
+        if not is_wrap.any() or not _is_smooth(step - np.where(is_wrap, turns * _TURN, 0.0)):
+            continue
+        jumps[name] = float(is_wrap.sum())
+        q = q.copy() if q is signals.q else q
+        q[1:, n] -= np.cumsum(np.where(is_wrap, turns * _TURN, 0.0))
+        q[:, n] -= _TURN * np.rint(np.median(q[:, n]) / _TURN)
+    if not jumps:
+        return q, None
+    return q, Fact(
+        Kind.WRAPS, tuple(jumps), f'position jumps by whole turns on '
+        f'{_with_numbers(jumps, "jump")}', Action.CORRECTED, 'unwrapped',
+        '--accept wrapped_positions reads it as recorded', jumps)
+
+
+def _is_smooth(step: FloatArray) -> bool:
+    """Return whether most steps are small against a turn, unlike those between random poses."""
+    return bool(np.quantile(np.abs(step), 0.95) < _NEAR_TURN)
+
+
+def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+    """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
+    bad = np.zeros_like(signals.q, dtype=bool)
+    for n, column in enumerate(signals.q.T):
+        deviation = np.abs(column - median_of_five(column))
+        limit = max(options.min_glitch, options.spike_spread * _spread(deviation))
+        bad[:, n] = deviation > limit
+    return _set_aside(signals, bad, options, Kind.GLITCHES,
+                      'position is far from both neighbours in')
+
+
+def spikes(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+    """Return the mask (M,) of samples with an effort far outside its range, and the fact."""
+    bad = np.zeros_like(signals.tau, dtype=bool)
+    for n, column in enumerate(signals.tau.T):
+        deviation = np.abs(column - median_of_five(column))
+        low, high = np.quantile(column, [0.02, 0.98])
+        margin = options.spike_margin * (high - low)
+        far = (column > high + margin) | (column < low - margin)
+        bad[:, n] = far & (deviation > max(options.spike_spread * _spread(deviation),
+                                           margin, options.dead_torque))
+    return _set_aside(signals, bad, options, Kind.SPIKES, 'effort has spikes in')
+
+
+def median_of_five(x: FloatArray) -> FloatArray:
+    """Return the median of x (M,) over two samples on either side; edges are repeated."""
+    if len(x) < 5:
+        return np.full_like(x, np.median(x)) if len(x) else x
+    padded = np.pad(x, 2, mode='edge')
+    a, b, c, d, e = (padded[k:k + len(x)] for k in range(5))
+    # The middle of five is that of c, and of the inner two of two sorted pairs.
+    low = np.maximum(np.minimum(a, b), np.minimum(d, e))
+    high = np.minimum(np.maximum(a, b), np.maximum(d, e))
+    return np.asarray(np.maximum(np.minimum(low, high),
+                                 np.minimum(np.maximum(low, high), c)))
+
+
+def _spread(deviation: FloatArray) -> float:
+    """Return the RMS of deviations (M,) that are limited to their 95 % quantile."""
+    limited = np.minimum(deviation, np.quantile(deviation, 0.95))
+    return float(np.sqrt(np.mean(limited ** 2)))
+
+
+def _set_aside(signals: Signals, bad: BoolArray, options: FactOptions, kind: Kind,
+               what: str) -> tuple[BoolArray, Fact | None]:
+    bad[:, bad.mean(axis=0) > options.max_outliers] = False
+    rows = np.asarray(bad.any(axis=1))
+    if not rows.any():
+        return rows, None
+    counts = {name: float(count) for name, count in zip(signals.names, bad.sum(axis=0)) if count}
+    return rows, Fact(kind, tuple(counts), f'{what} {_with_numbers(counts, "sample")}',
+                      Action.LEFT_OUT, f'{counted(int(rows.sum()), "sample")} left out',
+                      f'--accept {kind.value} keeps them', counts)
+
+
+def _with_numbers(counts: dict[str, float], what: str) -> str:
+    parts: Sequence[str] = [f'{name} ({counted(int(count), what)})'
+                            for name, count in counts.items()]
+    return ', '.join(parts)

@@ -1,0 +1,135 @@
+"""
+Layouts of tables as tools write them, brought to one: named columns and one column of time.
+
+- `ros2 topic echo --csv`: no header; seconds, nanoseconds, frame, names, then numbers.
+- rostopic, bagpy, Foxglove: numbered columns such as `field.position0`, `position_0` or
+  `position[0]`, and columns of the names with the same numbers.
+- seconds and nanoseconds in two columns.
+- PlotJuggler: one message in several rows, rows of other topics, blank cells between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import re
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.velocity_check import is_inconsistent, slope_ratios
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.table_files import Table
+import numpy as np
+
+# Column of time that is made of seconds and nanoseconds.
+JOINED_TIME = '__time'
+# Column of time of rostopic, in ns.
+ROSTOPIC_TIME = '%time'
+
+_SECONDS = re.compile(r'(.*?)(secs?|seconds)$', re.I)
+_NANOSECONDS = ('nanosec', 'nanosecs', 'nanoseconds', 'nsec', 'nsecs')
+_NUMBERED = re.compile(
+    r'(?:.*[./])?(name|position|velocity|effort)s?[_.\[]?(\d+)\]?$', re.I)
+# Maximum difference of the times of rows of one message, s: far below any interval of messages.
+_SAME_TIME = 1e-4
+
+
+def known_layout(table: Table) -> Table:
+    """Return the table with names of columns, joint names and one column of time."""
+    return _with_one_time(_with_numbers(_of_topic_echo(table)))
+
+
+def _of_topic_echo(table: Table) -> Table:
+    """Name the columns of `ros2 topic echo --csv` of a JointState."""
+    if table.columns != tuple(str(k + 1) for k in range(len(table.columns))):
+        return table
+    count = 0
+    while 3 + count in table.text:
+        count += 1
+    arrays, rest = divmod(len(table.columns) - 3 - count, max(count, 1))
+    if not count or rest or arrays not in (2, 3) or 0 in table.text or 1 in table.text:
+        return table
+    what = ['position', 'velocity', 'effort']
+    if arrays == 2:
+        t = table.values[:, 0] + 1e-9 * table.values[:, 1]
+        q, other = (table.values[:, 3 + (k + 1) * count:3 + (k + 2) * count] for k in range(2))
+        is_speed = ~is_inconsistent(*slope_ratios(t, q, other)).any()
+        what.remove('effort' if is_speed else 'velocity')
+    names = ['sec', 'nanosec', 'frame_id'] + [
+        f'{word}_{k}' for word in ('name', *what) for k in range(count)]
+    return replace(table, columns=tuple(names))
+
+
+def _with_numbers(table: Table) -> Table:
+    """Name numbered columns `position_0`, and take joint names from the columns of names."""
+    numbered = {k: match for k, name in enumerate(table.columns)
+                if (match := _NUMBERED.match(name))}
+    columns = [f'{numbered[k][1].lower()}_{numbered[k][2]}' if k in numbered else name
+               for k, name in enumerate(table.columns)]
+    if len(set(columns)) < len(columns):
+        return table
+    names = {int(match[2]): k for k, match in numbered.items() if match[1].lower() == 'name'}
+    joints = table.joints
+    if names and all(k in table.text for k in names.values()):
+        joints = tuple(table.text[names[number]][1].strip() for number in sorted(names))
+        for k in names.values():
+            if k in table.other_text:
+                line, cell = table.other_text[k]
+                raise BagError(
+                    f'{table.path}, line {line}, column {table.columns[k]}: the joint is {cell!r} '
+                    f'after {table.text[k][1]!r}; two publishers or another order of joints: '
+                    f'write one file for each')
+    return replace(table, columns=tuple(columns), joints=joints)
+
+
+def _with_one_time(table: Table) -> Table:
+    """Append the sum of seconds and nanoseconds, if they are in two columns."""
+    lower = [name.lower() for name in table.columns]
+    for k, name in enumerate(lower):
+        match = _SECONDS.match(name)
+        partner = next((lower.index(match[1] + word) for word in _NANOSECONDS
+                        if match and match[1] + word in lower), None)
+        if match and partner is not None and partner != k and JOINED_TIME not in lower:
+            time = table.values[:, k] + 1e-9 * table.values[:, partner]
+            return replace(table, columns=(*table.columns, JOINED_TIME),
+                           values=np.column_stack([table.values, time]))
+    return table
+
+
+def merged_rows(table: Table, time: int, used: list[int]) -> Table:
+    """
+    Return the table without rows that are blank in the used columns, with rows of one time merged.
+
+    :param time: column of time.
+    :param used: columns of position, velocity and effort.
+    """
+    values = table.values
+    blank = np.isnan(values[:, used])
+    if not blank.any() or any(column in table.text for column in (*used, time)):
+        return table
+    # Rows without a time are invalid, not blank.
+    rows = np.flatnonzero(~blank.all(axis=1) | np.isnan(values[:, time]))
+    if not rows.size:
+        return table
+    starts = _groups(values[rows, time], blank[rows])
+    first = rows[starts]
+    merged = values[first].copy()
+    group = np.cumsum(np.isin(np.arange(len(rows)), starts)) - 1
+    # Later rows first, so that the first value of a group remains.
+    for column in (*used, time):
+        here = np.isfinite(values[rows, column])
+        merged[group[here][::-1], column] = values[rows[here], column][::-1]
+    lines = None if table.lines is None else np.asarray(table.lines)[first]
+    return replace(table, values=merged, lines=lines)
+
+
+def _groups(t: FloatArray, blank: np.ndarray) -> np.ndarray:
+    """Return the first row of each group of equal time without a value given twice."""
+    starts, filled = [0], ~blank[0]
+    for k in range(1, len(t)):
+        present = ~blank[k]
+        is_same = abs(t[k] - t[starts[-1]]) <= _SAME_TIME
+        if not is_same or (filled & present).any():
+            starts.append(k)
+            filled = present
+        else:
+            filled = filled | present
+    return np.array(starts)

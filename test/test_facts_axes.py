@@ -1,0 +1,116 @@
+"""Joint order against the names, axes against the description, and angles in degrees."""
+
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.facts.axes import axis_facts, gravity_columns
+from gravity_comp_ros.facts.fact import Kind
+from gravity_comp_ros.facts.order import order_facts
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import numpy as np
+import pytest
+
+NAMES = ('pan', 'lift', 'elbow', 'wrist_1', 'wrist_2', 'wrist_3')
+ABOUT_X = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+BACK = ABOUT_X.T
+# Vertical, horizontal, horizontal, along the arm, across, along.
+ROTATIONS = np.array([np.eye(3), ABOUT_X, np.eye(3), BACK, ABOUT_X, BACK])
+# Moments of the links, N·m.
+MOMENTS = np.array([0, 0, 0, 52, 4, 0, 18, 2, 0, 0.3, 0, 3, 2.2, 1.1, 0, 0.2, 0, 0.4])
+
+
+def arm(seed=0, noise=0.05):
+    """Return slow samples of the arm, with friction."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(3000) / 50
+    omega, phase = rng.uniform(0.1, 0.25, 6), rng.uniform(0, 6, 6)
+    q = rng.uniform(-0.7, 0.7, 6) + 0.6 * np.sin(omega * t[:, None] + phase)
+    qd = 0.6 * omega * np.cos(omega * t[:, None] + phase)
+    tau = gravity_columns(q, ROTATIONS) @ MOMENTS
+    tau = tau + np.array([1.5, 1.5, 1, 0.5, 0.4, 0.3]) * np.tanh(qd / 0.004) + 0.5 * qd
+    tau = tau + noise * rng.standard_normal(q.shape)
+    return JointSamples.single_run(NAMES, t, q, qd, tau)
+
+
+def test_columns_are_the_derivative_of_the_energy():
+    # One vertical axis, then a horizontal one: a pendulum of moment h has tau = h cos(q2).
+    q = np.array([[0.3, 0.0], [1.0, np.pi / 2], [-2.0, 0.4]])
+    tau = gravity_columns(q, ROTATIONS[:2]) @ [0, 0, 0, 5.0, 0, 0]
+    np.testing.assert_allclose(tau[:, 0], 0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(tau[:, 1]), 5 * np.abs(np.cos(q[:, 1])), atol=1e-12)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_an_arm_as_described_has_no_facts(seed):
+    samples = arm(seed)
+    assert axis_facts(samples, ROTATIONS) == [] and order_facts(samples, NAMES) == []
+
+
+@pytest.mark.parametrize('joint', [1, 2, 4])
+def test_a_reversed_axis_is_named(joint):
+    sign = np.ones(6)
+    sign[joint] = -1.0
+    samples = arm()
+    turned = replace(samples, q=sign * samples.q, qd=sign * samples.qd, tau=sign * samples.tau)
+    (fact,) = axis_facts(turned, ROTATIONS)
+    assert fact.kind is Kind.AXES and f'--reverse {NAMES[joint]}' in fact.otherwise
+
+
+def test_another_zero_is_named():
+    samples = arm()
+    q = samples.q.copy()
+    q[:, 2] += np.pi / 2
+    (fact,) = axis_facts(replace(samples, q=q), ROTATIONS)
+    # Parallel axes: the zero of the joint before has equal torques.
+    for name, zero in fact.values.items():
+        q[:, NAMES.index(name)] -= zero
+    assert fact.values and axis_facts(replace(samples, q=q), ROTATIONS) == []
+
+
+def test_the_options_correct_the_recording(tmp_path):
+    samples = arm()
+    sign = np.array([1, 1, 1, 1, -1, 1.0])
+    q = sign * samples.q + [0, 0, 1.5708, 0, 0, 0]
+    path = tmp_path / 'x.mcap'
+    write_bag(path, [joint_states(replace(samples, q=q, qd=sign * samples.qd,
+                                          tau=sign * samples.tau))])
+    read = read_bag(path, ReadOptions(reverse=('wrist_2',), zero={'3': 1.5708})).samples
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_allclose(getattr(read, name), getattr(samples, name), atol=1e-12)
+    assert axis_facts(read, ROTATIONS) == []
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_exchanged_names_are_noted(seed):
+    samples = arm(seed)
+    order = [2, 1, 0, 3, 4, 5]
+    exchanged = replace(samples, q=samples.q[:, order], qd=samples.qd[:, order],
+                        tau=samples.tau[:, order])
+    (fact,) = order_facts(exchanged, NAMES)
+    assert fact.joints == ('pan', 'elbow') and '--rename pan=elbow,elbow=pan' in fact.otherwise
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_an_arm_on_a_wall_is_in_order(seed):
+    samples = arm(seed)
+    wall = ROTATIONS.copy()
+    wall[0] = ABOUT_X
+    tau = samples.tau + (gravity_columns(samples.q, wall)
+                         - gravity_columns(samples.q, ROTATIONS)) @ MOMENTS
+    assert order_facts(replace(samples, tau=tau), NAMES) == []
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_small_degrees_are_refused(tmp_path, seed):
+    samples = arm(seed)
+    narrow = 0.15 * samples.q
+    tau = gravity_columns(narrow, ROTATIONS) @ MOMENTS + np.tanh(samples.qd / 0.004)
+    degrees = replace(samples, q=np.degrees(narrow), qd=np.degrees(0.15 * samples.qd), tau=tau)
+    assert np.abs(degrees.q).max() < 4 * np.pi
+    path = tmp_path / 'x.mcap'
+    write_bag(path, [joint_states(degrees)])
+    with pytest.raises(BagError, match='linear in angles .* are they degrees'):
+        read_bag(path)
+    assert read_bag(path, ReadOptions(position_unit='deg')).report.facts == ()
