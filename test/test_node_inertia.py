@@ -41,7 +41,7 @@ def live():
     nodes = []
 
     def make(**settings):
-        given = {'unlimited_torque': True, 'settle_time': 0.0, **settings}
+        given = {'unlimited_torque': True, 'settle_time': 0.0, 'max_age': 0.0, **settings}
         nodes.append(NodeCore(Parameters(**given), '/joint_states', 0.0))
         return nodes[-1]
 

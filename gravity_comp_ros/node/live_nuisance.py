@@ -8,13 +8,10 @@ the noise of the training.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
-from gravity_comp_ros.data.runs import in_one_run
-from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion_direction import smooth_sign
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 import numpy as np
@@ -59,35 +56,6 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     moves = np.abs(qd) > REST_SPEED
     moves |= moves.mean(axis=0) < 0.5
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
-
-
-def interleaved_nuisance(model: GravityModel, train: JointSamples,
-                         held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
-    """
-    Return nuisance torque (M, N) in N·m at interleaved training and held-out samples.
-
-    The direction of friction at rest follows from the path of the joint, so both sets are
-    evaluated together in order of time.
-    """
-    both = concatenate((train, held_out))
-    order = np.argsort(both.t, kind='stable')
-    if (np.diff(both.t[order]) <= 0.0).any():
-        return (nuisance_torque(model.nuisance, train),
-                nuisance_torque(model.nuisance, held_out))
-    torque = np.empty_like(both.tau)
-    torque[order] = nuisance_torque(model.nuisance, in_one_run(both, order))
-    return torque[:len(train)], torque[len(train):]
-
-
-def without_nuisance(model: GravityModel, samples: JointSamples,
-                     torque: FloatArray) -> JointSamples:
-    """
-    Return the samples minus a torque (M, N) in N·m that includes a model's nuisance terms.
-
-    If the model has inertia terms, the rest has no inertia: the accelerations are then 0.
-    """
-    qdd = np.zeros_like(samples.q) if model.nuisance.of(INERTIA) else samples.qdd
-    return replace(samples, tau=samples.tau - torque, qdd=qdd)
 
 
 class LiveNuisance:

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.node.epoch import EpochOptions
-from gravity_comp_ros.node.feedforward_options import FeedForwardOptions
+from gravity_comp_ros.node.feedforward import FeedForwardOptions
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload import PayloadLimits
 
@@ -26,7 +26,8 @@ def epoch_options(given: Parameters) -> EpochOptions:
 def feedforward_options(given: Parameters) -> FeedForwardOptions:
     """Return the options of the feed-forward; their names are those of the parameters."""
     return FeedForwardOptions(**{each.name: getattr(given, each.name)
-                                 for each in fields(FeedForwardOptions)})
+                                 for each in fields(FeedForwardOptions)
+                                 if hasattr(given, each.name)})
 
 
 def payload_limits(given: Parameters) -> PayloadLimits:

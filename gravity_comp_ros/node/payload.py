@@ -1,9 +1,8 @@
-"""Limits of a payload, and the finding of a payload test."""
+"""Limits of a payload."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
@@ -34,19 +33,3 @@ class PayloadLimits:
     def moment(self) -> float:
         """The largest change of one link's moment, N·m."""
         return STANDARD_GRAVITY * self.mass * self.reach
-
-
-@dataclass(frozen=True)
-class PayloadFinding:
-    """
-    The finding of a payload test on a window of samples.
-
-    `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
-    has changed in a way that no payload explains. `text` is a sentence, `values` are named
-    figures.
-    """
-
-    is_payload: bool
-    is_other: bool
-    text: str
-    values: Mapping[str, str] = field(default_factory=dict)

@@ -13,9 +13,14 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.model_acceptance import Verdict
-from gravity_comp_ros.node.payload import PayloadFinding, PayloadLimits
-from gravity_comp_ros.node.self_confirmation import SentTorque
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.payload import PayloadLimits
+from gravity_comp_ros.node.sent_torque import SentTorque
+
+# Checks that fail where the effort is faulty.
+FAULTS = (checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS, checks.NO_FAULT,
+          checks.WITHIN_LIMITS)
 
 
 @dataclass(frozen=True)
@@ -48,21 +53,40 @@ class FitJob:
 @dataclass(frozen=True, eq=False)
 class FitResult:
     """
-    The best model of a job, its verdict, and the computing time in s.
+    The best model of a job, its checks, and the computing time in s.
 
-    `low` and `high` (N,) in rad are the range of the training samples. `outliers` has the number
-    of samples of each joint that were left out.
+    `figures` has the errors of the comparison in one line. `low` and `high` (N,) in rad are the
+    range of the training samples. `outliers` has the number of samples of each joint that were
+    left out.
     """
 
     number: int
     epoch: int
     model: GravityModel
-    verdict: Verdict
+    checks: tuple[Check, ...]
+    figures: str
     how: str
     seconds: float
     low: FloatArray
     high: FloatArray
     outliers: Mapping[str, int] = field(default_factory=dict)
+    is_compensated: bool = False
+
+    @property
+    def accepted(self) -> bool:
+        return checks.failed(self.checks) is None
+
+    @property
+    def fault(self) -> str:
+        """Why the effort is faulty; empty if it is not."""
+        return next((check.text for check in self.checks
+                     if check.name in FAULTS and not check.passed), '')
+
+    @property
+    def reason(self) -> str:
+        """The decision with its figures in one line."""
+        refusal = checks.failed(self.checks)
+        return self.figures if refusal is None else f'{refusal.text} ({self.figures})'
 
 
 @dataclass(frozen=True)
@@ -95,8 +119,22 @@ class PayloadJob:
 
 @dataclass(frozen=True)
 class PayloadResult:
-    """The result of a payload test, and the stamp of its first sample in s."""
+    """
+    The result of a payload test.
+
+    `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
+    has changed in a way that no payload explains. `text` is a sentence, `values` are named
+    figures, `since` is the stamp of the first sample in s.
+    """
 
     number: int
-    finding: PayloadFinding
+    is_payload: bool
+    is_other: bool
+    text: str
     since: float
+    checks: tuple[Check, ...] = ()
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+AnyJob = FitJob | DiagnosisJob | PayloadJob
+AnyResult = FitResult | DiagnosisResult | PayloadResult
