@@ -18,8 +18,8 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.hypotheses import Hypotheses
+from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.jobs import as_chain, outliers_of_change, run_fit
-from gravity_comp_ros.node.payload import PayloadLimits
 import numpy as np
 import pytest
 

@@ -287,7 +287,8 @@ def test_invalid_calls_and_parameters(recording, model_file):
                 assert not result.successful
                 # rclpy refuses some values with its own message.
                 assert any(word in result.reason
-                           for word in (name, 'read-only', 'undeclared parameter')), result
+                           for word in (name, 'read-only', 'undeclared parameter',
+                                        'parameter type')), result
         for name in ('refit', 'diagnose', 'rollback'):
             with field.fault(f'{name} without data'):
                 answer = probe.call(name)

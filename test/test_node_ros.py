@@ -265,7 +265,7 @@ def test_signals_during_startup_end_it_without_a_traceback(number, iiwa_model_fi
 def test_bad_parameters_are_refused_with_the_reason(iiwa_model_file):
     with running({'model_file': iiwa_model_file}) as (_, probe):
         for name, value, why in [
-                ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'of type double'),
+                ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'parameter type'),
                 ('formulation', 'magic', 'one of auto, potential, chain'),
                 ('max_torque', [1.0, 2.0], '2 values for 7 joints'),
                 ('max_torque', [float('nan')], 'finite'), ('joints', ['a'], 'read-only'),
@@ -276,7 +276,8 @@ def test_bad_parameters_are_refused_with_the_reason(iiwa_model_file):
                 continue
             assert not result.successful and why in result.reason, (name, result)
         assert set_parameter(probe, 'max_torque', [100.0]).successful
-        assert set_parameter(probe, 'max_speed', 1).successful
+        assert set_parameter(probe, 'max_speed', 1.0).successful
+        assert set_parameter(probe, 'compensate', ['coulomb_friction']).successful
 
 
 @pytest.mark.parametrize('parameters, why', [

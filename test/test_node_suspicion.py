@@ -13,7 +13,7 @@ from gravity_comp_ros.models.nuisance import (
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
 from gravity_comp_ros.node.jobs import interleaved_nuisance, run_payload_test
-from gravity_comp_ros.node.live_nuisance import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.slow_samples import expected_residual, LiveNuisance, residual_noise
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
 from hypothesis import given, settings, strategies as st

@@ -85,7 +85,8 @@ def contacts(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return effort with a push of up to three seconds, about every half minute."""
     effort, k = tau.copy(), int(rng.integers(20, 60))
     while k < len(effort):
-        effort[k:k + int(rng.integers(2, 16))] += rng.uniform(1.0, 10.0) * rng.standard_normal(7)
+        push = rng.uniform(1.0, 10.0) * rng.standard_normal(tau.shape[1])
+        effort[k:k + int(rng.integers(2, 16))] += push
         k += int(rng.integers(100, 200))
     return effort
 
@@ -238,5 +239,5 @@ def all_faults(seeds: int) -> list[Fault]:
         answered('all joints one revolution further', '', offset=2.0 * np.pi),
         answered('all joints one revolution back', '', offset=-2.0 * np.pi),
         lost_stamps(),
-        answered('velocity 0 while the arm moves', 'velocity_wrong', velocity=np.zeros(7)),
+        answered('velocity 0 while the arm moves', 'velocity_wrong', velocity=0.0),
     ]

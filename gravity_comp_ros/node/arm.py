@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 
-from gravity_comp_ros.data.gate import Gate, RATE
+from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -13,21 +13,21 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.delayed_samples import DelayedSamples, SlowSample
-from gravity_comp_ros.node.epoch import Epoch
-from gravity_comp_ros.node.feedforward import FeedForward
-from gravity_comp_ros.node.live_nuisance import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions
+from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.messages import (
     CompleteReading, JointStateReader, Reading, TIME_BACK, TIME_STILL)
-from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.realtime_effects import EffectsInUse
 from gravity_comp_ros.node.sent_torque import SentTorqueHistory
+from gravity_comp_ros.node.slow_samples import (
+    DelayedSamples, expected_residual, LiveNuisance, residual_noise, SlowSample)
 from gravity_comp_ros.node.torque_source import TorqueSource, UncertainChange
 from gravity_comp_ros.node.watch import ModelWatch, PayloadWatch
 import numpy as np
 
-# Time between two evaluations of the share of an uncertain change, s. Each takes a millisecond.
+# Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
 SHARE_PERIOD = 0.2
 
 
@@ -297,3 +297,27 @@ class Arm:
             *diagnostics.joint_statuses(
                 self.joints, self.epoch.coverage().span, residual, noise, outside,
                 not self.epoch.is_open)]
+
+
+def gate_options(given: Parameters) -> GateOptions:
+    """Return the options of the slow-motion gate."""
+    return GateOptions(given.max_speed, given.max_acceleration or None, given.sample_rate)
+
+
+def epoch_options(given: Parameters) -> EpochOptions:
+    """Return the sizes of an epoch."""
+    return EpochOptions(given.capacity, given.min_samples, given.first_samples,
+                        given.full_samples, given.min_span,
+                        block=max(5, round(given.sample_rate)))
+
+
+def feedforward_options(given: Parameters) -> FeedForwardOptions:
+    """Return the options of the feed-forward; their names are those of the parameters."""
+    return FeedForwardOptions(**{each.name: getattr(given, each.name)
+                                 for each in fields(FeedForwardOptions)
+                                 if hasattr(given, each.name)})
+
+
+def payload_limits(given: Parameters) -> PayloadLimits:
+    """Return the limits of a payload."""
+    return PayloadLimits(given.max_payload, given.max_payload_reach)

@@ -35,10 +35,12 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
-from gravity_comp_ros.node.live_nuisance import moving_rms
-from gravity_comp_ros.node.payload import PayloadLimits
+from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.slow_samples import moving_rms
 import numpy as np
 
+# Number of parts of a window; a change must be present in each of them.
+PARTS = 3
 # Factor of the noise for the autocorrelated model error of consecutive slow samples.
 _CORRELATED = 2.0
 # Correlation time of the force of a hand, s, and its relative standard deviation.

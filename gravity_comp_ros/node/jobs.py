@@ -43,7 +43,7 @@ from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Hypotheses
 from gravity_comp_ros.node.job_messages import (
     AnyJob, AnyResult, DiagnosisJob, DiagnosisResult, FitJob, FitResult, PayloadJob, PayloadResult)
-from gravity_comp_ros.node.live_nuisance import (
+from gravity_comp_ros.node.slow_samples import (
     expected_residual, moving_rms, residual_noise, REST_SPEED, rms)
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
@@ -141,9 +141,9 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     what = 'a body' if body is None else f'a change of {body[0]:.3g} kg'
     every = (*present, *other)
     # A push or a varying force that is as likely as a body is no reason for an alarm.
-    doubtful = any(0.0 <= check.statistic < check.limit for check in other
+    ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                    if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
-    if checks.failed(present) is not None or doubtful:
+    if checks.failed(present) is not None or ambiguous:
         return PayloadResult(job.number, False, False, f'no payload is suspected: {figures}',
                              since, every, values)
     if (refusal := checks.failed(other)) is not None:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.arm import Arm, payload_limits
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.diagnostics import Learning
 from gravity_comp_ros.node.job_messages import (
     AnyJob, DiagnosisJob, DiagnosisResult, FitJob, FitResult, PayloadJob, PayloadResult)
 from gravity_comp_ros.node.model_history import ModelHistory, Reply
-from gravity_comp_ros.node.options import payload_limits
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN, Suspicion

@@ -31,7 +31,7 @@ INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
 DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                              reliability=ReliabilityPolicy.RELIABLE,
                              durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Ticks per message on `~/extrapolation`, whose standard deviation takes a millisecond.
+# Ticks per message on `~/extrapolation`, whose standard deviation takes 0.2 ms.
 TICKS_PER_EXTRAPOLATION = 5
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')

@@ -17,9 +17,9 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.hypotheses import PARTS
 from gravity_comp_ros.node.job_messages import PayloadResult
-from gravity_comp_ros.node.live_nuisance import expected_residual
-from gravity_comp_ros.node.payload import PARTS
+from gravity_comp_ros.node.slow_samples import expected_residual
 import numpy as np
 
 LEARN = 'learn'
