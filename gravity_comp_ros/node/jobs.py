@@ -142,7 +142,7 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     every = (*present, *other)
     # A push or a varying force that is as likely as a body is no reason for an alarm.
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
-                   if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
+                    if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
     if checks.failed(present) is not None or ambiguous:
         return PayloadResult(job.number, False, False, f'no payload is suspected: {figures}',
                              since, every, values)
