@@ -47,6 +47,8 @@ _CORRELATED = 2.0
 _FORCE_TIME, _FORCE_STD = 2.0, 0.3
 # Prior standard deviations of moments without known axes, relative to the largest residual.
 _MOMENT_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)
+# Prior standard deviations of a body on known axes, relative to half of the payload limits.
+_BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
 # Prior standard deviations relative to friction: of friction and of offset, both plus noise.
 _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
 # Speed at which the prior torque of a viscous term is that of the noise, rad/s.
@@ -103,12 +105,13 @@ class Hypotheses:
 
         self._base = self._loaded = base(chain.chain)
         self.body, *self._horizontal = self._forces(chain.chain, gravity.q)
-        if geometry is None:
-            # The size of the moments of links of unknown length: that of the largest evidence.
-            fits = [self.explain(scale * self.body).log_evidence for scale in _MOMENT_SCALES]
-            self._scale = _MOMENT_SCALES[int(np.argmax(fits))]
-            self.body = self._scale * self.body
-            self._horizontal = [self._scale * columns for columns in self._horizontal]
+        # The size of the body is that of the largest evidence: a light one is as likely as a
+        # heavy one.
+        self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
+        fits = [self.explain(scale * self.body).log_evidence for scale in self._scales]
+        self._scale = self._scales[int(np.argmax(fits))]
+        self.body = self._scale * self.body
+        self._horizontal = [self._scale * columns for columns in self._horizontal]
         # The uncertainty of an axis matters as much as the moments that it carries.
         change = self._moments(self.explain(self.body))
         self._loaded = base(chain.chain.moved(np.concatenate((np.zeros_like(change), change))))
@@ -157,9 +160,8 @@ class Hypotheses:
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
         fault = self._fault([joint])
-        scales = _MOMENT_SCALES if self._geometry is None else (1.0,)
         fits = [self.explain(fault, scale / self._scale * self.body, base=self._loaded)
-                for scale in scales]
+                for scale in self._scales]
         return max(fits, key=lambda fit: fit.log_evidence)
 
     def _fault(self, joints: Sequence[int]) -> FloatArray:
@@ -223,7 +225,7 @@ class Hypotheses:
 
     def _body_scale(self) -> FloatArray:
         # The limit is two prior standard deviations.
-        return 0.5 * self._limits.mass * np.array([1.0, *3 * [self._limits.reach]])
+        return 0.5 * self._scale * self._limits.mass * np.array([1.0, *3 * [self._limits.reach]])
 
     def _moment_scale(self) -> float:
         return float(np.abs(self.samples.tau - self.before).max()) + 1e-9
