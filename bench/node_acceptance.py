@@ -27,8 +27,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.fit_job import run_fit
-from gravity_comp_ros.node.fit_messages import FitJob, FitResult
+from gravity_comp_ros.node.job_messages import FitJob, FitResult
+from gravity_comp_ros.node.jobs import run_fit
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
@@ -121,10 +121,10 @@ def evaluate(case: Case, base: GravityModel, geometry: Geometry | None,
     start = time.monotonic()
     result = outcome(case, base, geometry)
     seconds = time.monotonic() - start
-    accepted = isinstance(result, FitResult) and result.verdict.better
+    accepted = isinstance(result, FitResult) and result.accepted
     model = result.model if isinstance(result, FitResult) and accepted else base
     error = float(np.sqrt(((model.predict(case.later) - case.truth) ** 2).mean(axis=0)).max())
-    reason = result.verdict.reason if isinstance(result, FitResult) else result
+    reason = result.reason if isinstance(result, FitResult) else result
     print(f'{n:4} samples {"accepted" if accepted else "refused "} {error:7.2f} N·m '
           f'{seconds:5.1f} s {case.label}: {reason}', flush=True)
     return accepted, error

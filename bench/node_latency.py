@@ -269,7 +269,7 @@ def compare(args: argparse.Namespace, model: Path) -> dict:
     commands = {
         'echo': [sys.executable, __file__, '--echo'],
         'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
-                 '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]',
+                 '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]', '-p', 'max_age:=0.0',
                  '-p', 'sample_rate:=50.0']}
     runs: list[tuple[dict[str, Measured], Sender, int]] = []
     if args.turns:

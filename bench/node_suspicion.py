@@ -158,7 +158,7 @@ class Core:
 
     def __init__(self, model: GravityModel, axes: bool) -> None:
         self.live = NodeCore(
-            Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False,
+            Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False, max_age=0.0,
                        stale_action='hold'), '/joint_states', 0.0)
         self.send(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)), np.zeros(7))
         if axes:
@@ -179,8 +179,9 @@ class Core:
 
     def send(self, s: Sample, tau: FloatArray) -> None:
         """Send a sample with the measured torque (N,) to the node."""
-        reading, _ = self.live.message(self._message(s, tau), s.t, s.t)
+        reading = self.live.read(self._message(s, tau), s.t)
         if reading is not None:
+            self.live.torque([reading], s.t)
             self.live.learn(reading, s.t)
 
     def run(self, source: Iterator[Sample], arm: Arm, rng: np.random.Generator,

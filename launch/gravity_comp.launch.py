@@ -25,12 +25,16 @@ def generate_launch_description() -> LaunchDescription:
             'commands', default_value='~/commands',
             description='Topic of the torques: the command topic of the controller.'),
         DeclareLaunchArgument(
+            'respawn', default_value='true', choices=['true', 'false'],
+            description='Start the node again after it has ended with an error.'),
+        DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
             description='Use the time of /clock.'),
     ]
     node = Node(
         package='gravity_comp_ros', executable='gravity_comp_node', name='gravity_comp',
         namespace=LaunchConfiguration('namespace'), output='screen', emulate_tty=True,
+        respawn=LaunchConfiguration('respawn'), respawn_delay=2.0,
         parameters=[LaunchConfiguration('params_file'),
                     {'use_sim_time': LaunchConfiguration('use_sim_time')}],
         remappings=[('joint_states', LaunchConfiguration('joint_states')),

@@ -40,9 +40,12 @@ SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
 # memory, regardless of the configured transports. The demo kills no node and uses it.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
 os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'udp_localhost.xml')
-# Many tests wait for the next report, which takes up to a second at the default rate.
-QUICK = {'diagnostics_rate': 20.0}
+# Many tests wait for the next report, which takes up to a second at the default rate, and send
+# recordings, whose stamps are of another day.
+QUICK = {'diagnostics_rate': 20.0, 'max_age': 0.0}
 PR_SET_PDEATHSIG = 1
+# Arguments of Python that run the node.
+NODE = ('-m', 'gravity_comp_ros.node.main')
 _libc = ctypes.CDLL(None)
 
 
@@ -69,7 +72,8 @@ class NodeProcess:
     """The executable of the node, with parameters and in a domain."""
 
     def __init__(self, domain: int, parameters: dict[str, object] | None = None,
-                 arguments: tuple[str, ...] = ()) -> None:
+                 arguments: tuple[str, ...] = (),
+                 program: tuple[str, ...] = NODE) -> None:
         args = []
         for name, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -79,9 +83,8 @@ class NodeProcess:
         # A file, because a full pipe would block the node.
         self._output = tempfile.TemporaryFile('w+')  # noqa: SIM115
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
-             *arguments], env=environment, stdout=self._output, stderr=subprocess.STDOUT,
-            preexec_fn=_prepare_child)
+            [sys.executable, *program, '--ros-args', *args, *arguments], env=environment,
+            stdout=self._output, stderr=subprocess.STDOUT, preexec_fn=_prepare_child)
 
     def stop(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> tuple[int, str]:
         """Send a signal and return exit code and output."""
@@ -251,12 +254,13 @@ class Probe(Node):
 
 @contextmanager
 def running(parameters: dict[str, object] | None = None, arguments: tuple[str, ...] = (),
-            wait: bool = True, reliable: bool = True) -> Iterator[tuple[NodeProcess, Probe]]:
+            wait: bool = True, reliable: bool = True,
+            program: tuple[str, ...] = NODE) -> Iterator[tuple[NodeProcess, Probe]]:
     """Run the node and a probe in a private domain; the node reports 20 times per second."""
     with private_domain() as domain:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
-        node = NodeProcess(domain, {**QUICK, **(parameters or {})}, arguments)
+        node = NodeProcess(domain, {**QUICK, **(parameters or {})}, arguments, program)
         probe = Probe(context, reliable)
         try:
             if wait:

@@ -140,7 +140,7 @@ def test_the_core_loads_without_the_rest():
 def test_programs_start_without_slow_modules_of_scipy():
     # The import of these three takes longer than all others together; few runs need them.
     program = ('import sys, gravity_comp_ros.api.loop, gravity_comp_ros.commands.fit, '
-               'gravity_comp_ros.node.fit_job, gravity_comp_ros.workbench.jobs\n'
+               'gravity_comp_ros.node.jobs, gravity_comp_ros.workbench.jobs\n'
                'print(sorted({"scipy.stats", "scipy.signal", "scipy.optimize"} '
                '& set(sys.modules)))')
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+import re
 import sys
 
 from broken_effort import intermittent_brake, KINDS
@@ -13,13 +14,12 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.node.base_chain import as_chain
-from gravity_comp_ros.node.effort_plausibility import (
-    dead_joint_objection, first_model_objection, lost_gravity_objection, reference_noise)
-from gravity_comp_ros.node.fit_job import run_fit
-from gravity_comp_ros.node.outliers import outliers_of_change, rms_without
-from gravity_comp_ros.node.payload import PayloadLimits
-from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.acceptance import (
+    AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
+from gravity_comp_ros.node.hypotheses import Hypotheses
+from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.jobs import as_chain, outliers_of_change, run_fit
 import numpy as np
 import pytest
 
@@ -52,8 +52,8 @@ def corrupted(name, n=100, seed=1):
 # Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
 @pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
 def test_broken_effort_is_refused(name, base, geometry):
-    result = run_fit(job_of(corrupted(name), base, geometry)).verdict
-    assert result.broken and not result.better and result.broken in result.reason
+    result = run_fit(job_of(corrupted(name), base, geometry))
+    assert result.fault and not result.accepted and result.fault in result.reason
 
 
 @pytest.mark.parametrize('mass, centre', [(0.3, (0.0, 0.0, 0.1)), (5.0, (0.12, -0.1, 0.1))])
@@ -61,7 +61,7 @@ def test_a_real_payload_is_accepted_within_twenty_seconds(mass, centre, base, ge
     case = recorded('eq17', 0, 20.0, 80.0, Payload(mass, centre), 'real',
                     np.random.default_rng(2))
     outcome = run_fit(job_of(case, base, geometry))
-    assert outcome.verdict.better, outcome.verdict.reason
+    assert outcome.accepted, outcome.reason
     assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
 
 
@@ -71,7 +71,7 @@ def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
     case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
     samples = replace(case.samples, tau=intermittent_brake(case.samples.tau, rng))
     result = run_fit(job_of(replace(case, samples=samples), base))
-    assert result.verdict.better, result.verdict.reason
+    assert result.accepted, result.reason
     assert result.outliers and sum(result.outliers.values()) < 0.2 * len(samples)
     assert np.abs(result.model.predict(case.later) - case.truth).max() < 0.5
     clean = run_fit(job_of(case, base))
@@ -86,7 +86,7 @@ def test_a_transient_does_not_prevent_a_first_model():
     samples = replace(samples, tau=tau)
     job = job_of(bench.Case('', samples, samples.q, tau), None)
     result = run_fit(job)
-    assert result.verdict.better, result.verdict.reason
+    assert result.accepted, result.reason
     assert set(result.outliers) == {ARM.joints[0]} and sum(result.outliers.values()) <= 4
 
 
@@ -97,16 +97,29 @@ def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
     assert not outliers_of_change(replace(samples, tau=tau), base).any()
 
 
-def evidence(base, change, noise=0.1):
-    """Return the evidence of a change (N, 2) of the moments of a chain."""
-    samples = recorded('eq17', 0, 20.0, 30.0, None, '', np.random.default_rng(0)).samples
-    moved = base.chain.moved(np.concatenate([np.zeros(14), np.ravel(change)]))
-    tau = moved.torque(samples.q) + noise * np.random.default_rng(1).standard_normal((100, 7))
-    samples = replace(samples, tau=tau)
-    loaded = replace(base, chain=moved,
-                     torques=base.torques, energy=base.energy)
-    loaded.__dict__['predict'] = moved.torque
-    return PayloadEvidence(base, loaded, samples, samples, np.full(7, noise))
+def table(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, payload=None):
+    """
+    Return the hypotheses of twenty seconds with 0.1 N·m of noise.
+
+    :param change: of the moments (7, 2) of the chain in N·m.
+    :param scaled: joints and the gain of their effort.
+    """
+    samples = recorded('eq17', 0, 20.0, 30.0, payload, '', np.random.default_rng(0)).samples
+    if change is not None:
+        moved = base.chain.moved(np.concatenate([np.zeros(14), np.ravel(change)]))
+        noise = 0.1 * np.random.default_rng(1).standard_normal((100, 7))
+        samples = replace(samples, tau=moved.torque(samples.q) + noise)
+    tau = samples.tau.copy()
+    for joint, gain in scaled:
+        tau[:, joint] *= gain
+    return Hypotheses(replace(samples, tau=tau), 0.0 * tau, base, base, np.full(7, 0.1), limits,
+                      geometry)
+
+
+def refusals(hypotheses, limits=PayloadLimits()):
+    """Return name and text of each check that did not pass."""
+    return {check.name: check.text for check in
+            body_checks(hypotheses, np.full(7, 0.1), 1.0, limits) if not check.passed}
 
 
 def moments(**changed):
@@ -116,31 +129,48 @@ def moments(**changed):
     return result
 
 
-def test_a_change_of_the_shoulder_alone_is_refused(base):
-    why = list(objections(evidence(base, moments(m1=10.0)), PayloadLimits()))
-    assert any('only the moment at iiwa_joint_2 changed' in text for text in why)
-    assert not list(objections(evidence(base, moments(m1=10.0, m3=9.0)), PayloadLimits()))
+@pytest.mark.parametrize('joint', [1, 3, 5])
+@pytest.mark.parametrize('gain', [0.0, -1.0, 0.5])
+@pytest.mark.parametrize('known', [False, True])
+def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
+    axes = geometry if known else None
+    reasons = refusals(table(as_chain(base, axes), scaled=[(joint, gain)], geometry=axes))
+    match = re.search(r'of iiwa_joint_(\d) is (\S+) times', reasons[checks.NO_FAULT])
+    assert int(match[1]) == joint + 1 and float(match[2]) == pytest.approx(gain, abs=0.02)
+
+
+def test_a_body_is_no_fault(base, geometry):
+    for axes in (None, geometry):
+        for mass in (0.3, 2.0, 5.0):
+            payload = Payload(mass, (0.1, -0.05, 0.1))
+            assert not refusals(table(as_chain(base, axes), geometry=axes, payload=payload))
+        assert not refusals(table(as_chain(base, axes), geometry=axes))
+
+
+def test_a_change_of_the_outer_links_is_a_body(base):
+    assert not refusals(table(base, moments(m1=10.0, m3=9.0)))
 
 
 def test_a_change_beyond_max_payload_is_refused(base):
-    heavy = evidence(base, moments(m1=60.0, m3=50.0))
-    assert not list(objections(heavy, PayloadLimits()))
-    assert 'max_payload 5 kg' in next(objections(heavy, PayloadLimits(mass=5.0)))
+    heavy = table(base, moments(m1=60.0, m3=50.0))
+    assert not refusals(heavy)
+    limits = PayloadLimits(mass=5.0)
+    assert 'max_payload 5 kg' in refusals(heavy, limits)[checks.WITHIN_LIMITS]
 
 
 def test_a_common_factor_of_all_joints_is_refused(base):
-    doubled = evidence(base, base.chain.moments)
-    assert 'all joints is 2 times' in list(objections(doubled, PayloadLimits(mass=100.0)))[-1]
+    limits = PayloadLimits(mass=100.0)
+    every = [(joint, 2.0) for joint in range(7)]
+    assert 'all joints is 2 times' in refusals(table(base, scaled=every, limits=limits), limits)[
+        checks.NO_FAULT]
 
 
 def test_known_axes_bound_mass_and_reach(base, geometry):
-    case = recorded('eq17', 0, 20.0, 80.0, Payload(3.0, (0.0, 0.0, 0.4)), '',
-                    np.random.default_rng(2)).samples
-    base = as_chain(base, geometry)
-    result = PayloadEvidence(base, base, case, case, np.full(7, 0.1))
-    assert not list(objections(result, PayloadLimits(), geometry))
-    assert 'max_payload is 2 kg' in next(objections(result, PayloadLimits(mass=2.0), geometry))
-    assert 'max_payload_reach' in next(objections(result, PayloadLimits(reach=0.2), geometry))
+    payload, chain = Payload(3.0, (0.0, 0.0, 0.4)), as_chain(base, geometry)
+    for limits, why in ((PayloadLimits(), None), (PayloadLimits(mass=2.0), 'max_payload is 2 kg'),
+                        (PayloadLimits(reach=0.2), 'max_payload_reach')):
+        reasons = refusals(table(chain, limits=limits, geometry=geometry, payload=payload), limits)
+        assert not reasons if why is None else why in reasons[checks.WITHIN_LIMITS]
 
 
 def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
@@ -166,41 +196,16 @@ def test_reference_noise_is_the_larger_of_earlier_and_present_noise():
 def test_a_first_model_must_explain_every_joint():
     q = np.random.default_rng(0).uniform(-1, 1, (200, 2))
     samples = JointSamples.single_run(['a', 'b'], np.arange(200), q, 0 * q, q * [20.0, 10.0])
-    assert first_model_objection(samples, np.array([0.5, 1.0])) is None
-    assert 'effort of b contradicts' in first_model_objection(samples, np.array([0.5, 4.0]))
-    assert lost_gravity_objection(samples, 5.0 * samples.tau, np.full(2, 0.1)) is not None
-    assert lost_gravity_objection(samples, 2.0 * samples.tau, np.full(2, 0.1)) is None
+    assert joints_agree(samples, np.array([0.5, 1.0])).passed
+    refusal = joints_agree(samples, np.array([0.5, 4.0]))
+    assert not refusal.passed and 'effort of b contradicts' in refusal.text
+    assert not gravity_present(samples, 5.0 * samples.tau, np.full(2, 0.1)).passed
+    assert gravity_present(samples, 2.0 * samples.tau, np.full(2, 0.1)).passed
 
 
-def test_two_outliers_are_no_broken_effort():
-    rng = np.random.default_rng(0)
-    q = rng.uniform(-1, 1, (150, 2))
-    gravity = q * [3.0, 10.0]
-    tau = gravity + 0.1 * rng.standard_normal(q.shape)
-    spiky, broken = tau.copy(), tau.copy()
-    spiky[:2, 0] += [-8.0, 8.0]
-    broken[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
-    for effort, is_broken in ((spiky, False), (broken, True)):
-        samples = JointSamples.single_run(['a', 'b'], np.arange(150), q, 0 * q + 0.1, effort)
-        residual = rms_without(samples, gravity)
-        assert (first_model_objection(samples, residual) is not None) == is_broken
-    assert rms_without(replace(samples, tau=spiky), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
-
-
-def test_a_payload_does_not_cancel_the_gravity_of_one_joint_alone():
-    q = np.random.default_rng(0).uniform(-1, 1, (60, 3))
-    noise, before = np.full(3, 0.1), q * [20.0, 8.0, 3.0]
-
-    def objection(tau):
-        tau = tau + noise * np.random.default_rng(1).standard_normal(tau.shape)
-        samples = JointSamples.single_run(['a', 'b', 'c'], np.arange(60.0), q, 0 * q, tau)
-        return dead_joint_objection(samples, before, noise)
-
-    assert objection(before) is None
-    assert 'effort of b is' in objection(before * [1.0, 0.0, 1.0])
-    # A payload removed from the last link reduces the torque of all joints.
-    assert objection(before * [0.8, 0.6, 0.0]) is None
-    assert objection(before * [0.5, 0.5, 0.5]) is None
+def test_limits_of_the_checks_are_positive():
+    with pytest.raises(OptionError, match='max_echo'):
+        AcceptanceOptions(max_echo=0.0)
 
 
 @pytest.mark.parametrize('bad', [{'mass': 0.0}, {'reach': -1.0}, {'mass': float('inf')}])

@@ -1,15 +1,20 @@
 """`NodeCore` without ROS, with explicit messages and time, and a real fit process."""
 
+from dataclasses import replace
+import os
+import signal
 import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.diagnostics import (
     ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.torque_source import UncertainChange
 from node_messages import joint_state as message, send_message, until
 import numpy as np
 import pytest
@@ -34,7 +39,7 @@ def live():
     nodes = []
 
     def make(**settings):
-        given = Parameters(**{'unlimited_torque': True, **settings})
+        given = Parameters(**{'unlimited_torque': True, 'max_age': 0.0, **settings})
         nodes.append(NodeCore(given, '/joint_states', 0.0))
         return nodes[-1]
 
@@ -83,7 +88,9 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     assert status(node, 'model').level == ERROR
     assert 'model.json' in status(node, 'model').message
     assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
-    assert not node.save()[0] and path.read_bytes() == content
+    answers = []
+    node.save(0.0, lambda *answer: answers.append(answer))
+    assert not answers[0][0] and path.read_bytes() == content
 
 
 def test_a_model_of_other_joints_is_not_used(live, model_file):
@@ -206,17 +213,39 @@ def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file)
     assert answers[0][1].count('N·m') >= 2
 
 
-def test_a_machine_that_is_too_slow_is_reported(live, model_file):
-    node = live(model_file=str(model_file))
+def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
+    """All are learned from; a machine that is too slow is reported."""
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
     now = feed(node, 20)
-    node.late = 3
     assert status(node, 'input', now).level == OK
-    now = feed(node, 20, now + 1.0)
-    node.late = 60
+    node.arm.epoch.restart()
+    t, q = motion(50, 2)
+    readings = [node.read(joint_state(now + 0.2 + t[k], q[k], torque(q[k])), 0.0)
+                for k in range(50)]
+    tau = node.torque(readings, now + 0.2)
+    np.testing.assert_allclose(tau, node.models.model.predict_one(q[-1]))
+    for reading in readings:
+        node.learn(reading, now + 0.2)
+    # The last sample waits for later messages.
+    assert node.arm.epoch.n_samples == 49
     report = status(node, 'input', now)
-    assert report.level == WARN and 'the torque is late' in report.message
-    now = feed(node, 20, now + 1.0)
+    assert report.level == WARN and 'newer ones replace others' in report.message
+    assert report.values['messages replaced by newer ones'] == '49'
+    now = feed(node, 20, now + 20.0)
     assert status(node, 'input', now).level == OK
+
+
+@pytest.mark.parametrize('stamp, reason', [(1000.0, 'too_old'), (3000.0, 'from_future')])
+def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, reason):
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(), max_age=0.3)
+    for k in range(40):
+        late = joint_state(stamp + 0.2 * k, [0.4, 0.1], [0.0, 0.0])
+        assert send_message(node, late, 5.0 + 0.2 * k, 2000.0 + 0.2 * k) == (None, None)
+    report = status(node, 'input', 5.0)
+    assert report.level == ERROR and f'{reason} 40' in report.message
+    assert '1e+03 s' in report.message and 'max_age' in report.message
+    recent = joint_state(2007.9, [0.4, 0.1], [0.0, 0.0])
+    assert send_message(node, recent, 13.0, 2008.0)[1] is not None
 
 
 def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
@@ -297,18 +326,77 @@ def test_events_are_logged(live, model_file, tmp_path):
     text = node.log_lines.popleft()[1]
     assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
     node.models.path = str(tmp_path / 'none' / 'model.json')
-    node.save_automatically()
-    assert node.log_lines[-1][0] and status(node, 'model').level != OK
+    replies = []
+    node.save(0.0, lambda *reply: replies.append(reply))
+    until(node, lambda: replies)
+    assert not replies[0][0] and 'none' in replies[0][1]
 
 
-def test_samples_with_drives_off_are_left_out(live, model_file):
-    node = live(model_file=str(model_file), settle_time=0.0)
+def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    feed(node, 150)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    pid, answers = node.learner.fits.pid, []
+    os.kill(pid, signal.SIGSTOP)
+    node.diagnose(time.monotonic(), lambda *answer: answers.append(answer))
+    until(node, lambda: node.learner.fits.state == 'fitting')
+    os.kill(pid, signal.SIGKILL)
+    until(node, lambda: answers)
+    assert not answers[0][0] and 'died' in answers[0][1]
+    assert status(node, 'learning').level == ERROR
+    until(node, lambda: node.learner.fits.state == 'ready')
+    assert status(node, 'learning').level == OK
+    assert any(answers[0][1] in text for _, text in node.log_lines)
+
+
+def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, monkeypatch):
+    """The first save takes longer than the second."""
+    node = live(model_file=str(model_file))
+    node.models.path = str(tmp_path / 'model.json')
+    first = node.models.model
+    t, q = motion(60)
+    second = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    save, sizes = model_history.save_model, []
+
+    def slow_disk(path, model):
+        time.sleep(0.3 if model is first else 0.0)
+        save(path, model)
+        sizes.append(model)
+
+    monkeypatch.setattr(model_history, 'save_model', slow_disk)
+    replies = []
+    began = time.monotonic()
+    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.use(second, 'another', 1.0)
+    node.save(0.0, lambda *reply: replies.append(reply))
+    assert time.monotonic() - began < 0.3
+    until(node, lambda: len(replies) == 2)
+    assert sizes == [first, second] and all(success for success, _ in replies)
+    np.testing.assert_allclose(load_model(node.models.path).predict(q), second.predict(q))
+
+
+def test_a_later_description_changes_no_limit(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False)
+    node.describe(URDF)
+    feed(node, 3)
+    assert node.arm.feed.options.max_torque == (1.5, 1.5)
+    node.describe(URDF.replace('effort="1.5"', 'effort="40"'))
+    assert node.arm.feed.options.max_torque == (1.5, 1.5)
+    assert node.log_lines[-1][0] and 'not used' in node.log_lines[-1][1]
+
+
+def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, model_file):
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
     now = feed(node, 20)
-    node.payload_changed(now)
-    feed(node, 60, now + 1.0, mass=0.0)
-    assert node.arm.epoch.n_samples < 20
-    report = status(node, 'learning', now + 13.0)
-    assert report.level == WARN and 'effort_off' in report.message
+    base = node.models.model
+    t, q = motion(60)
+    samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))
+    unknown = replace(fit(samples).model, uncertainty=None)
+    change = UncertainChange(unknown, base, q.min(axis=0), q.max(axis=0))
+    node.arm.use(unknown, base, 60, change)
+    pose = np.array([0.4, 0.1])
+    tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
+    np.testing.assert_allclose(tau, base.predict_one(pose))
 
 
 def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):
@@ -320,10 +408,12 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file)
     entry = node.models.use(wrong, 'fit of broken effort', now, 1)
     node.arm.use(entry.model, good, 60)
     feed(node, 40, now + 1.0)
+    node.tick(now + 10.0, time.monotonic())
     assert node.models.model is good
     assert 'rolled back automatically' in node.arm.epoch.describe()
     assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
     # After broken effort more samples are required.
+    feed(node, 20, now + 30.0)
     assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
-    node.payload_changed(now + 20.0)
+    node.payload_changed(now + 50.0)
     assert not node.arm.epoch.had_broken_effort

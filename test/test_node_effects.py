@@ -61,7 +61,7 @@ def model_file(tmp_path_factory):
 
 @pytest.fixture
 def node(model_file):
-    settings = Parameters(model_file=str(model_file), auto_fit=False, settle_time=0.0,
+    settings = Parameters(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
                           ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,),
                           full_samples=250)
     node = NodeCore(settings, '/joint_states', 0.0)
@@ -141,9 +141,9 @@ def test_a_per_joint_model_is_held_near_its_range(tmp_path):
     path = tmp_path / 'model.json'
     samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
     save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
-    node = NodeCore(Parameters(model_file=str(path), ramp_time=0.0, max_torque_rate=(),
-                               unlimited_torque=True),
-                    '/joint_states', 0.0)
+    settings = Parameters(model_file=str(path), ramp_time=0.0, max_torque_rate=(), max_age=0.0,
+                          unlimited_torque=True)
+    node = NodeCore(settings, '/joint_states', 0.0)
     try:
         far = q.max(axis=0) + 1.0
         result = send(node, 1.0, far, 0 * far, 0 * far)

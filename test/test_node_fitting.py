@@ -11,16 +11,17 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.node.fit_job import run_fit
-from gravity_comp_ros.node.fit_messages import DiagnosisJob, FitJob, FitResult
-from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
-from gravity_comp_ros.node.fit_worker import run_diagnosis
+from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
+from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
+from gravity_comp_ros.worker.supervised import BUSY, DOWN, Failure, READY, Supervised
+from gravity_comp_ros.worker.worker_process import command
 import numpy as np
 import pytest
 from rough_links import two_links
 from running_process import is_running
 
 ROOT = Path(__file__).resolve().parents[1]
+FITTING = 'gravity_comp_ros.node.jobs:fitting'
 
 
 def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
@@ -37,8 +38,8 @@ def job(number=1, old=None, mass=1.0, train=None):
 
 
 @contextmanager
-def process(timeout=30.0, **options):
-    fits = FitProcess(timeout, **options)
+def process(timeout=30.0):
+    fits = Supervised(command(FITTING, 10), timeout)
     fits.start(time.monotonic())
     try:
         yield fits
@@ -50,7 +51,7 @@ def wait(fits, condition, seconds=30.0):
     """Poll until the condition is true; return the events."""
     events, end = [], time.monotonic() + seconds
     while not condition(events):
-        assert time.monotonic() < end, f'state {fits.state}: {fits.last_failure}'
+        assert time.monotonic() < end, f'state {fits.state}: {fits.last_loss}'
         events += fits.poll(time.monotonic())
         time.sleep(0.002)
     return events
@@ -69,7 +70,7 @@ def test_it_fits_and_stays_running():
             assert not fits.submit(job(9), time.monotonic())
             outcome, = wait(fits, lambda events: events)
             assert isinstance(outcome, FitResult) and outcome.number == number
-            assert outcome.verdict.better
+            assert outcome.accepted
             np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
                                        [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
         assert fits.pid == pid and fits.restarts == 0
@@ -128,18 +129,18 @@ def test_a_failed_fit_is_reported_and_the_process_stays():
         assert fits.state == READY and fits.pid == pid
 
 
-@pytest.mark.parametrize('command, reason', [
+@pytest.mark.parametrize('program, reason', [
     ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
     (('/no/such/program',), 'cannot be started')])
-def test_a_process_that_does_not_start_is_restarted_with_a_delay(command, reason):
-    fits = FitProcess(1.0, command)
+def test_a_process_that_does_not_start_is_restarted_with_a_delay(program, reason):
+    fits = Supervised(program, 1.0)
     now = time.monotonic()
     fits.start(now)
     end = time.monotonic() + 20.0
     while fits.restarts < 1:
         assert time.monotonic() < end
         fits.poll(now)
-    assert reason in fits.last_failure
+    assert reason in fits.last_loss
     for _ in range(50):
         fits.poll(now + 0.4)
     assert fits.restarts == 1
@@ -147,8 +148,9 @@ def test_a_process_that_does_not_start_is_restarted_with_a_delay(command, reason
 
 
 def test_it_ends_with_the_process_that_started_it(tmp_path):
-    code = ('import time\nfrom gravity_comp_ros.node.fit_process import FitProcess\n'
-            'fits = FitProcess(9.0); fits.start(0.0)\n'
+    code = ('import time\nfrom gravity_comp_ros.worker.supervised import Supervised\n'
+            'from gravity_comp_ros.worker.worker_process import command\n'
+            f'fits = Supervised(command({FITTING!r}, 10), 9.0); fits.start(0.0)\n'
             'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
             'print(fits.pid, flush=True); time.sleep(60)')
     parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
@@ -166,7 +168,7 @@ def test_few_samples_give_a_change_of_the_old_model():
     old = run_fit(job()).model
     few = pendulum(30, 5, mass=1.5)
     outcome = run_fit(job(2, old, 1.5, few))
-    assert outcome.how == 'change of the old model' and outcome.verdict.better
+    assert outcome.how == 'change of the old model' and outcome.accepted
     assert outcome.model.energy is not None
     q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
     truth = 1.5 * np.array([5.0, 2.0]) * np.sin(q)
@@ -180,12 +182,13 @@ def test_few_samples_give_a_change_of_the_old_model():
 
 PRIORITY = """
 import os, sys, time
-from gravity_comp_ros.node.fit_process import FitProcess, READY
+from gravity_comp_ros.worker.supervised import READY, Supervised
+from gravity_comp_ros.worker.worker_process import command
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 except PermissionError:
     sys.exit(77)
-fits = FitProcess(30.0)
+fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', 10), 30.0)
 fits.start(time.monotonic())
 end = time.monotonic() + 60.0
 while fits.state != READY and time.monotonic() < end:

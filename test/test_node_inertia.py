@@ -8,10 +8,10 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.models.nuisance import INERTIA
-from gravity_comp_ros.node.delayed_samples import DelayedSamples
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.slow_samples import DelayedSamples
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.noise import NoiseOptions
@@ -41,7 +41,7 @@ def live():
     nodes = []
 
     def make(**settings):
-        given = {'unlimited_torque': True, 'settle_time': 0.0, **settings}
+        given = {'unlimited_torque': True, 'settle_time': 0.0, 'max_age': 0.0, **settings}
         nodes.append(NodeCore(Parameters(**given), '/joint_states', 0.0))
         return nodes[-1]
 

@@ -31,7 +31,7 @@ def test_all_arguments_are_declared():
     declared = {call.args[0].value for call in calls('DeclareLaunchArgument')}
     used = {call.args[0].value for call in calls('LaunchConfiguration')}
     assert declared == used == {
-        'params_file', 'namespace', 'joint_states', 'commands', 'use_sim_time'}
+        'params_file', 'namespace', 'joint_states', 'commands', 'use_sim_time', 'respawn'}
 
 
 def test_the_default_parameters_are_in_the_package():

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.node.model_acceptance import compare_models, Prediction
+from gravity_comp_ros.node import acceptance, checks
+from gravity_comp_ros.node.acceptance import Prediction
 import numpy as np
 
 
@@ -19,8 +20,12 @@ class Linear:
 
 
 def compare(new, old, train, held, has_more_samples=False):
-    return compare_models(new.of(train, held), old and old.of(train, held), train, held,
-                          has_more_samples)
+    return acceptance.compare(new.of(train, held), old and old.of(train, held), train, held,
+                              has_more_samples)
+
+
+def refusal(comparison):
+    return checks.failed(comparison.checks)
 
 
 def model(*gain, noise=0.1):
@@ -40,41 +45,41 @@ TRAIN, HELD = samples((5.0, 3.0)), samples((5.0, 3.0), seed=1)
 
 def test_the_better_model_wins_in_either_order():
     good, bad = model(5.0, 3.0), model(4.0, 2.0)
-    assert compare(good, bad, TRAIN, HELD).better
+    assert compare(good, bad, TRAIN, HELD).is_better
     verdict = compare(bad, good, TRAIN, HELD)
-    assert not verdict.better and verdict.reason.startswith('worse on j0, j1')
+    assert refusal(verdict).text == 'worse on j0, j1'
     rmse = np.sqrt(np.mean((HELD.tau - HELD.q * [4.0, 2.0]) ** 2, axis=0))
-    assert f'held-out RMSE {np.sqrt((rmse ** 2).mean()):.3g} N·m' in verdict.reason
-    assert f'worst joint j1 {rmse[1]:.3g},' in verdict.reason
+    assert f'held-out RMSE {np.sqrt((rmse ** 2).mean()):.3g} N·m' in verdict.figures
+    assert f'worst joint j1 {rmse[1]:.3g},' in verdict.figures
 
 
 def test_of_equal_models_the_one_with_more_samples_is_better():
     truth, nearly = model(5.0, 3.0), model(5.01, 3.005)
-    assert not compare(nearly, truth, TRAIN, HELD).better
-    assert compare(nearly, truth, TRAIN, HELD, has_more_samples=True).better
-    assert not compare(model(5.1, 3.1), truth, TRAIN, HELD, has_more_samples=True).better
+    assert not compare(nearly, truth, TRAIN, HELD).is_better
+    assert compare(nearly, truth, TRAIN, HELD, has_more_samples=True).is_better
+    assert not compare(model(5.1, 3.1), truth, TRAIN, HELD, has_more_samples=True).is_better
 
 
 def test_a_worse_joint_prevents_acceptance():
     verdict = compare(model(5.0, 2.0), model(0.0, 3.0), TRAIN, HELD)
-    assert not verdict.better and verdict.reason.startswith('worse on j1:')
+    assert refusal(verdict).text == 'worse on j1'
 
 
 def test_a_first_model_must_beat_a_constant_torque():
-    assert compare(model(5.0, 3.0), None, TRAIN, HELD).better
-    assert not compare(model(-5.0, -3.0), None, TRAIN, HELD).better
+    assert compare(model(5.0, 3.0), None, TRAIN, HELD).is_better
+    assert not compare(model(-5.0, -3.0), None, TRAIN, HELD).is_better
 
 
 def test_effort_without_gravity_is_recognised():
     train, held = samples((0.0, 0.0)), samples((0.0, 0.0), seed=1)
     verdict = compare(model(0.01, 0.0), None, train, held)
-    assert verdict.compensated and not verdict.better
-    assert 'compensate' in verdict.reason
+    assert verdict.is_compensated and refusal(verdict).name == checks.POSE_EXPLAINS
+    assert 'compensate' in refusal(verdict).text
 
 
 def test_a_short_or_narrow_motion_does_not_show_compensation():
     few = samples((0.0, 0.0), n=50)
-    assert not compare(model(0.0, 0.0), None, few, HELD).compensated
+    assert not compare(model(0.0, 0.0), None, few, HELD).is_compensated
     narrow = samples((0.0, 0.0), spread=0.1)
     verdict = compare(model(1e-6, 1e-6), None, narrow, samples((0.0, 0.0), seed=1, spread=0.1))
-    assert not verdict.compensated and not verdict.better
+    assert not verdict.is_compensated and not verdict.is_better

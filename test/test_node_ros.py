@@ -1,5 +1,6 @@
 """Node as a separate process over DDS: learning, publishing, services, shutdown."""
 
+from dataclasses import replace
 from pathlib import Path
 import signal
 import subprocess
@@ -37,6 +38,13 @@ def part(samples, start, stop):
 def answers(messages):
     """Return the messages with the stamp of a recording, not of the present time."""
     return [message for message in messages if message.header.stamp.sec < 1e6]
+
+
+def until_last(probe, samples, messages=None):
+    """Wait for the answer to the last of these samples; earlier ones may have none."""
+    last = round(float(samples.t[-1]), 6)
+    messages = probe.torques if messages is None else messages
+    probe.until(lambda: any(round(stamp(m), 6) == last for m in messages), 60, 'the last answer')
 
 
 def stamp(message):
@@ -118,7 +126,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
     loaded = bags['eq17_2kg']
     with running({**UNLIMITED, **PATIENT, 'model_file': iiwa_model_file}) as (_, probe):
         probe.stream(part(loaded, 0, 20))
-        probe.until(lambda: len(probe.residuals) == 20, 60)
+        until_last(probe, part(loaded, 0, 20), probe.residuals)
         _, stale = published(loaded, probe.residuals)
         answer = probe.call('payload_changed')
         assert answer.success and 'epoch 1 open' in answer.message
@@ -133,7 +141,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
         assert any('is running already' in text for text in texts), texts
         probe.residuals.clear()
         probe.stream(part(loaded, 170, 220))
-        probe.until(lambda: len(probe.residuals) == 50, 60)
+        until_last(probe, part(loaded, 170, 220), probe.residuals)
         _, relearned = published(loaded, probe.residuals)
         back, torques, stamps, slower = rolled_back_at_rest(probe, loaded)
         assert back.success and 'back to the' in back.message
@@ -257,7 +265,7 @@ def test_signals_during_startup_end_it_without_a_traceback(number, iiwa_model_fi
 def test_bad_parameters_are_refused_with_the_reason(iiwa_model_file):
     with running({'model_file': iiwa_model_file}) as (_, probe):
         for name, value, why in [
-                ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'of type double'),
+                ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'parameter type'),
                 ('formulation', 'magic', 'one of auto, potential, chain'),
                 ('max_torque', [1.0, 2.0], '2 values for 7 joints'),
                 ('max_torque', [float('nan')], 'finite'), ('joints', ['a'], 'read-only'),
@@ -268,7 +276,8 @@ def test_bad_parameters_are_refused_with_the_reason(iiwa_model_file):
                 continue
             assert not result.successful and why in result.reason, (name, result)
         assert set_parameter(probe, 'max_torque', [100.0]).successful
-        assert set_parameter(probe, 'max_speed', 1).successful
+        assert set_parameter(probe, 'max_speed', 1.0).successful
+        assert set_parameter(probe, 'compensate', ['coulomb_friction']).successful
 
 
 @pytest.mark.parametrize('parameters, why', [
@@ -295,7 +304,7 @@ def test_a_damaged_model_file_is_reported_without_torque(tmp_path, iiwa_model_fi
 
 def test_life_cycle(iiwa_model_file, bags):
     later = bags['eq17_later']
-    with running({'model_file': iiwa_model_file, 'autostart': False, 'unlimited_torque': True},
+    with running({**PATIENT, 'model_file': iiwa_model_file, 'autostart': False},
                  wait=False) as (_, probe):
         def change(number):
             request = ChangeState.Request(transition=Transition(id=number))
@@ -313,16 +322,17 @@ def test_life_cycle(iiwa_model_file, bags):
         assert 'not active' in probe.call('refit').message
         assert change(Transition.TRANSITION_ACTIVATE) and state() == 'active'
         probe.stream(part(later, 10, 20))
-        probe.until(lambda: len(probe.torques) == 10, 60)
+        until_last(probe, part(later, 10, 20))
+        count = len(probe.torques)
         assert change(Transition.TRANSITION_DEACTIVATE)
         probe.stream(part(later, 20, 30))
         assert change(Transition.TRANSITION_CLEANUP) and state() == 'unconfigured'
-        assert len(probe.torques) == 10
+        assert len(probe.torques) == count
         assert change(Transition.TRANSITION_CONFIGURE)
         assert change(Transition.TRANSITION_ACTIVATE)
         probe.until_node()
         probe.stream(part(later, 30, 40))
-        probe.until(lambda: len(probe.torques) == 20, 60)
+        until_last(probe, part(later, 30, 40))
         assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN) and state() == 'finalized'
 
 
@@ -332,7 +342,7 @@ def test_torque_ramps_from_zero_after_each_activation(iiwa_model_file, bags):
                'stale_action': 'hold', 'unlimited_torque': True}
     with running(options) as (_, probe):
         probe.stream(part(later, 0, 20))
-        probe.until(lambda: len(answers(probe.torques)) == 20, 60)
+        until_last(probe, part(later, 0, 20))
         whole = np.abs(probe.torques[-1].effort).max()
         assert set_parameter(probe, 'ramp_time', 60.0).successful
         for number in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
@@ -341,8 +351,10 @@ def test_torque_ramps_from_zero_after_each_activation(iiwa_model_file, bags):
         count = len(probe.torques)
         assert 'waiting for input' in probe.report('feed-forward').message
         assert len(probe.torques) == count
-        probe.stream(part(later, 20, 40))
-        probe.until(lambda: len(probe.torques) >= count + 20, 60)
+        # At one pose: the torque of a ramp follows the motion of the arm.
+        rest = replace(part(later, 20, 40), q=np.tile(later.q[0], (20, 1)))
+        probe.stream(rest)
+        until_last(probe, rest)
         torques = np.abs(matrix(probe.torques[count:])).max(axis=1)
         assert torques[0] == 0.0 and 0.0 < torques[-1] < 0.5 * whole
 
@@ -353,7 +365,7 @@ def test_stale_input_holds_then_fades(iiwa_model_file, bags):
                'stale_after': 0.2, 'hold_time': 0.3, 'fade_time': 0.5, 'max_torque': '[176.0]'}
     with running(options) as (_, probe):
         probe.stream(part(later, 0, 20))
-        probe.until(lambda: len(probe.torques) >= 20, 60)
+        until_last(probe, part(later, 0, 20))
         probe.until(lambda: not np.any(probe.torques[-1].effort), 60, 'zero torque')
         # On a busy machine input may be stale between joint states as well.
         last = answers(probe.torques)[-1]
@@ -362,9 +374,8 @@ def test_stale_input_holds_then_fades(iiwa_model_file, bags):
         status = probe.report('feed-forward')
         assert status.level == b'\x02' and 'faded to zero' in status.message
         assert 'stale' in probe.status['input'].message
-        count = len(probe.torques)
         probe.stream(part(later, 20, 30))
-        probe.until(lambda: len(probe.torques) >= count + 10, 60)
+        until_last(probe, part(later, 20, 30))
         assert np.abs(probe.torques[-1].effort).max() > 1.0
     joint = int(np.argmax(np.abs(held)))
     share = fade[:, joint] / held[joint]
@@ -393,14 +404,16 @@ def test_disable_and_enable(iiwa_model_file, bags):
     later = bags['eq17_later']
     with running({**UNLIMITED, **PATIENT, 'model_file': iiwa_model_file}) as (_, probe):
         probe.stream(part(later, 0, 10))
+        until_last(probe, part(later, 0, 10))
+        assert np.any(probe.torques[-1].effort)
         assert probe.enable(False).success
-        probe.until(lambda: len(probe.torques) == 10, 60)
+        count = len(probe.torques)
         probe.stream(part(later, 10, 20))
-        probe.until(lambda: len(probe.torques) == 11, 60)
-        assert not np.any(probe.torques[-1].effort)
+        probe.report('feed-forward')
+        assert len(probe.torques) == count + 1 and not np.any(probe.torques[-1].effort)
         assert probe.enable(True).success
         probe.stream(part(later, 20, 30))
-        probe.until(lambda: len(probe.torques) == 21, 60)
+        until_last(probe, part(later, 20, 30))
         assert np.any(probe.torques[-1].effort)
 
 
@@ -409,7 +422,7 @@ def test_simulated_time_drives_the_ramp(iiwa_model_file, bags):
     options = {'use_sim_time': True, 'model_file': iiwa_model_file, 'ramp_time': 10.0,
                'stale_after': 5.0, 'max_torque_rate': '[]', 'extrapolation': 'trust',
                'diagnostics_rate': 20.0,
-               'max_torque': '[200.0]'}
+               'max_torque': '[1000.0]'}
     with running(options) as (_, probe):
         clock = probe.create_publisher(Clock, '/clock', 10)
         probe.until(lambda: clock.get_subscription_count() > 0, 60)
@@ -421,11 +434,11 @@ def test_simulated_time_drives_the_ramp(iiwa_model_file, bags):
             while probe.node_time != 100 + k:
                 clock.publish(message)
                 probe.report('model')
-            probe.send(later.names, later.t[k], later.q[k], later.qd[k], later.tau[k])
+            probe.send(later.names, later.t[k], later.q[0], later.qd[0], later.tau[0])
             probe.until(lambda count=k + 1: len(probe.torques) == count, 60)
-        rows, torques = published(later, probe.torques)
-    np.testing.assert_allclose(torques[5], 0.5 * truth[5], rtol=1e-6)
-    np.testing.assert_allclose(torques[11], truth[11], rtol=1e-9)
+        torques = matrix(probe.torques)
+    np.testing.assert_allclose(torques[5], 0.5 * truth[0], rtol=1e-6)
+    np.testing.assert_allclose(torques[11], truth[0], rtol=1e-9)
 
 
 def test_diagnose_names_the_missing_effect(iiwa_model_file, bags):
@@ -469,3 +482,45 @@ def test_rates_and_publishers(reliable, iiwa_model_file, bags):
             for t, message in result.items():
                 row = round((t - first) * rate) % len(later)
                 assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6
+
+
+FAILING = """
+import sys
+from gravity_comp_ros.node import arm, run
+learn, count = arm.Arm.learn, 0
+
+def broken(self, reading, now):
+    global count
+    count += 1
+    if count == 30:
+        raise RuntimeError('a bug in a callback')
+    learn(self, reading, now)
+
+arm.Arm.learn = broken
+sys.exit(run.run())
+"""
+
+
+def test_an_error_in_a_callback_brings_the_torque_to_zero_before_the_process_ends(
+        iiwa_model_file, bags, tmp_path):
+    """The controller would keep the last torque; a supervisor then starts the node again."""
+    later, script = bags['eq17_later'], tmp_path / 'failing.py'
+    script.write_text(FAILING)
+    options = {**UNLIMITED, **PATIENT, 'model_file': iiwa_model_file, 'fade_time': 0.5}
+    with running(options, program=(str(script),)) as (node, probe):
+        for k in range(60):
+            probe.send(later.names, later.t[k], later.q[k], later.qd[k], later.tau[k])
+            probe.spin(0.01)
+        code, output = node.wait(60)
+        probe.spin(0.2)
+        efforts = np.abs(matrix(probe.torques)).max(axis=1)
+        assert probe.status['node'].level == b'\x02'
+    assert code == 3 and 'a bug in a callback' in output
+    last = int(np.flatnonzero(efforts > 1.0)[-1])
+    assert efforts[-1] == 0.0 and efforts.max() > 5.0
+    # The fall takes `fade_time`, 25 periods of the watchdog.
+    assert len(efforts) - last >= 2 and np.abs(np.diff(efforts[-20:])).max() < 0.3 * efforts.max()
+    with running(options) as (node, probe):
+        probe.stream(part(later, 0, 5))
+        until_last(probe, part(later, 0, 5))
+        assert np.any(probe.torques[-1].effort)

@@ -11,13 +11,11 @@ from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.fit_messages import PayloadJob
-from gravity_comp_ros.node.fit_worker import run_payload_test
-from gravity_comp_ros.node.live_nuisance import (
-    expected_residual, interleaved_nuisance, LiveNuisance, residual_noise)
-from gravity_comp_ros.node.payload import PayloadFinding
-from gravity_comp_ros.node.payload_watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
-from gravity_comp_ros.node.uncertain_change import UncertainChange
+from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
+from gravity_comp_ros.node.jobs import interleaved_nuisance, run_payload_test
+from gravity_comp_ros.node.slow_samples import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.torque_source import UncertainChange
+from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -64,7 +62,7 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
 
 
 def finding(model, samples, geometry=None):
-    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry)).finding
+    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry))
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -162,7 +160,7 @@ def test_a_test_is_due_only_for_a_lasting_residual():
 def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     """At any sample rate, although each test finds a payload."""
     watch, suspected = PayloadWatch(('a',), lasting), []
-    finding = PayloadFinding(True, False, 'a payload')
+    finding = PayloadResult(1, True, False, 'a payload', 0.0)
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
         watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.zeros(1),
@@ -171,7 +169,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
             assert np.diff(window.t).min() > 0.85 * PERIOD
-            if watch.add_finding(finding, window.t[0]) is not None:
+            if watch.add_finding(replace(finding, since=window.t[0])) is not None:
                 suspected.append(t)
     assert len(suspected) <= 1 and all(t >= lasting for t in suspected)
     if lasts < lasting:

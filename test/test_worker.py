@@ -4,6 +4,7 @@ from contextlib import contextmanager
 import os
 import subprocess
 import sys
+from threading import get_ident
 import time
 
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
@@ -89,3 +90,66 @@ def test_the_process_ends_with_its_parent_during_a_job():
     while is_running(int(done.stdout)):
         assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.01)
+
+
+PARTIAL = """
+import os, struct, sys, time
+pipe = int(sys.argv[1])
+os.write(pipe, struct.pack('!i', 50_000_000) + bytes(100))
+print('sent', flush=True)
+time.sleep(600.0)
+"""
+
+
+def test_a_process_that_stops_within_a_message_blocks_no_call():
+    """It has announced 50 MB and sends 100 bytes."""
+    worker = WorkerProcess((sys.executable, '-c', PARTIAL))
+    worker.start()
+    pid = worker.pid
+    assert wait_until_read(worker)
+    calls = [lambda: worker.messages(), lambda: worker.send(('done', None)), worker.end,
+             lambda: worker.messages()]
+    longest = 0.0
+    for call in calls:
+        began = time.monotonic()
+        call()
+        longest = max(longest, time.monotonic() - began)
+    # A blocking read would last until the process is killed, 600 s later.
+    assert longest < TIMEOUT and worker.pid is None
+    end = time.monotonic() + TIMEOUT
+    while is_running(pid):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def wait_until_read(worker):
+    """Wait until the process has sent its part, so that its thread waits for the rest."""
+    end = time.monotonic() + TIMEOUT
+    while time.monotonic() < end:
+        with open(f'/proc/{worker.pid}/wchan', encoding='ascii', errors='replace') as file:
+            if 'nanosleep' in file.read():
+                return True
+        time.sleep(0.005)
+    return os.path.exists(f'/proc/{worker.pid}')
+
+
+def test_a_job_is_prepared_in_another_thread():
+    with running() as worker:
+        wait_for(worker, 1)
+        threads = []
+
+        def prepare(job):
+            threads.append(get_ident())
+            return 'done', job
+
+        worker.send(7, prepare)
+        assert wait_for(worker, 1)[0].answer == 'done' and threads != [get_ident()]
+        worker.send(7, lambda job: job / 0)
+        assert 'ZeroDivisionError' in wait_for(worker, 1)[0].reason
+
+
+def test_unreadable_messages_end_in_a_lost_process():
+    code = "import os, struct, sys; os.write(int(sys.argv[1]), struct.pack('!i', 4) + b'nope')"
+    worker = WorkerProcess((sys.executable, '-c', code))
+    worker.start()
+    assert isinstance(wait_for(worker, 1)[0], Lost)

@@ -42,8 +42,8 @@ def measure(build: str, seed: int) -> list[float]:
     path = SlowPath.random(len(bare.joints), seed)
     first, second = record(bare, path, 0.0, 75.0), record(loaded, path, 75.0, 75.0)
     poses = box_poses(first)
-    node = NodeCore(Parameters(unlimited_torque=True, settle_time=0.0, auto_fit=False),
-                    '/joint_states', 0.0)
+    settings = Parameters(unlimited_torque=True, settle_time=0.0, auto_fit=False, max_age=0.0)
+    node = NodeCore(settings, '/joint_states', 0.0)
     try:
         now = play(node, first)
         models = [(fitted(node), bare)]

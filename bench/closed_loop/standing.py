@@ -232,7 +232,7 @@ def run_fault(name: str, play: Callable, path: Path, description: str | None, se
     from ros_harness import running
     from rosgraph_msgs.msg import Clock
     parameters = {'model_file': path, 'max_torque': '[200.0]', 'settle_time': 0.0,
-                  'diagnostics_rate': 20.0, 'use_sim_time': True,
+                  'diagnostics_rate': 20.0, 'use_sim_time': True, 'max_age': 0.3,
                   'joints': '[' + ', '.join(f'joint_{k + 1}' for k in range(len(SEVEN))) + ']'}
     begun = time.monotonic()
     with running(parameters) as (node, probe):

@@ -1,7 +1,7 @@
 """
 Client that simulates an arm for the running node, and checks each published torque.
 
-The arm is a simulated iiwa with a payload. Its poses are stamped 0.2 s apart and sent faster, so
+The arm is simulated, with a payload. Its poses are stamped 0.2 s apart and sent faster, so
 that a minute of slow motion takes a second. Each published torque is compared with the true torque
 at the pose of its stamp.
 """
@@ -13,19 +13,17 @@ from pathlib import Path
 import sys
 import time
 
+from arms import NOISE, seven, TestArm
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.feedforward import RAMPING
-from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.motions import eq17
+from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'test'))
-ARM = iiwa7()
 # Time between messages, and between their stamps, s.
 PERIOD, STEP = 0.006, 0.2
-NOISE = 0.1
 # Rate of joint states of an arm that is guided by hand, Hz.
 GUIDED_RATE = 50.0
 # Torque error allowed in addition to that of the old model, N·m.
@@ -62,8 +60,10 @@ class Player:
     """Moves the arm, sends its measurements, and checks the torques of the node."""
 
     def __init__(self, probe, model: GravityModel, payload: Payload | None = None,
-                 seed: int = 0) -> None:
+                 seed: int = 0, test_arm: TestArm | None = None) -> None:
         self.probe, self.model = probe, model
+        self.test_arm = test_arm or seven()
+        self.joints = self.test_arm.arm.joints
         self.rng = np.random.default_rng(seed)
         self.t = 1000.0 + 100.0 * seed
         self.poses: dict[tuple[int, int], FloatArray] = {}
@@ -73,7 +73,8 @@ class Player:
 
     def carry(self, payload: Payload | None) -> None:
         """Attach a payload to the last link, or remove it."""
-        self.arm = ARM if payload is None else with_payload(ARM, payload)
+        bare = self.test_arm.arm
+        self.arm = bare if payload is None else with_payload(bare, payload)
 
     def move(self, n: int, corrupt: Corruption = healthy, period: float = PERIOD,
              **change) -> None:
@@ -81,10 +82,10 @@ class Player:
         Send n joint states of slow motion.
 
         :param corrupt: returns the reported effort from the true torque.
-        :param change: replaced fields of each message: `velocity`, `offset` (rad added to all
+        :param change: changes of each message: `velocity` (factor), `offset` (rad added to all
             positions), `scale` (of positions), `stamp`.
         """
-        part = eq17(n * STEP, 1.0 / STEP, self.t)
+        part = self.test_arm.motion(n * STEP, 1.0 / STEP, self.t)
         tau = gravity_torque(self.arm, part.q) + NOISE * self.rng.standard_normal(part.q.shape)
         effort = corrupt(tau, self.rng)
         due = time.monotonic()
@@ -93,8 +94,8 @@ class Player:
             q = part.q[k]
             self.poses[int(t), round((t - int(t)) * 1e9)] = q
             sent = q * change.get('scale', 1.0) + change.get('offset', 0.0)
-            self.probe.send(ARM.joints, change.get('stamp', t), sent,
-                            change.get('velocity', part.qd[k]), effort[k])
+            self.probe.send(self.joints, change.get('stamp', t), sent,
+                            part.qd[k] * change.get('velocity', 1.0), effort[k])
             due += period
             self.probe.spin(max(1e-4, due - time.monotonic()))
         self.t += STEP * n
@@ -129,14 +130,14 @@ class Player:
 
     def guide(self, seconds: float) -> None:
         """Guide the arm by hand in real time: its effort is the last published torque."""
-        part = eq17(seconds, GUIDED_RATE, self.t)
+        part = self.test_arm.motion(seconds, GUIDED_RATE, self.t)
         due = time.monotonic()
         for k, t in enumerate(part.t):
             self.poses[int(t), round((t - int(t)) * 1e9)] = part.q[k]
             torques = self.probe.torques
-            effort = np.array(torques[-1].effort) if torques else np.zeros(7)
-            self.probe.send(ARM.joints, t, part.q[k], part.qd[k],
-                            effort + 0.02 * self.rng.standard_normal(7))
+            effort = np.array(torques[-1].effort) if torques else np.zeros(len(self.joints))
+            self.probe.send(self.joints, t, part.q[k], part.qd[k],
+                            effort + 0.02 * self.rng.standard_normal(len(self.joints)))
             due += 1.0 / GUIDED_RATE
             self.probe.spin(max(1e-4, due - time.monotonic()))
         self.t += seconds
@@ -160,6 +161,7 @@ class Player:
         :param ramps: torque may ramp from or to zero.
         """
         last: FloatArray | None = None
+        before = 0.0
         for message in self.probe.torques:
             tau = np.array(message.effort)
             stamp = message.header.stamp.sec, message.header.stamp.nanosec
@@ -176,11 +178,14 @@ class Player:
                 np.abs(tau) - np.abs(truth), -np.sign(truth) * tau)
             if (error > allowed).any():
                 k = int(np.argmax(error - allowed))
-                self.wrong.append(f'{what}: {ARM.joints[k]} {tau[k]:.2f} N·m, truth '
+                self.wrong.append(f'{what}: {self.joints[k]} {tau[k]:.2f} N·m, truth '
                                   f'{truth[k]:.2f}, allowed {allowed[k]:.2f}')
-            if last is not None and np.abs(tau - last).max() > MAX_STEP:
+            # Only the newest of waiting messages is answered.
+            t = stamp[0] + 1e-9 * stamp[1]
+            poses = max(1.0, (t - before) / STEP)
+            if last is not None and np.abs(tau - last).max() > MAX_STEP * poses:
                 self.wrong.append(f'{what}: a step of {np.abs(tau - last).max():.1f} N·m')
-            last = tau
+            last, before = tau, t
         self.probe.torques.clear()
         self.probe.commands.clear()
 

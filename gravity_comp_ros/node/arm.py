@@ -3,36 +3,31 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 
-from gravity_comp_ros.data.gate import Gate
+from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
-from gravity_comp_ros.node.delayed_samples import DelayedSamples, SlowSample
-from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
-from gravity_comp_ros.node.epoch import Epoch
-from gravity_comp_ros.node.feedforward import FeedForward
-from gravity_comp_ros.node.live_nuisance import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions
+from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.messages import (
-    JointStateReader, Reading, TIME_BACK, TIME_STILL)
-from gravity_comp_ros.node.model_watch import ModelWatch
-from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
+    CompleteReading, JointStateReader, Reading, TIME_BACK, TIME_STILL)
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.payload_watch import MAX_ACCELERATION, PayloadWatch
 from gravity_comp_ros.node.realtime_effects import EffectsInUse
-from gravity_comp_ros.node.self_confirmation import SentTorqueHistory
-from gravity_comp_ros.node.torque_source import TorqueSource
-from gravity_comp_ros.node.uncertain_change import UncertainChange
+from gravity_comp_ros.node.sent_torque import SentTorqueHistory
+from gravity_comp_ros.node.slow_samples import (
+    DelayedSamples, expected_residual, LiveNuisance, residual_noise, SlowSample)
+from gravity_comp_ros.node.torque_source import TorqueSource, UncertainChange
+from gravity_comp_ros.node.watch import ModelWatch, PayloadWatch
 import numpy as np
 
-# Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
-# the trained range their errors are hundreds of N·m.
-PER_JOINT_REACH = 0.1
-# Time between two evaluations of the share of an uncertain change, s. Each takes a millisecond.
+# Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
 SHARE_PERIOD = 0.2
 
 
@@ -43,19 +38,19 @@ class Arm:
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
         self._settings = settings
-        self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints)
+        self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
+                                       settings.max_age)
         self.described: ArmDescription | None = None
         self._allowed = settings.enabled
         self.is_interleaved = False
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
-        self.health = EffortHealth()
         self.sent = SentTorqueHistory(len(joints))
         self.delayed = DelayedSamples()
-        self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.payload = PayloadWatch(joints, settings.suspect_after)
+        self._watch: ModelWatch | None = None
         self._nuisance: LiveNuisance | None = None
         # Sums of squared residuals since the last report: with and without nuisance terms.
         self._squares = np.zeros((2, len(joints)))
@@ -66,11 +61,11 @@ class Arm:
         self._model: GravityModel | None = None
         self._source: TorqueSource | None = None
         self._change: UncertainChange | None = None
+        self._share: FloatArray | None = None
         self._share_at = -np.inf
         self._effects = EffectsInUse(None, settings)
         self._reported: Counter[str] = Counter()
         self._reported_received = 0
-        self._reported_gate: Counter[str] = Counter()
         self._limit()
 
     def describe(self, described: ArmDescription) -> None:
@@ -112,19 +107,16 @@ class Arm:
         """Use changed settings from now on."""
         self._settings = settings
         self.gate = Gate(len(self.joints), gate_options(settings))
+        self.reader.max_age = settings.max_age
         self._limit()
         self.epoch.set_options(epoch_options(settings))
-        self._use_effects()
-
-    def _use_effects(self) -> None:
-        self._effects = EffectsInUse(self._model, self._settings)
-        self.feed.compensate(self._effects.compensation())
+        self._effects = EffectsInUse(self._model, settings)
+        self._feed()
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
         self.gate.reset()
         self.delayed.restart()
-        self.health.restart()
         self.payload.restart()
 
     def deactivate(self) -> None:
@@ -145,17 +137,26 @@ class Arm:
         self._watch = ModelWatch(model, before, learned)
         self._nuisance = LiveNuisance(model)
         self.payload.forget()
-        self.health.restart()
-        self._source, self._change = torque_source(model), change
-        self._use_effects()
-        if change is None or self.pose is None:
-            self.feed.use(self._source)
-        else:
-            self._source = replace(self._source, before=change.before.predict_one)
-            self.feed.use(self._source, change.share(self._source.nearest(self.pose)))
+        self._effects = EffectsInUse(model, self._settings)
+        self._source, self._change, self._share = TorqueSource.of(model), change, None
+        if change is not None:
+            share = np.zeros(len(self.joints))
+            self._share = share if self.pose is None else change.share(
+                self._source.nearest(self.pose))
+        self._feed()
+
+    def _feed(self) -> None:
+        """Pass the torque to publish to the feed-forward."""
+        if self._source is None:
+            return
+        source = replace(self._source, effects=self._effects.compensation())
+        if self._change is not None and self._share is not None:
+            source = replace(source, predict=self._change.with_share(self._share))
+        self.feed.use(source)
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
+        self.last_seen, self.pose = now, reading.q
         return self._published(now, self.feed.update(now, reading.q, reading.qd))
 
     def update_change_share(self, now: float) -> None:
@@ -164,7 +165,10 @@ class Arm:
                 0.0 <= now - self._share_at < SHARE_PERIOD):
             return
         self._share_at = now
-        self.feed.set_share(self._change.share(self._source.nearest(self.pose)))
+        share = self._change.share(self._source.nearest(self.pose))
+        if self._share is None or not np.array_equal(share, self._share):
+            self._share = share
+            self._feed()
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque (N,) in N·m to publish without input, None for nothing."""
@@ -175,55 +179,49 @@ class Arm:
             self.sent.published(now, tau)
         return tau
 
-    def record_residual(self, sample: SlowSample, predicted: FloatArray) -> None:
+    def learn(self, reading: Reading, now: float) -> None:
+        """Learn from a reading, and compare the model in use with it."""
+        if reading.new_run:
+            self.restart()
+        if not isinstance(reading, CompleteReading) or not self._accepts_samples(now):
+            return
+        self.delayed.add_velocity(reading.t, reading.qd)
+        reason = self.gate.offer(reading.t, reading.q, reading.qd)
+        if reason is None:
+            self.delayed.hold(reading, self.sent.before(now))
+        elif reason != RATE:
+            self.gate_counts[reason] += 1
+        for sample in self.delayed.due(reading.t):
+            r = sample.reading
+            self.epoch.offer(r.t, r.q, r.qd, r.tau, sample.qdd, sample.sent)
+            self._record_residual(sample)
+
+    def _record_residual(self, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics, model watch and payload watch."""
         reading, model = sample.reading, self._model
+        if model is None or self._watch is None or self._nuisance is None:
+            return
         q, qd, tau = reading.q, reading.qd, reading.tau
         qdd = reading.acceleration() if sample.qdd is None else sample.qdd
-        error = tau - predicted
-        residual = error if self._nuisance is None else error - self._nuisance.torque(q, qd, qdd)
+        gravity = model.predict_one(q)
+        error = tau - self._effects.predicted(reading, gravity)
+        residual = error - self._nuisance.torque(q, qd, qdd)
         self._squares += np.square([error, residual])
         self.n_residual += 1
-        if model is None or self._watch is None or self.distance(q).any():
+        if self.distance(q).any():
             return
-        gravity = model.predict_one(q)
         self._watch.offer(q, gravity + residual, gravity)
-        if qdd is not None and float(np.abs(qdd).max()) < MAX_ACCELERATION:
+        if qdd is not None:
             self.payload.offer(reading.t, q, qd, tau, qdd, residual / residual_noise(model))
 
-    def objection(self) -> str | None:
-        """Return why the previous model should come back, None if it should not."""
-        return None if self._watch is None else self._watch.objection()
+    def model_checks(self) -> list[Check]:
+        """Return the checks of a model that is not confirmed; a rollback is due if both fail."""
+        return [] if self._watch is None else self._watch.checks()
 
     @property
     def is_confirmed(self) -> bool:
         """Return whether the model in use has predicted as many samples as it was trained on."""
         return self._watch is None or self._watch.is_confirmed
-
-    def missing_for_fit(self) -> str | None:
-        """Return the missing data of a fit, None if it has enough."""
-        missing = self.epoch.missing_for_fit()
-        faults = {reason: self.gate_counts[reason] for reason in (OFF, FROZEN)
-                  if self.gate_counts[reason]}
-        if missing is None or not faults:
-            return missing
-        named = ', '.join(f'{count} {reason}' for reason, count in faults.items())
-        return f'{missing} (left out: {named})'
-
-    def count_broken_effort(self, fault: str) -> None:
-        """Count a sample with broken effort; frozen effort invalidates earlier samples too."""
-        self.gate_counts[fault] += 1
-        if fault == FROZEN and self.epoch.n_samples:
-            names = ', '.join(self.joints[k] for k in self.health.frozen)
-            self.epoch.restart()
-            self.epoch.note = ('its samples were dropped: the arm moves and the effort of '
-                               f'{names} is constant')
-
-    def new_faults(self) -> str:
-        """Return the counts of broken effort since the last call as text; empty if none."""
-        new = self.gate_counts - self._reported_gate
-        self._reported_gate = self.gate_counts.copy()
-        return ', '.join(f'{reason} {new[reason]}' for reason in (OFF, FROZEN) if new[reason])
 
     def distance(self, q: FloatArray) -> FloatArray:
         """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
@@ -252,7 +250,7 @@ class Arm:
             std = np.zeros(0)
         return self.distance(self.pose), std
 
-    def accepts_samples(self, now: float) -> bool:
+    def _accepts_samples(self, now: float) -> bool:
         """Return whether `settle_time` has passed since the payload changed."""
         if self.learn_from - now > self._settings.settle_time + 0.1:
             # The clock was set back; learning does not wait until it has caught up.
@@ -265,7 +263,6 @@ class Arm:
         self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(self._settings),
                            has_base=has_base)
         self.delayed.restart()
-        self.health.restart()
         self.payload.forget()
         self._squares[:] = 0.0
         self.n_residual = 0
@@ -280,18 +277,17 @@ class Arm:
         self.is_interleaved = new[TIME_BACK] + new[TIME_STILL] > 0
         stale = age is not None and age > self.feed.options.stale_after
         return diagnostics.input_status(topic, self.reader.received, received, age, stale, counts,
-                                        new, late)
+                                        new, late, self.reader.age)
 
-    def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
+    def statuses(self, now: float) -> list[diagnostics.Status]:
         """Return the state of the feed-forward and of each joint."""
-        outside = None
+        model, outside, noise = self._model, None, None
         if model is not None and self.pose is not None:
             outside = self.distance(self.pose)
         residual = np.sqrt(self._squares / self.n_residual) if self.n_residual else None
         self._squares[:] = 0.0
         self.n_residual = 0
-        noise = None
-        if model is not None and self._nuisance is not None:
+        if model is not None:
             noise = np.array([model.noise, expected_residual(model)])
         return [
             diagnostics.feedforward_status(
@@ -303,7 +299,25 @@ class Arm:
                 not self.epoch.is_open)]
 
 
-def torque_source(model: GravityModel) -> TorqueSource:
-    """Return the torque source of a model, with the reach of its formulation."""
-    reach = PER_JOINT_REACH if model.formulation == 'per_joint' else np.inf
-    return TorqueSource(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)
+def gate_options(given: Parameters) -> GateOptions:
+    """Return the options of the slow-motion gate."""
+    return GateOptions(given.max_speed, given.max_acceleration or None, given.sample_rate)
+
+
+def epoch_options(given: Parameters) -> EpochOptions:
+    """Return the sizes of an epoch."""
+    return EpochOptions(given.capacity, given.min_samples, given.first_samples,
+                        given.full_samples, given.min_span,
+                        block=max(5, round(given.sample_rate)))
+
+
+def feedforward_options(given: Parameters) -> FeedForwardOptions:
+    """Return the options of the feed-forward; their names are those of the parameters."""
+    return FeedForwardOptions(**{each.name: getattr(given, each.name)
+                                 for each in fields(FeedForwardOptions)
+                                 if hasattr(given, each.name)})
+
+
+def payload_limits(given: Parameters) -> PayloadLimits:
+    """Return the limits of a payload."""
+    return PayloadLimits(given.max_payload, given.max_payload_reach)

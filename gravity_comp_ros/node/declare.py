@@ -16,6 +16,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 
+_TYPES = {'double[]': RosParameter.Type.DOUBLE_ARRAY, 'string[]': RosParameter.Type.STRING_ARRAY}
+
+
 class DeclaredParameters:
     """
     The declared parameters of the node; `values` is always a consistent set.
@@ -23,7 +26,7 @@ class DeclaredParameters:
     :param node: node that declares them.
     :param check: called with every new set before it is accepted; raises OptionError.
     :param changed: called with every new set after it has been accepted.
-    :raises rclpy.exceptions.InvalidParameterValueException: if an override is refused.
+    :raises OptionError: if an override is refused.
     """
 
     def __init__(self, node: Node, check: Callable[[Parameters], None],
@@ -34,9 +37,7 @@ class DeclaredParameters:
         node.add_on_set_parameters_callback(self._check)
         given = {}
         for row in TABLE:
-            default = list(row.default) if isinstance(row.default, tuple) else row.default
-            node.declare_parameter(row.name, default, _descriptor(row))
-            given[row.name] = row.parse(node.get_parameter(row.name).value)
+            given[row.name] = _declare(node, row)
         self.values = Parameters(**given)  # type: ignore[arg-type]
         self._declared = True
         node.add_post_set_parameters_callback(self._apply)
@@ -74,14 +75,29 @@ def unknown_parameter_warnings(node: Node) -> list[str]:
     return warnings
 
 
+def _declare(node: Node, row: Parameter) -> Any:
+    """
+    Declare a parameter with its type; return its value.
+
+    An override may be an integer for a double, an empty list, and `off` as YAML reads it, none of
+    which has the type of the parameter. An empty list has no type: it is declared without a value.
+    """
+    overrides = node._parameter_overrides
+    value = row.default
+    if row.name in overrides:
+        value = row.parse(overrides.pop(row.name).value)
+    plain = list(value) if isinstance(value, tuple) else value
+    node.declare_parameter(row.name, plain if plain != [] else _TYPES[row.kind],
+                           _descriptor(row), ignore_override=True)
+    return value
+
+
 def _descriptor(row: Parameter) -> ParameterDescriptor:
     unit = f' [{row.unit}]' if row.unit else ''
     constraints = row.range_text()
-    # Dynamic typing: rclpy interprets an empty list as bytes and rejects integers for a double.
-    # `Parameter.parse` checks the type and reports errors.
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
-        additional_constraints=constraints, dynamic_typing=True)
+        additional_constraints=constraints)
     if row.low is not None and row.high is not None:
         if row.kind == 'double':
             descriptor.floating_point_range = [

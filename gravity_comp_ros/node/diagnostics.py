@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
-from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
+from gravity_comp_ros.node.messages import FAULTS, FROM_FUTURE, HANDLED, REPLACED, TOO_OLD
 
 OK, WARN, ERROR, STALE = range(4)
 
-# Minimum number of full bursts per report for a warning; a pause of the machine causes only one.
-MIN_LATE = 10
+# Share of the messages that newer ones replaced from which there is a warning.
+MAX_LATE = 0.1
 
 # Ratio of residual to training residual from which another payload is suspected.
 CHANGED = 5.0
@@ -32,23 +33,29 @@ class Status:
 
 
 def input_status(topic: str, received: int, new: int, age: float | None, stale: bool,
-                 counts: Mapping[str, int], fresh: Mapping[str, int], late: int = 0) -> Status:
+                 counts: Mapping[str, int], fresh: Mapping[str, int], late: int = 0,
+                 stamp_age: float = 0.0) -> Status:
     """
     Return the state of the input.
 
     :param received: messages since the start; `new` of them since the last report.
     :param age: time since the last usable message in s, None before the first.
     :param counts: drops by reason since the start; `fresh` of them since the last report.
-    :param late: number of bursts since the last report that ended with messages waiting.
+    :param late: messages since the last report that a newer one replaced before it was answered.
+    :param stamp_age: difference of the last stamp from the clock, s.
     """
     values = {'topic': topic, 'messages': str(received), 'messages since last report': str(new),
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
     if late:
-        values['bursts since last report'] = str(late)
+        values['messages replaced by newer ones'] = str(late)
     for reason in (*FAULTS, *REPLACED, *HANDLED):
         if counts.get(reason):
             values[f'count {reason}'] = str(counts[reason])
     named = ', '.join(f'{reason} {fresh[reason]}' for reason in FAULTS if fresh.get(reason))
+    if fresh.get(TOO_OLD) or fresh.get(FROM_FUTURE):
+        named += (f' (the last stamp is {abs(stamp_age):.3g} s '
+                  f'{"old" if stamp_age > 0.0 else "in the future"}: synchronise the clocks, or '
+                  'raise max_age)')
     replaced = ', '.join(f'{reason} {fresh[reason]}' for reason in REPLACED if fresh.get(reason))
     if age is None and new == 0:
         level, message = STALE, f'no message on {topic}' + ('' if not received else ' now')
@@ -61,9 +68,10 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
         message = f'dropped: {named}'
     elif replaced:
         level, message = WARN, f'replaced by other data: {replaced}'
-    elif late >= MIN_LATE:
-        level, message = WARN, ('messages arrive faster than they are handled: the torque is '
-                                'late; raise the priority of this process, or lower the rate')
+    elif late > MAX_LATE * new:
+        level, message = WARN, ('messages arrive faster than they are answered, and newer ones '
+                                'replace others: raise the priority of this process, or lower the '
+                                'rate')
     elif age is None:
         level, message = WARN, f'none of the joints of this arm in the messages on {topic}'
     else:
@@ -98,8 +106,8 @@ class Learning:
     kept_old: bool
     compensated: bool
     broken: bool = False
-    faults: str = ''
     outliers: str = ''
+    checks: tuple[Check, ...] = ()
 
 
 def learning_status(learning: Learning) -> Status:
@@ -111,12 +119,12 @@ def learning_status(learning: Learning) -> Status:
               'fit process restarts': str(learning.restarts), 'last fit': learning.last_fit}
     for reason, count in learning.gate.items():
         values[f'gate {reason}'] = str(count)
+    for check in learning.checks:
+        values[f'check {check.name}'] = check.describe()
     if learning.failure:
         level, problem = ERROR, f'{learning.failure}; the old model stays in use'
     elif learning.broken:
         level, problem = ERROR, f'broken effort: {learning.last_fit}'
-    elif learning.faults:
-        level, problem = WARN, f'samples with broken effort are left out: {learning.faults}'
     elif learning.compensated:
         level, problem = WARN, learning.last_fit
     elif learning.kept_old:

@@ -1,15 +1,26 @@
-"""Feed-forward torque: ramped, limited, and with a watchdog for input that stops."""
+"""
+Feed-forward torque: bumpless, limited, and with a watchdog for input that stops.
+
+One rule makes every transition bumpless. The target is the torque that is due now: that of the
+model at the present pose, a held torque, or zero. When the target is redefined (another model or
+effects, torque enabled or disabled, input lost or returned), the offset of the torque published
+last from the new target begins to fall linearly to zero,
+
+    published = target + offset,    between the torque published last and the target,
+
+so that the torque follows the pose from the first message on and never moves away from its target.
+Then the limits of rate and size apply.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
-from gravity_comp_ros.node.compensation_blend import Compensation, CompensationBlend
-from gravity_comp_ros.node.feedforward_options import FeedForwardOptions, per_joint
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.torque_source import TorqueSource
 import numpy as np
 
@@ -23,51 +34,75 @@ HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
 
-# Maximum time step of one message in units of the message period. The time of a stall is spread
-# over the messages that follow it.
+# Number of messages for the median period.
+PERIOD_MESSAGES = 20
+# Maximum time step of one message in units of that period, so that the first message after a
+# stall makes no large step.
 MAX_PERIODS = 2.0
-# Number of messages for the median period, and minimum period, s.
-PERIOD_MESSAGES, MIN_PERIOD = 20, 1e-3
-# Maximum change by a swap of models within `ramp_time`, N·m; a larger change takes longer. With
-# the default of 1 s this is 0.048 N·m per message at 250 Hz.
-SWAP_CHANGE = 12.0
-# Maximum time step of one call of the watchdog, s.
-WATCH_PERIOD = 0.02
+# Rounding error of an offset, N·m.
+ROUNDING = 1e-9
+# Minimum period, and maximum time step of one call of the watchdog, s.
+MIN_PERIOD, WATCH_PERIOD = 1e-3, 0.02
+
+
+@dataclass(frozen=True)
+class FeedForwardOptions:
+    """
+    Limits and times of the feed-forward.
+
+    `max_torque` in N·m and `max_torque_rate` in N·m/s have none, one or N values. Times are in s.
+    `ramp_share` is the largest change of a joint's torque within `ramp_time` by a transition to
+    a model, as a share of the joint's limit `max_torque`: a wrong model then moves an arm of any
+    size slowly. The parameter table describes the other fields.
+
+    :raises OptionError: if a number is negative or not finite, a policy is unknown, or the
+        margin is 0 with `fade`.
+    """
+
+    ramp_time: float = 1.0
+    max_torque: tuple[float, ...] = ()
+    max_torque_rate: tuple[float, ...] = (500.0,)
+    extrapolation: str = 'hold'
+    extrapolation_margin: float = 1.0
+    stale_after: float = 0.3
+    stale_action: str = 'fade'
+    hold_time: float = 0.5
+    fade_time: float = 2.0
+    ramp_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ('ramp_time', 'extrapolation_margin', 'stale_after', 'hold_time',
+                     'fade_time', 'ramp_share'):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise OptionError(f'feed-forward: {name} is {getattr(self, name)}; it must be '
+                                  'finite and not negative')
+        if self.extrapolation not in ('hold', 'fade', 'trust'):
+            raise OptionError(f'feed-forward: extrapolation is {self.extrapolation!r}; it must '
+                              'be hold, fade or trust')
+        if self.extrapolation == 'fade' and self.extrapolation_margin == 0.0:
+            raise OptionError('feed-forward: extrapolation_margin is 0; with extrapolation fade, '
+                              'which falls over this distance, it must be positive')
+        if self.stale_action not in ('fade', 'hold'):
+            raise OptionError(f'feed-forward: stale_action is {self.stale_action!r}; it must '
+                              'be fade or hold')
 
 
 class FeedForward:
     """
     Torque for each pose; the caller passes the time `now` in s.
 
-    A gain between 0 and 1 multiplies the torque of the model. It rises over `ramp_time` when the
-    first model is in use, input returns or torque is enabled. It falls when torque is disabled or
-    input is stale for longer than `hold_time`. A swap of models blends their torques over
-    `ramp_time`, and over a longer time if the change exceeds `SWAP_CHANGE`. The limits apply to
-    the sum, so the published torque never exceeds them.
-
     :param n_joints: the number N of joints.
     """
 
     def __init__(self, n_joints: int, options: FeedForwardOptions) -> None:
         self._n = n_joints
-        self._enabled = True
-        self._gain = 0.0
-        self._blend = 1.0
+        self.enabled = True
         self._source: TorqueSource | None = None
-        self._old: TorqueSource | None = None
-        # Torque minus that of `_old` at the start of the blend, N·m.
-        self._offset = np.zeros(n_joints)
-        self._q: FloatArray | None = None
-        self._share, self._share_goal = np.ones(n_joints), np.ones(n_joints)
-        self._base = np.zeros(n_joints)
-        self._compensation = CompensationBlend(n_joints)
-        self._effects = np.zeros(n_joints)
-        self._last = np.zeros(n_joints)
-        self._now: float | None = None
-        # Time of a stall that is not yet spread over messages, s.
-        self._owed = 0.0
-        self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
-        self._fresh: float | None = None
+        self._version = 0
+        self._failed = False
+        self._zero = np.zeros(n_joints)
+        self._gravity = self._held = self._zero
+        self.restart()
         self.set_options(options)
 
     def set_options(self, options: FeedForwardOptions) -> None:
@@ -76,63 +111,37 @@ class FeedForward:
         self._limit = per_joint(options.max_torque, self._n)
         self._rate = per_joint(options.max_torque_rate, self._n)
 
-    def use(self, source: TorqueSource | None, share: FloatArray | None = None) -> None:
-        """
-        Blend to another model; None stops publishing.
-
-        :param share: share of the change from `source.before` (N,), 0 to 1; None for 1.
-        """
+    def use(self, source: TorqueSource | None) -> None:
+        """Change to the torque of another source; None stops publishing."""
         if source is None or self._source is None:
-            self._gain = 0.0 if source is None else self._gain
-            self._old, self._blend = None, 1.0
-        else:
-            # A swap during a swap starts from the present torque, kept as an offset from the old
-            # model so that the torque follows the pose during the blend.
-            self._offset = np.zeros(self._n)
-            if self._blend < 1.0 and self._q is not None:
-                self._offset = self._base - self._torque(self._source, self._q)
-            old = self._source
-            self._old = replace(old, predict=old.with_share(self._share.copy()), before=None)
-            self._blend = 0.0
+            self._last = self._zero
         self._source = source
-        self._share = np.ones(self._n) if share is None else share
-        self._share_goal = self._share
-
-    def compensate(self, compensation: Compensation | None) -> None:
-        """
-        Blend to another torque of effects, which is added to gravity; None for no torque.
-
-        It is added within the margin of the trained range. Beyond it, without a speed and with
-        stale input it ramps to zero.
-        """
-        self._compensation.use(compensation)
-
-    def set_share(self, share: FloatArray) -> None:
-        """Blend to another share of the change, as slowly as to another model."""
-        self._share_goal = share
+        self._version += 1
 
     def enable(self, enabled: bool) -> None:
         """Allow or forbid torque; it ramps either way."""
-        self._enabled = enabled
+        self.enabled = enabled
+
+    def fail(self) -> None:
+        """Treat the input as lost from now on: `watch` brings the torque to zero."""
+        self._failed = True
 
     def restart(self) -> None:
         """Forget torque and input; with the next message torque ramps up from zero."""
-        self._gain, self._blend, self._old = 0.0, 1.0, None
-        self._share = self._share_goal
-        self._compensation.restart()
-        self._effects, self._last = np.zeros(self._n), np.zeros(self._n)
-        self._fresh = self._now = None
-        self._owed = 0.0
-        self._intervals.clear()
-
-    @property
-    def enabled(self) -> bool:
-        return self._enabled
+        self._last = self._offset = self._speed = self._zero
+        # Pose and speed of the last message.
+        self._moved: tuple[FloatArray, FloatArray | None] | None = None
+        # The definition of the present target.
+        self._phase: tuple[object, ...] = ()
+        self._fresh: float | None = None
+        self._now: float | None = None
+        self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
 
     @property
     def margin(self) -> float:
         """Distance outside the trained range up to which the model is used unchanged, rad."""
-        return self._margin_of(self._source)
+        reach = math.inf if self._source is None else self._source.reach
+        return min(self.options.extrapolation_margin, reach)
 
     def update(self, now: float, q: FloatArray,
                qd: FloatArray | None = None) -> FloatArray | None:
@@ -143,20 +152,38 @@ class FeedForward:
 
         :param qd: speed (N,) in rad/s for the torque of effects, None if unknown.
         """
-        dt = self._since_last_message(now)
-        if self._source is None:
+        dt = self._message_step(now)
+        source = self._source
+        if source is None:
             self._fresh = now
             return None
-        base = self._advanced(self._source, q, dt)
-        if not all_finite(base):
+        gravity, effects = self._due(source, q, qd)
+        if not all_finite(gravity):
             return None
-        self._fresh, self._base, self._q = now, base, q
-        step = self._ramp_step(dt)
-        self._effects = (self._compensation.torque(q, qd, step) if self._is_near(self._source, q)
-                         else self._compensation.fade(step))
-        silent = not self._enabled and self._is_at_rest()
-        self._approach(1.0 if self._enabled else 0.0, self.options.ramp_time, dt)
-        return None if silent else self._limited(dt)
+        silent = not self.enabled and self._is_at_rest()
+        phase = ('model', self._version, effects is None) if self.enabled else ('off',)
+        target = self._target(gravity, effects)
+        if phase != self._phase:
+            reference = target
+            if self._moved is not None and self._phase[:1] == phase[:1] == ('model',):
+                # The motion since the last message is no part of the offset.
+                before = self._due(source, *self._moved)
+                if (before[1] is None) == (effects is None):
+                    reference = self._target(*before)
+            self._begin(phase, reference, self.options.ramp_time, is_capped=self.enabled)
+        self._fresh, self._gravity, self._moved = now, gravity, (q, qd)
+        return None if silent else self._published(target, dt)
+
+    def _due(self, source: TorqueSource, q: FloatArray,
+             qd: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+        """Return gravity, and the torque of the effects or None, (N,) in N·m."""
+        return (source.torque(q, self.options.extrapolation, self.margin),
+                source.effect_torque(q, qd, self.margin))
+
+    def _target(self, gravity: FloatArray, effects: FloatArray | None) -> FloatArray:
+        if not self.enabled:
+            return self._zero
+        return self._clipped(gravity if effects is None else gravity + effects)
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""
@@ -164,21 +191,23 @@ class FeedForward:
             return None
         # After the clock was set back, old input must not count as recent.
         self._fresh = min(self._fresh, now)
-        age = now - self._fresh
-        if age <= self.options.stale_after:
+        if now - self._fresh <= self.options.stale_after and not self._failed:
             return None
-        self._owed = 0.0
         dt = min(self._elapsed(now), max(WATCH_PERIOD, MAX_PERIODS * self._period()))
         if self._is_at_rest():
             return None
-        # Friction depends on the direction of motion, which is unknown without input.
-        self._effects = self._compensation.fade(self._ramp_step(dt))
-        if not self._enabled:
-            self._approach(0.0, self.options.ramp_time, dt)
-        elif self.options.stale_action == 'fade' and (
-                age > self.options.stale_after + self.options.hold_time):
-            self._approach(0.0, self.options.fade_time, dt)
-        return self._limited(dt)
+        if not self.enabled:
+            phase, target, seconds = ('off',), self._zero, self.options.ramp_time
+        elif self._is_fading(now):
+            phase, target, seconds = ('fade',), self._zero, self.options.fade_time
+        else:
+            if self._phase != ('hold',):
+                # Friction depends on the direction of motion, which is unknown without input.
+                self._held = self._last if self._offset.any() else self._clipped(self._gravity)
+            phase, target, seconds = ('hold',), self._held, self.options.ramp_time
+        if phase != self._phase:
+            self._begin(phase, target, seconds, is_capped=False)
+        return self._published(target, dt)
 
     def state(self, now: float) -> str:
         """Return the state, one of the constants above."""
@@ -186,16 +215,54 @@ class FeedForward:
             return NO_MODEL
         if self._fresh is None:
             return WAITING
-        if not self._enabled:
-            return DISABLED if self._gain == 0.0 else RAMPING
-        age = now - self._fresh
-        if age > self.options.stale_after:
-            if self._gain == 0.0:
+        if not self.enabled:
+            return DISABLED if self._is_at_rest() else RAMPING
+        if now - self._fresh > self.options.stale_after:
+            if self._is_at_rest():
                 return FADED
-            fades = self.options.stale_action == 'fade'
-            held = age <= self.options.stale_after + self.options.hold_time
-            return FADING if fades and not held else HOLDING
-        return ACTIVE if self._gain == 1.0 and self._blend == 1.0 else RAMPING
+            return FADING if self._is_fading(now) else HOLDING
+        return RAMPING if self._offset.any() else ACTIVE
+
+    def _begin(self, phase: tuple[object, ...], target: FloatArray, seconds: float,
+               is_capped: bool) -> None:
+        """Begin a transition from the torque published last to another target."""
+        self._phase = phase
+        self._offset = self._last - target if seconds > 0.0 else self._zero
+        self._speed = np.abs(self._offset) / max(seconds, 1e-9)
+        if is_capped and self._limit is not None and seconds > 0.0:
+            self._speed = np.minimum(self._speed, self.options.ramp_share * self._limit / seconds)
+
+    def _published(self, target: FloatArray, dt: float) -> FloatArray:
+        """Return the torque of a transition to `target` after a time step dt, within limits."""
+        last, torque = self._last, target
+        if self._offset.any():
+            step = self._speed * dt
+            offset = self._offset - np.minimum(np.maximum(self._offset, -step), step)
+            offset[np.abs(offset) < ROUNDING] = 0.0
+            torque = np.minimum(np.maximum(target + offset, np.minimum(last, target)),
+                                np.maximum(last, target))
+            self._offset = torque - target
+        if self._rate is not None:
+            step = self._rate * dt
+            torque = np.minimum(np.maximum(torque, last - step), last + step)
+        # A lowered limit applies at once, not at the maximum rate.
+        self._last = self._clipped(torque)
+        return self._last
+
+    def _clipped(self, torque: FloatArray) -> FloatArray:
+        if self._limit is None:
+            return torque
+        return np.minimum(np.maximum(torque, -self._limit), self._limit)
+
+    def _is_fading(self, now: float) -> bool:
+        options = self.options
+        if self._failed:
+            return True
+        return (options.stale_action == 'fade' and self._fresh is not None
+                and now - self._fresh > options.stale_after + options.hold_time)
+
+    def _is_at_rest(self) -> bool:
+        return not self._last.any() and self._phase[:1] != ('model',)
 
     def _elapsed(self, now: float) -> float:
         """Return the time since the last call, at most `stale_after`: the clock may jump."""
@@ -203,13 +270,10 @@ class FeedForward:
         self._now = now
         return min(max(dt, 0.0), self.options.stale_after)
 
-    def _since_last_message(self, now: float) -> float:
-        """Return the time step of a message; the time of a stall is spread over several."""
+    def _message_step(self, now: float) -> float:
+        """Return the time step of a message."""
         dt = self._elapsed(now)
-        counted = dt
-        if self._intervals:
-            counted = min(dt + self._owed, MAX_PERIODS * self._period())
-        self._owed = min(max(0.0, self._owed + dt - counted), self.options.stale_after)
+        counted = min(dt, MAX_PERIODS * self._period()) if self._intervals else dt
         if dt > 0.0:
             self._intervals.append(dt)
         return counted
@@ -219,81 +283,12 @@ class FeedForward:
         intervals = sorted(self._intervals)
         return max(MIN_PERIOD, intervals[len(intervals) // 2]) if intervals else MIN_PERIOD
 
-    def _approach(self, goal: float, duration: float, dt: float) -> None:
-        step = 1.0 if duration <= 0.0 else dt / duration
-        self._gain += min(max(goal - self._gain, -step), step)
 
-    def _ramp_step(self, dt: float) -> float:
-        """Return a time step as a fraction of the ramp time, at most 1."""
-        ramp = self.options.ramp_time
-        return 1.0 if ramp <= 0.0 else min(1.0, dt / ramp)
-
-    def _margin_of(self, source: TorqueSource | None) -> float:
-        reach = math.inf if source is None else source.reach
-        return min(self.options.extrapolation_margin, reach)
-
-    def _is_near(self, source: TorqueSource, q: FloatArray) -> bool:
-        margin = self._margin_of(source)
-        return bool(((q >= source.q_min - margin) & (q <= source.q_max + margin)).all())
-
-    def _is_at_rest(self) -> bool:
-        return self._gain == 0.0 and not self._last.any()
-
-    def _advanced(self, source: TorqueSource, q: FloatArray, dt: float) -> FloatArray:
-        """Advance a swap and the share of a change by dt; return the torque (N,)."""
-        share_step = self._share_goal - self._share
-        if self._blend >= 1.0 and (source.before is None or not share_step.any()):
-            return self._torque(source, q)
-        ramp = self.options.ramp_time
-        step = self._ramp_step(dt)
-        blend, share = self._blend, self._share
-        before = self._blended(source, q)
-
-        def advance(fraction: float) -> FloatArray:
-            self._blend = blend + fraction * min(step, 1.0 - blend)
-            self._share = share + fraction * np.clip(share_step, -step, step)
-            return self._blended(source, q)
-
-        after = advance(1.0)
-        # A late message must not make a larger step.
-        limit = SWAP_CHANGE * min(dt, self._period()) / ramp if ramp > 0.0 else math.inf
-        change = float(np.abs(after - before).max())
-        return advance(limit / change) if change > limit else after
-
-    def _blended(self, source: TorqueSource, q: FloatArray) -> FloatArray:
-        new = self._torque(source, q)
-        if self._blend >= 1.0 or self._old is None:
-            return new
-        old = self._torque(self._old, q) + self._offset
-        return old + self._blend * (new - old)
-
-    def _torque(self, source: TorqueSource, q: FloatArray) -> FloatArray:
-        predict = source.with_share(self._share)
-        if self.options.extrapolation == 'trust':
-            return predict(q)
-        nearest = source.nearest(q)
-        if nearest is q:
-            # Within the trained range.
-            return predict(q)
-        q = nearest
-        margin = self._margin_of(source)
-        inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
-        outside = float(np.abs(q - inside).max())
-        if outside == 0.0:
-            return predict(q)
-        if self.options.extrapolation == 'hold':
-            return predict(inside)
-        return predict(q) * max(0.0, 1.0 - outside / margin)
-
-    def _limited(self, dt: float) -> FloatArray:
-        goal = self._gain * (self._base + self._effects)
-        if self._limit is not None:
-            goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
-        if self._rate is not None:
-            step = self._rate * dt
-            goal = np.minimum(np.maximum(goal, self._last - step), self._last + step)
-        if self._limit is not None:
-            # Again: a lowered limit applies at once, not at the maximum rate.
-            goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
-        self._last = goal
-        return goal
+def per_joint(values: tuple[float, ...], n_joints: int) -> FloatArray | None:
+    """Return a limit for each joint (N,), None for none."""
+    if not values:
+        return None
+    if len(values) not in (1, n_joints):
+        raise OptionError(f'feed-forward: {len(values)} limits for {n_joints} joints; give one '
+                          'for all or one per joint')
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), (n_joints,)).copy()

@@ -25,6 +25,8 @@ TIME_STILL = 'time_still'
 VELOCITY_NOT_FINITE = 'velocity_not_finite'
 EFFORT_NOT_FINITE = 'effort_not_finite'
 NO_EFFORT = 'no_effort'
+TOO_OLD = 'too_old'
+FROM_FUTURE = 'from_future'
 # Replaced by other data, with a warning: a velocity that contradicts the positions, and stamps of
 # 0 after stamps that were not 0.
 VELOCITY_WRONG = 'velocity_wrong'
@@ -35,7 +37,8 @@ NO_STAMP = 'no_stamp'
 CLOCK_JUMP = 'clock_jump'
 
 FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSITION_ABSURD,
-          TIME_BACK, TIME_STILL, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE, NO_EFFORT, CLOCK_JUMP)
+          TIME_BACK, TIME_STILL, TOO_OLD, FROM_FUTURE, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE,
+          NO_EFFORT, CLOCK_JUMP)
 REPLACED = (VELOCITY_WRONG, STAMP_LOST)
 HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
 
@@ -93,11 +96,12 @@ class JointStateReader:
     :param joints: the joint names, in the order of the vectors.
     :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
     :param continuous: the continuous joints.
+    :param max_age: largest difference of a stamp from the time of arrival, s; 0 for any.
     :raises OptionError: if the number of scales is wrong, or a continuous joint is unknown.
     """
 
     def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = (),
-                 continuous: Sequence[str] = ()) -> None:
+                 continuous: Sequence[str] = (), max_age: float = 0.0) -> None:
         if unknown := sorted(set(continuous) - set(joints)):
             raise OptionError(f'continuous_joints: {", ".join(unknown)} is not among the joints '
                               f'{", ".join(joints)}')
@@ -105,6 +109,9 @@ class JointStateReader:
             raise OptionError(f'effort_scale has {len(effort_scale)} values for '
                               f'{len(joints)} joints')
         self.joints = tuple(joints)
+        self.max_age = max_age
+        # Difference of the last stamp from its time of arrival, s.
+        self.age = 0.0
         self.counts: Counter[str] = Counter()
         self.received = 0
         scale = effort_scale if effort_scale else (1.0,)
@@ -135,7 +142,8 @@ class JointStateReader:
         Return the reading of a message, None if it cannot be used.
 
         :param message: a `sensor_msgs/JointState`.
-        :param arrival: time of arrival in s, used where the message has no stamp.
+        :param arrival: time of arrival in s on the clock of the stamps; it is the time of a
+            message without a stamp, and determines the age of one with a stamp.
         """
         self.received += 1
         if message.name != self._names and not self._learn_order(message.name):
@@ -156,6 +164,8 @@ class JointStateReader:
             # The first message of a simulation that begins at 0 seems to have no stamp.
             self._stamped, new_run = True, self._last > -np.inf
             self._past.clear()
+        if t != 0.0 and not self._is_recent(arrival - t):
+            return None
         if t <= self._last and not new_run:
             if not self._clock_was_set_back(t):
                 self.counts[TIME_STILL if t == self._last else TIME_BACK] += 1
@@ -170,6 +180,13 @@ class JointStateReader:
         if qd is None or tau is None:
             return Reading(t, q, qd, tau, new_run, self._before(t))
         return CompleteReading(t, q, qd, tau, new_run, self._before(t))
+
+    def _is_recent(self, age: float) -> bool:
+        self.age = age
+        if not self.max_age or abs(age) <= self.max_age:
+            return True
+        self.counts[TOO_OLD if age > 0.0 else FROM_FUTURE] += 1
+        return False
 
     def _before(self, t: float) -> tuple[float, FloatArray] | None:
         if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+
+Reply = Callable[[bool, str], None]
+# Maximum time for pending saves as the node ends, s.
+_LAST_SAVE = 1.0
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,9 @@ class ModelHistory:
     """
     The model in use, and the last model of each of up to `depth` earlier payloads.
 
+    One thread writes the file: a slow disk delays nothing else, and the file always has the model
+    of the last save.
+
     :param path: the model file; empty if there is none.
     """
 
@@ -41,6 +51,8 @@ class ModelHistory:
         self.problem = ''
         self._depth = depth
         self._past: list[Entry] = []
+        self._saves: SimpleQueue[tuple[Path, Entry, Reply] | None] = SimpleQueue()
+        self._writer: Thread | None = None
 
     @property
     def model(self) -> GravityModel | None:
@@ -93,16 +105,34 @@ class ModelHistory:
                 f'is {", ".join(joints)}')
         return self.use(model, f'loaded from {self.path}', now)
 
-    def save(self) -> str:
+    def save(self, reply: Reply) -> None:
         """
-        Write the model in use to the file, and return a confirmation.
+        Write the present model to the file after all earlier saves.
 
-        :raises ModelFileError: if there is no model, no file name, or writing fails.
+        :param reply: called once with success and a sentence, from another thread or now.
         """
         if self.entry is None:
-            raise ModelFileError('there is no model to save yet')
-        if not self.path:
-            raise ModelFileError('no file to save to: set the parameter model_file')
-        path = Path(self.path).expanduser()
-        save_model(path, self.entry.model)
-        return f'saved the {self.entry.describe()} to {path}'
+            reply(False, 'there is no model to save yet')
+        elif not self.path:
+            reply(False, 'no file to save to: set the parameter model_file')
+        else:
+            if self._writer is None:
+                self._writer = Thread(target=self._write, daemon=True)
+                self._writer.start()
+            self._saves.put((Path(self.path).expanduser(), self.entry, reply))
+
+    def close(self) -> None:
+        """Finish pending saves, for a second at most."""
+        self._saves.put(None)
+        if self._writer is not None:
+            self._writer.join(_LAST_SAVE)
+
+    def _write(self) -> None:
+        while (save := self._saves.get()) is not None:
+            path, entry, reply = save
+            try:
+                save_model(path, entry.model)
+            except ModelFileError as problem:
+                reply(False, str(problem))
+            else:
+                reply(True, f'saved the {entry.describe()} to {path}')

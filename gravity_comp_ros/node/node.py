@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from threading import Thread
+from collections.abc import Sequence
 import time
 
 from builtin_interfaces.msg import Time
@@ -13,7 +13,7 @@ from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.priority_executor import InputFirstExecutor, InputGroup
+from gravity_comp_ros.node.priority_executor import InputGroup
 from gravity_comp_ros.node.services import Services
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -23,17 +23,15 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-# Best effort matches every publisher. The depth covers a pause of this process of 0.1 s at 1 kHz;
-# on a machine that is too slow, the queue delays the torque.
+# Best effort matches every publisher. The depth covers a pause of this process of 0.1 s at 1 kHz
+# for learning; only the newest message is answered.
 INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
 # robot_state_publisher sends the description once, latched for late subscribers.
 DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                              reliability=ReliabilityPolicy.RELIABLE,
                              durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Period of the watchdog and of polling the fit process, s.
-TICK = 0.02
-# Ticks per message on `~/extrapolation`, whose standard deviation takes a millisecond.
+# Ticks per message on `~/extrapolation`, whose standard deviation takes 0.2 ms.
 TICKS_PER_EXTRAPOLATION = 5
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')
@@ -41,6 +39,9 @@ NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned 
 
 class GravityCompNode(LifecycleNode):
     """The lifecycle node `gravity_comp`; docs/node.md describes its interface."""
+
+    # Period of the watchdog and of polling the fit process, s.
+    TICK = 0.02
 
     def __init__(self) -> None:
         super().__init__('gravity_comp')
@@ -102,11 +103,11 @@ class GravityCompNode(LifecycleNode):
         self._outputs = Outputs(self)
         self._named = False
         self._subscription = self.create_subscription(
-            JointState, 'joint_states', self._on_joint_state, INPUT_QOS,
+            JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
         self._service_set = Services(self, self._active_core, self.now)
         report = 1.0 / self.settings.values.diagnostics_rate
-        self._node_timers = [self.create_timer(TICK, self._on_tick, clock=self._steady),
+        self._node_timers = [self.create_timer(self.TICK, self._on_tick, clock=self._steady),
                              self.create_timer(report, self._on_report, clock=self._steady)]
         self._core.learner.fits.start(time.monotonic())
         return super().on_configure(state)
@@ -161,26 +162,49 @@ class GravityCompNode(LifecycleNode):
         self._core = self._outputs = self._subscription = self._description = None
         self._node_timers, self._service_set = [], None
 
+    def fail(self, problem: Exception, details: str) -> None:
+        """Report an error in a callback; from now on only `end_torque` publishes."""
+        text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
+        self.get_logger().fatal(f'{text}; the torque falls to zero, then the node ends\n{details}')
+        if self._outputs is not None:
+            self._outputs.diagnostics([Status('node', ERROR, text)])
+        if self._core is not None and self._core.arm is not None:
+            self._core.arm.feed.fail()
+
+    def end_torque(self) -> bool:
+        """Publish the next torque on the way to zero; return False once nothing is due."""
+        core, outputs = self._core, self._outputs
+        if not self._active or core is None or outputs is None or core.arm is None:
+            return False
+        tau = core.arm.watch(self.now())
+        if tau is not None:
+            outputs.torque(self.get_clock().now().to_msg(), tau)
+        return tau is not None
+
     def _active_core(self) -> NodeCore | None:
         return self._core if self._active else None
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def on_joint_states(self, messages: Sequence[JointState]) -> None:
+        """Publish the torque of the newest of all waiting messages, and learn from each."""
         core, outputs = self._core, self._outputs
         if not self._active or core is None or outputs is None or not self._has_time():
             return
-        now = self.now()
-        reading, tau = core.message(message, now, time.time())
-        if reading is None:
+        now, arrival = self.now(), self.get_clock().now().nanoseconds * 1e-9
+        read = [(message, reading) for message in messages
+                if (reading := core.read(message, arrival)) is not None]
+        if not read:
             return
+        message, newest = read[-1]
         if not self._named and core.arm is not None:
             outputs.name_joints(core.arm.joints)
             self._named = True
-        stamp = message.header.stamp
+        tau = core.torque([reading for _, reading in read], now)
         if tau is not None:
-            outputs.torque(stamp, tau)
+            outputs.torque(message.header.stamp, tau)
         if outputs.publishes_prediction or outputs.publishes_residual:
-            self._publish_prediction(core, outputs, reading, stamp)
-        core.learn(reading, now)
+            self._publish_prediction(core, outputs, newest, message.header.stamp)
+        for _, reading in read:
+            core.learn(reading, now)
 
     def _publish_prediction(self, core: NodeCore, outputs: Outputs, reading: Reading,
                             stamp: Time) -> None:
@@ -200,6 +224,8 @@ class GravityCompNode(LifecycleNode):
         tau = core.tick(self.now(), time.monotonic())
         while core.log_lines:
             self._log(*core.log_lines.popleft())
+        while core.learner.decisions:
+            outputs.checks(core.learner.decisions.popleft())
         while core.learner.events:
             outputs.payload_suspected(core.learner.events.popleft())
         if tau is not None and self._active:
@@ -210,15 +236,10 @@ class GravityCompNode(LifecycleNode):
             extrapolation = core.arm.extrapolation()
             if extrapolation is not None and self._active:
                 outputs.extrapolation(self.get_clock().now().to_msg(), *extrapolation)
-        if core.learner.wants_save:
-            core.learner.wants_save = False
-            Thread(target=core.save_automatically, daemon=True).start()
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._core is not None and self._outputs is not None:
-            if isinstance(self.executor, InputFirstExecutor):
-                self._core.late = self.executor.full_bursts
             statuses = self._core.statuses(self.now()) + self._graph_statuses()
             self._outputs.diagnostics(statuses)
             self._log_level_changes(statuses)

@@ -6,20 +6,16 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from typing import Any
 
-from gravity_comp_ros.data.gate import RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import joint_order
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
+from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.delayed_samples import SlowSample
-from gravity_comp_ros.node.fit_requests import Reply
 from gravity_comp_ros.node.learner import can_change, Learner
-from gravity_comp_ros.node.live_nuisance import expected_residual
-from gravity_comp_ros.node.messages import CompleteReading, Reading
-from gravity_comp_ros.node.model_history import Entry, ModelHistory
+from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.node.realtime_effects import compensable
 
@@ -38,8 +34,8 @@ class NodeCore:
 
     def __init__(self, settings: Parameters, topic: str, now: float) -> None:
         self.settings = settings
-        # Number of input bursts since the start that ended with messages waiting.
-        self.late = self._late_reported = 0
+        # Messages that a newer one replaced before they were answered, since the last report.
+        self._replaced = 0
         self._topic = topic
         # Events for the log: (is it a warning, sentence).
         self.log_lines: deque[tuple[bool, str]] = deque(maxlen=100)
@@ -82,9 +78,20 @@ class NodeCore:
         self._use_description()
 
     def describe(self, text: str) -> None:
-        """Use a robot description from now on."""
-        self._description = text
-        self._use_description()
+        """
+        Use a robot description.
+
+        The first one is used until the node is configured again: a later one must not change the
+        torque limits of an arm that is being supported.
+        """
+        if self._description and text != self._description:
+            self.log_lines.append((
+                True, 'another robot description was received and is not used; configure the node '
+                'again to use it'))
+            return
+        if text != self._description:
+            self._description = text
+            self._use_description()
 
     def _use_description(self) -> None:
         arm = self.arm
@@ -98,43 +105,36 @@ class NodeCore:
             bool(described.problem), f'robot description: axes {axes}; effort limits {limits} '
             f'N·m; continuous joints: {", ".join(described.continuous) or "none"}'))
 
-    def message(self, message: Any, now: float, arrival: float
-                ) -> tuple[Reading | None, FloatArray | None]:
+    def read(self, message: Any, arrival: float) -> Reading | None:
         """
-        Read a `sensor_msgs/JointState`; return the reading and the torque to publish.
+        Read a `sensor_msgs/JointState`; return None if it cannot be used.
 
-        Call `learn` after the torque has been published.
-
-        :param now: monotonic time in s, for ramps and the watchdog.
-        :param arrival: time in s for a message without a stamp.
+        :param arrival: time of arrival in s on the clock of the stamps.
         """
         arm = self.arm
         if arm is None or (self._guessed and self._is_larger(arm, message.name)):
             arm = self._begin_with_message(tuple(message.name))
-            if arm is None:
-                return None, None
-        reading = arm.reader.read(message, arrival)
-        if reading is None:
-            return None, None
-        tau = arm.torque(now, reading)
-        arm.last_seen, arm.pose = now, reading.q
-        return reading, tau
+        return None if arm is None else arm.reader.read(message, arrival)
+
+    def torque(self, readings: Sequence[Reading], now: float) -> FloatArray | None:
+        """
+        Return the torque (N,) in N·m to publish for the newest of waiting readings.
+
+        Call `learn` for each after the torque has been published.
+
+        :param now: monotonic time in s, for ramps and the watchdog.
+        """
+        self._replaced += len(readings) - 1
+        return None if self.arm is None else self.arm.torque(now, readings[-1])
 
     def learn(self, reading: Reading, now: float) -> None:
         """
         Learn from a reading, and compare the model in use with it.
 
-        :param now: as for `message`; torque published before it counts as sent.
+        :param now: as for `torque`; torque published before it counts as sent.
         """
-        arm = self.arm
-        if arm is None:
-            return
-        if reading.new_run:
-            arm.restart()
-        if isinstance(reading, CompleteReading) and arm.accepts_samples(now):
-            self._filter(arm, reading, now)
-            for sample in arm.delayed.due(reading.t):
-                self._offer(arm, sample, now)
+        if self.arm is not None:
+            self.arm.learn(reading, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
@@ -169,31 +169,6 @@ class NodeCore:
                 True, f'the order of the joints in the messages is {", ".join(names)}; from the '
                 f'base outwards it is {", ".join(order.joints)} ({order.source}): set the '
                 'parameter joints to that order, or no chain explains this arm'))
-
-    def _filter(self, arm: Arm, reading: CompleteReading, now: float) -> None:
-        """Keep a slow reading until its acceleration can be measured."""
-        arm.delayed.add_velocity(reading.t, reading.qd)
-        reason = arm.gate.offer(reading.t, reading.q, reading.qd)
-        if reason is None:
-            arm.delayed.hold(reading, arm.sent.before(now))
-        elif reason != RATE:
-            arm.gate_counts[reason] += 1
-
-    def _offer(self, arm: Arm, sample: SlowSample, now: float) -> None:
-        """Learn from a slow sample, and compare the model in use with it."""
-        reading = sample.reading
-        predicted = arm.predicted(reading)
-        model = self.models.model
-        fault = arm.health.fault(reading.q, reading.tau, predicted,
-                                 None if model is None else expected_residual(model))
-        if fault is not None:
-            arm.count_broken_effort(fault)
-            return
-        arm.epoch.offer(reading.t, reading.q, reading.qd, reading.tau, sample.qdd, sample.sent)
-        if predicted is not None:
-            arm.record_residual(sample, predicted)
-            if (objection := arm.objection()) is not None:
-                self.learner.roll_back_automatically(arm, objection, now)
 
     def tick(self, now: float, wall: float | None = None) -> FloatArray | None:
         """
@@ -249,19 +224,9 @@ class NodeCore:
         if self.arm is not None:
             self.arm.deactivate()
 
-    def save(self) -> Answer:
-        """Write the model file; called from another thread, because a disk may be slow."""
-        try:
-            return True, self.models.save()
-        except ModelFileError as problem:
-            return False, str(problem)
-
-    def save_automatically(self) -> None:
-        """Write the model file after a new model is in use; report a failure."""
-        success, text = self.save()
-        if not success:
-            self.models.problem = text
-        self.log_lines.append((not success, text))
+    def save(self, wall: float, reply: Reply) -> None:
+        """Write the model file; `reply` is called once, from another thread or now."""
+        self.models.save(reply)
 
     def close(self) -> None:
         """End the fit process, and reply to pending calls."""
@@ -278,13 +243,13 @@ class NodeCore:
             received = sum(self._unnamed.values())
             return [diagnostics.input_status(self._topic, received, received, None, False,
                                              self._unnamed, self._unnamed), model]
-        late, self._late_reported = self.late - self._late_reported, self.late
-        return [arm.input_status(self._topic, now, late), model,
+        replaced, self._replaced = self._replaced, 0
+        return [arm.input_status(self._topic, now, replaced), model,
                 diagnostics.learning_status(self.learner.status(arm)),
                 diagnostics.payload_status(
                     arm.payload.suspicion.text if arm.payload.suspicion else '',
                     arm.payload.other),
-                *arm.statuses(self.models.model, now)]
+                *arm.statuses(now)]
 
 
 def check_effects(settings: Parameters, joints: tuple[str, ...]) -> None:

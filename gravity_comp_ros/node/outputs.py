@@ -9,11 +9,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.node.diagnostics import Status, WARN
-from gravity_comp_ros.node.payload_watch import Suspicion
+from gravity_comp_ros.node.watch import Suspicion
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 DEPTH = 10
 # Late subscribers receive the last events with their stamps.
@@ -40,6 +40,7 @@ class Outputs:
             JointState, '~/extrapolation', DEPTH)
         self._suspected = node.create_lifecycle_publisher(
             DiagnosticArray, '~/payload_suspected', EVENT_QOS)
+        self._checks = node.create_lifecycle_publisher(String, '~/checks', EVENT_QOS)
         # Not managed, so that an inactive node publishes diagnostics.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._torque, self._predicted = JointState(), JointState()
@@ -93,6 +94,10 @@ class Outputs:
         """Publish /diagnostics."""
         self._diagnostics.publish(self._array(statuses))
 
+    def checks(self, decision: str) -> None:
+        """Publish the checks of a decision, as JSON."""
+        self._checks.publish(String(data=decision))
+
     def payload_suspected(self, suspicion: Suspicion) -> None:
         """Publish the suspicion of an unannounced payload, with its evidence."""
         self._suspected.publish(self._array([
@@ -113,7 +118,7 @@ class Outputs:
     def destroy(self) -> None:
         """Destroy all publishers."""
         for publisher in (self._torques, self._commands, self._prediction, self._residual,
-                          self._extrapolation, self._suspected):
+                          self._extrapolation, self._suspected, self._checks):
             self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_publisher(self._diagnostics)
 

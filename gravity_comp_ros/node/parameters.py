@@ -44,6 +44,11 @@ class Parameters:
     continuous_joints: tuple[str, ...] = parameter(
         (), 'Continuous joints, in addition to those of the robot description. A position of any '
         'other joint beyond ±4π is dropped, such as an angle in degrees.', read_only=True)
+    max_age: float = parameter(
+        0.3, 'Largest difference between the stamp of a joint state and the clock. Older '
+        'messages, and messages from the future, are dropped. 0 accepts any stamp, for '
+        'recordings that are played, and for drivers whose stamps are not on the clock of this '
+        'computer.', 's', 0.0, 3600.0)
     max_speed: float = parameter(
         0.15, 'Only samples at which no joint is faster than this are learned from.', 'rad/s',
         0.001, 10.0)
@@ -126,12 +131,12 @@ class Parameters:
         read_only=True)
     ramp_time: float = parameter(
         1.0, 'Time for torque to ramp from zero to that of the model, or from the old model to '
-        'the new one. A change of the model by more than 12 N·m takes proportionally longer. 0 '
-        'switches at once.', 's', 0.0, 60.0)
+        'the new one. A change by more than a fifth of a torque limit takes proportionally '
+        'longer. 0 switches at once.', 's', 0.0, 60.0)
     max_torque: tuple[float, ...] = parameter(
         (), 'Largest published torque: one value for all joints or one per joint. If it is empty, '
-        'the effort limits of the robot description apply. Without either no torque is '
-        'published, unless `unlimited_torque` is true.', 'N·m', 0.0, 100000.0)
+        'the effort limits of the first robot description apply. Without either no torque '
+        'is published, unless `unlimited_torque` is true.', 'N·m', 0.0, 100000.0)
     unlimited_torque: bool = parameter(
         False, 'Publish torque although no torque limits are known.')
     max_torque_rate: tuple[float, ...] = parameter(

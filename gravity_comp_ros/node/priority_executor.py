@@ -31,8 +31,8 @@ FULL_CHECK_PERIOD = 0.2
 PAUSE = 0.005
 # Maximum time for other callbacks, s.
 OTHERS_DURATION = 0.002
-# Maximum number of consecutive messages before other callbacks run.
-BURST = 20
+# Maximum number of messages that are taken at once: the depth of the queue.
+MAX_MESSAGES = 100
 
 
 class InputGroup(CallbackGroup):
@@ -99,13 +99,13 @@ class InputFirstExecutor(SingleThreadedExecutor):
     Executor that handles the input of a node first.
 
     :param subscription: returns the subscription of the input, None while there is none.
+    :param handle: called with all waiting messages, in order of arrival.
     """
 
-    def __init__(self, subscription: Callable[[], Subscription | None]) -> None:
+    def __init__(self, subscription: Callable[[], Subscription | None],
+                 handle: Callable[[list[Any]], None]) -> None:
         super().__init__()
-        # Number of bursts since the start that ended with messages waiting.
-        self.full_bursts = 0
-        self._subscription = subscription
+        self._subscription, self._handle = subscription, handle
         self._polls: list[ReadyPoll] = []
         self._served: Subscription | None = None
         self._wait_set: Any = None
@@ -146,7 +146,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
         raise ExternalShutdownException()
 
     def _handle_input(self, subscription: Subscription, timeout: float) -> bool:
-        """Wait for input and handle up to `BURST` messages; return whether there were any."""
+        """Handle all waiting messages at once, and return whether there were any."""
         if subscription is not self._served:
             self._served = subscription
             self._wait_set = rclpy_implementation.WaitSet(
@@ -156,13 +156,13 @@ class InputFirstExecutor(SingleThreadedExecutor):
             self._wait_set.clear_entities()
             self._wait_set.add_subscription(handle)
             self._wait_set.wait(int(timeout * 1e9))
-            for count in range(BURST):
-                message = handle.take_message(subscription.msg_type, False)
-                if message is None:
-                    return count > 0
-                subscription.callback(message[0])
-        self.full_bursts += 1
-        return True
+            messages: list[Any] = []
+            while len(messages) < MAX_MESSAGES and (
+                    taken := handle.take_message(subscription.msg_type, False)) is not None:
+                messages.append(taken[0])
+        if messages:
+            self._handle(messages)
+        return bool(messages)
 
     def _handle_others(self, until: float) -> None:
         """Run all other callbacks that are ready, at most until this time."""

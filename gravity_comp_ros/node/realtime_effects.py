@@ -12,9 +12,9 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.node.compensation_blend import Compensation
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.torque_source import Compensation
 import numpy as np
 
 # Effects whose torque depends on pose and speed alone. The others depend on history (drift,

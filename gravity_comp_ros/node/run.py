@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import gc
 import sys
+import time
+import traceback
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.node import GravityCompNode
@@ -14,9 +16,19 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import TransitionCallbackReturn
 
+# Exit code after an error in a callback; a supervisor starts the node again.
+FAILED = 3
+# Longest time that the control thread waits for another Python thread, s.
+SWITCH_INTERVAL = 1e-4
+
 
 def run(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal ends it; return 0, or 1 with one line if it cannot start."""
+    """
+    Run the node until a signal ends it.
+
+    :return: 0, 1 with one line if it cannot start, or `FAILED` after an error in a callback.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
@@ -31,25 +43,25 @@ def run(args: Sequence[str] | None = None) -> int:
         if rclpy.ok():
             raise
         return 0
-    executor = InputFirstExecutor(node.subscription)
+    executor = InputFirstExecutor(node.subscription, node.on_joint_states)
     try:
-        _spin(node, executor)
+        return _spin(node, executor)
     except ExternalShutdownException:
-        pass
+        return 0
     except Exception:
         # A signal during a callback invalidates the context, and the callback fails.
         if rclpy.ok():
             raise
+        return 0
     finally:
         node.close()
         # The executor holds entities of the node, so it ends first.
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-    return 0
 
 
-def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> None:
+def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> int:
     executor.add_node(node)
     if node.settings.values.autostart and (
             node.trigger_configure() == TransitionCallbackReturn.SUCCESS):
@@ -57,4 +69,23 @@ def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> None:
     # Imported modules stay; scanning them in each garbage collection takes milliseconds.
     gc.collect()
     gc.freeze()
-    executor.spin()
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        raise
+    except Exception as problem:
+        if not rclpy.ok():
+            raise
+        _end_torque(node, problem)
+    return FAILED
+
+
+def _end_torque(node: GravityCompNode, problem: Exception) -> None:
+    """
+    Bring the published torque to zero after an error in a callback, as on stale input.
+
+    The controller keeps the last torque that it received, so the process must not simply end.
+    """
+    node.fail(problem, traceback.format_exc())
+    while rclpy.ok() and node.end_torque():
+        time.sleep(node.TICK)

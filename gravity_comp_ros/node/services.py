@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from threading import Thread
 import time
 from typing import Any
 
-from gravity_comp_ros.node.fit_requests import Reply
+from gravity_comp_ros.node.model_history import Reply
 from gravity_comp_ros.node.node_core import Answer, NodeCore
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -38,7 +37,7 @@ class Services:
             node.create_service(Trigger, f'~/{name}', self._deferred(start),
                                 qos_profile=SERVICE_QOS, callback_group=waiting)
             for name, start in (('refit', NodeCore.refit), ('diagnose', NodeCore.diagnose),
-                                ('save_model', _save_in_thread))]
+                                ('save_model', NodeCore.save))]
         immediate: dict[str, tuple[type, Callable[[NodeCore, Any], Answer]]] = {
             'payload_changed': (Trigger, lambda core, _: core.payload_changed(now())),
             'rollback': (Trigger, lambda core, _: core.rollback(now())),
@@ -80,10 +79,6 @@ class Services:
         else:
             self._node.get_logger().warning(text, throttle_duration_sec=0.1)
         return response
-
-
-def _save_in_thread(core: NodeCore, _: float, reply: Reply) -> None:
-    Thread(target=lambda: reply(*core.save()), daemon=True).start()
 
 
 def _complete(future: Future, answer: Answer) -> None:

@@ -1,4 +1,4 @@
-"""Torque source of the feed-forward: a model, its trained range, and the previous model."""
+"""Torque source of the feed-forward: a model, its trained range, its effects, and its share."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.short_vectors import all_finite
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
 Predict = Callable[[FloatArray], FloatArray]
+# Torque of effects (N,) in N·m at a pose (N,) and a speed (N,); None without a speed.
+Compensation = Callable[[FloatArray, FloatArray | None], FloatArray | None]
 REVOLUTION = 2.0 * math.pi
+# Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
+# the trained range their errors are hundreds of N·m.
+PER_JOINT_REACH = 0.1
+# Standard deviations of a significant change within the range of its samples.
+SIGNIFICANT = 2.0
+# Distance outside the range of the samples that doubles this number, rad.
+REACH = 0.5
+_MIN_CHANGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,16 +31,20 @@ class TorqueSource:
     """
     A model for the feed-forward: predict (N,) → (N,), and its trained range (N,).
 
-    `reach` in rad bounds `extrapolation_margin` for a model that extrapolates badly. `before` is
-    the model of the previous payload where only a share of the change is used
-    (`uncertain_change`).
+    `reach` in rad bounds the margin of extrapolation. `effects` are added to gravity.
     """
 
     predict: Predict
     q_min: FloatArray
     q_max: FloatArray
     reach: float = math.inf
-    before: Predict | None = None
+    effects: Compensation | None = None
+
+    @classmethod
+    def of(cls, model: GravityModel, effects: Compensation | None = None) -> TorqueSource:
+        """Return the torque source of a model, with the reach of its formulation."""
+        reach = PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf
+        return cls(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach, effects)
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """
@@ -42,13 +59,68 @@ class TorqueSource:
         middle = 0.5 * (self.q_min + self.q_max)
         return np.where(outside, q - REVOLUTION * np.round((q - middle) / REVOLUTION), q)
 
+    def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
+        """Return gravity (N,) in N·m at pose q (N,), by the policy beyond the margin in rad."""
+        nearest = q if policy == 'trust' else self.nearest(q)
+        if nearest is q:
+            return self.predict(q)
+        inside = np.minimum(np.maximum(nearest, self.q_min - margin), self.q_max + margin)
+        outside = float(np.abs(nearest - inside).max())
+        if outside == 0.0:
+            return self.predict(nearest)
+        if policy == 'hold':
+            return self.predict(inside)
+        return self.predict(nearest) * max(0.0, 1.0 - outside / margin)
+
+    def effect_torque(self, q: FloatArray, qd: FloatArray | None,
+                      margin: float) -> FloatArray | None:
+        """Return the torque of the effects (N,) in N·m; None without any, far away or unknown."""
+        if self.effects is None or ((q < self.q_min - margin) | (q > self.q_max + margin)).any():
+            return None
+        torque = self.effects(q, qd)
+        return torque if torque is not None and all_finite(torque) else None
+
+
+class UncertainChange:
+    """
+    The share of a change of the torque that is used where few samples determine it.
+
+    A few seconds of motion determine the change of some joints well and of others badly. With d_n
+    the change of the torque of joint n at a pose and s_n its standard deviation,
+
+        share_n = max(0, 1 - (k s_n / d_n)^2),    k = 2 (1 + distance / 0.5 rad),
+
+    the torque is old + share (new - old): a change that is not significant is not sent. `distance`
+    is that of the pose from the range of the new samples, where the standard deviation itself is
+    less certain. Without a standard deviation no change is significant.
+
+    :param model: learned from few samples.
+    :param before: model of the previous payload.
+    :param low: smallest angle of each joint in the new samples (N,), rad; `high` the largest.
+    """
+
+    def __init__(self, model: GravityModel, before: GravityModel, low: FloatArray,
+                 high: FloatArray) -> None:
+        self._model, self._before = model, before
+        self._low, self._high = low, high
+
+    def share(self, q: FloatArray) -> FloatArray:
+        """Return the share (N,) of the change to use at pose q (N,), 0 to 1."""
+        try:
+            std = self._model.predict_std(q)[0]
+        except (DataError, np.linalg.LinAlgError):
+            return np.zeros(len(q))
+        change = self._model.predict_one(q) - self._before.predict_one(q)
+        outside = float(np.maximum(np.maximum(self._low - q, q - self._high), 0.0).max())
+        uncertain = SIGNIFICANT * (1.0 + outside / REACH) * std
+        share = 1.0 - (uncertain / np.maximum(np.abs(change), _MIN_CHANGE)) ** 2
+        return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
+
     def with_share(self, share: FloatArray) -> Predict:
-        """Return the torque of `before` plus a share (N,) of its change; else `predict`."""
-        before = self.before
-        if before is None:
-            return self.predict
+        """Return the torque of the previous model plus a share (N,) of the change."""
+        old, new = self._before.predict_one, self._model.predict_one
 
         def predict(q: FloatArray) -> FloatArray:
-            old = before(q)
-            return old + share * (self.predict(q) - old)
+            before = old(q)
+            return before + share * (new(q) - before)
         return predict

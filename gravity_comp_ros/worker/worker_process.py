@@ -1,18 +1,27 @@
-"""Worker process for long jobs: start, jobs, messages and end, from the parent's side."""
+"""
+Worker process for long jobs: start, jobs, messages and end, from the parent's side.
+
+One thread per process reads its pipe and waits for its end. The caller takes finished messages
+from a queue: no method waits for the process, also while it is stopped in the middle of a message.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 import os
+from queue import SimpleQueue
 import subprocess
 import sys
-from threading import Thread
+from threading import Condition, Thread
 from typing import Any
 
-from gravity_comp_ros.worker.messages import Lost, Message
+from gravity_comp_ros.worker.messages import Failed, Lost, Message
+
+# Notified after each message of any worker.
+_news = Condition()
 
 
 def command(task: str, niceness: int) -> tuple[str, ...]:
@@ -27,9 +36,7 @@ def command(task: str, niceness: int) -> tuple[str, ...]:
 
 class WorkerProcess:
     """
-    A worker process and the pipe to it. No method blocks on it.
-
-    It keeps running between jobs and ends with its parent process.
+    A worker process, which keeps running between jobs and ends with its parent process.
 
     :param command: the command line; the descriptor of the pipe is appended.
     """
@@ -38,11 +45,17 @@ class WorkerProcess:
         self._command = tuple(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
+        self._received: SimpleQueue[Message] = SimpleQueue()
 
     @property
     def pid(self) -> int | None:
         """The process id, None while there is no process."""
         return self._process.pid if self._process else None
+
+    @property
+    def has_messages(self) -> bool:
+        """Return whether `messages` would return any."""
+        return not self._received.empty()
 
     def start(self) -> None:
         """
@@ -56,7 +69,7 @@ class WorkerProcess:
                        'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
         try:
             with _default_child_priority():
-                self._process = subprocess.Popen(
+                process = subprocess.Popen(
                     [*self._command, str(theirs.fileno())], pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL, env=environment, start_new_session=True)
         except OSError:
@@ -64,56 +77,82 @@ class WorkerProcess:
             raise
         finally:
             theirs.close()
-        self._connection = ours
+        # Messages of an earlier process stay in its own queue.
+        self._process, self._connection, self._received = process, ours, SimpleQueue()
+        Thread(target=_read, args=(process, ours, self._received), daemon=True).start()
 
-    def send(self, job: Any) -> None:
-        """Send a job to the process."""
+    def send(self, job: Any, prepare: Callable[[Any], Any] | None = None) -> None:
+        """
+        Send a job to the process.
+
+        :param prepare: called in another thread; the job is what it returns.
+        """
         if self._connection is not None:
             # Writing to a full pipe blocks, so a thread does it.
-            Thread(target=_send, args=(self._connection, job), daemon=True).start()
+            Thread(target=_send, args=(self._connection, self._received, job, prepare),
+                   daemon=True).start()
 
     def messages(self) -> list[Message]:
         """Return the messages since the last call; `Lost` is the last of all."""
         received: list[Message] = []
-        try:
-            while self._connection is not None and self._connection.poll():
-                received.append(self._connection.recv())
-        except (EOFError, OSError):
-            received.append(Lost(self._exit_text()))
-            self.end()
+        while not self._received.empty():
+            received.append(self._received.get())
+            if isinstance(received[-1], Lost):
+                self.end()
         return received
 
     def end(self) -> None:
-        """Kill the process, if there is one."""
+        """Kill the process, if there is one; its thread waits for its end."""
         if self._process is not None:
             self._process.kill()
-            # A process blocked in the kernel ends later; this one must not wait for it.
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(timeout=0.5)
-        if self._connection is not None:
-            self._connection.close()
         self._process = self._connection = None
-
-    def _exit_text(self) -> str:
-        code = None
-        if self._process is not None:
-            try:
-                code = self._process.wait(timeout=0.2)
-            except subprocess.TimeoutExpired:
-                return 'it closed its pipe'
-        return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
+        self._received = SimpleQueue()
 
 
 def wait_for_messages(workers: Sequence[WorkerProcess]) -> list[WorkerProcess]:
-    """Return the running workers with messages; wait until there is one."""
-    connections = {worker._connection: worker for worker in workers}
-    ready = wait([connection for connection in connections if connection is not None])
-    return [worker for connection, worker in connections.items() if connection in ready]
+    """Return the workers with messages; wait until there is one."""
+    with _news:
+        _news.wait_for(lambda: any(worker.has_messages for worker in workers))
+    return [worker for worker in workers if worker.has_messages]
+
+
+def _put(received: SimpleQueue[Message], message: Message) -> None:
+    received.put(message)
+    with _news:
+        _news.notify_all()
+
+
+def _read(process: subprocess.Popen[bytes], connection: Connection,
+          received: SimpleQueue[Message]) -> None:
+    """Pass on the messages of a process until it ends."""
+    # A message cut off by the end of its process is lost with it.
+    with suppress(Exception):
+        while True:
+            _put(received, connection.recv())
+    connection.close()
+    try:
+        code = process.wait(timeout=0.2)
+        how = f'signal {-code}' if code < 0 else f'exit code {code}'
+    except subprocess.TimeoutExpired:
+        how = 'it closed its pipe'
+    _put(received, Lost(how))
+    process.wait()
+
+
+def _send(connection: Connection, received: SimpleQueue[Message], job: Any,
+          prepare: Callable[[Any], Any] | None) -> None:
+    try:
+        connection.send(job if prepare is None else prepare(job))
+    except OSError:
+        # The process has ended, which its reading thread reports.
+        pass
+    except Exception as problem:
+        _put(received, Failed(f'the job cannot be sent: {type(problem).__name__}: {problem}'))
 
 
 @contextmanager
 def _default_child_priority() -> Iterator[None]:
-    """Start children with default scheduling, also from a process with real-time priority."""
+    """Start children with default scheduling, also from a thread with real-time priority."""
     if not hasattr(os, 'SCHED_RESET_ON_FORK'):
         yield
         return
@@ -125,11 +164,3 @@ def _default_child_priority() -> Iterator[None]:
         # Resetting the flag requires a privilege; without it the flag stays, without harm.
         with suppress(PermissionError):
             os.sched_setscheduler(0, policy, parameters)
-
-
-def _send(connection: Connection, job: Any) -> None:
-    try:
-        connection.send(job)
-    except (OSError, ValueError):
-        # The process has ended, which `messages` reports, or this end has been closed.
-        pass

@@ -1,5 +1,5 @@
 """
-Nuisance terms of a model, subtracted from the live residual.
+Slow samples as they arrive: their acceleration, and their residual without nuisance terms.
 
 A fit estimates friction, offset and inertia jointly with gravity (`models.nuisance`), and the
 model does not predict them. They are subtracted from the live residual before it is compared with
@@ -8,15 +8,16 @@ the noise of the training.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import deque
+from dataclasses import dataclass
 from functools import lru_cache
 
-from gravity_comp_ros.data.runs import in_one_run
-from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.data.acceleration import AccelerationOptions, RecentVelocity
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion_direction import smooth_sign
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
+from gravity_comp_ros.node.messages import CompleteReading
 import numpy as np
 
 # Relative change of friction with temperature and load.
@@ -59,35 +60,6 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     moves = np.abs(qd) > REST_SPEED
     moves |= moves.mean(axis=0) < 0.5
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
-
-
-def interleaved_nuisance(model: GravityModel, train: JointSamples,
-                         held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
-    """
-    Return nuisance torque (M, N) in N·m at interleaved training and held-out samples.
-
-    The direction of friction at rest follows from the path of the joint, so both sets are
-    evaluated together in order of time.
-    """
-    both = concatenate((train, held_out))
-    order = np.argsort(both.t, kind='stable')
-    if (np.diff(both.t[order]) <= 0.0).any():
-        return (nuisance_torque(model.nuisance, train),
-                nuisance_torque(model.nuisance, held_out))
-    torque = np.empty_like(both.tau)
-    torque[order] = nuisance_torque(model.nuisance, in_one_run(both, order))
-    return torque[:len(train)], torque[len(train):]
-
-
-def without_nuisance(model: GravityModel, samples: JointSamples,
-                     torque: FloatArray) -> JointSamples:
-    """
-    Return the samples minus a torque (M, N) in N·m that includes a model's nuisance terms.
-
-    If the model has inertia terms, the rest has no inertia: the accelerations are then 0.
-    """
-    qdd = np.zeros_like(samples.q) if model.nuisance.of(INERTIA) else samples.qdd
-    return replace(samples, tau=samples.tau - torque, qdd=qdd)
 
 
 class LiveNuisance:
@@ -134,3 +106,51 @@ class LiveNuisance:
         torque = (self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
                   + self._size[OFFSET])
         return np.asarray(torque if qdd is None else torque + self._inertia @ qdd)
+
+
+@dataclass(eq=False)
+class SlowSample:
+    """
+    A reading that passed the gate, and the torque published before it (`SentTorqueHistory`).
+
+    `qdd` (N,) is its acceleration in rad/s^2, None if the message rate does not resolve it.
+    """
+
+    reading: CompleteReading
+    sent: FloatArray
+    qdd: FloatArray | None = None
+
+
+class DelayedSamples:
+    """
+    Slow samples that wait for half a window of later messages.
+
+    An acceleration from earlier messages alone would be that of a moment before the sample.
+    """
+
+    def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
+        self._delay = 0.5 * options.window
+        self._velocity = RecentVelocity(options)
+        self._waiting: deque[SlowSample] = deque()
+
+    def restart(self) -> None:
+        """Drop all samples: the clock or the payload has changed."""
+        self._velocity.restart()
+        self._waiting.clear()
+
+    def add_velocity(self, t: float, qd: FloatArray) -> None:
+        """Add the velocity (N,) in rad/s of a message at time t in s, slow or not."""
+        self._velocity.add(t, qd)
+
+    def hold(self, reading: CompleteReading, sent: FloatArray) -> None:
+        """Keep a slow sample."""
+        self._waiting.append(SlowSample(reading, sent))
+
+    def due(self, t: float) -> list[SlowSample]:
+        """Return the samples that are old enough at time t in s, with their accelerations."""
+        ready = []
+        while self._waiting and t >= self._waiting[0].reading.t + self._delay:
+            sample = self._waiting.popleft()
+            sample.qdd = self._velocity.acceleration(sample.reading.t)
+            ready.append(sample)
+        return ready

@@ -1,10 +1,9 @@
 """
-Watch of the residual of the model in use for a payload that was not announced.
+Watch of the model in use on new slow samples.
 
-It runs with each slow sample: it keeps the last samples of motion and requests a full test
-(`payload_evidence`, in the fit process) where the residual exceeds the noise in each part of them.
-A hand that presses straight down has the torque of a weight, so a change is suspected to be a
-payload only after it has lasted for some time.
+Two questions are asked of the same residual. Is a new model worse than the previous one? Then it
+is rolled back. Has the payload changed without a call of `~/payload_changed`? Then the fit process
+tests the window (`acceptance.suspicion_checks`).
 """
 
 from __future__ import annotations
@@ -15,13 +14,29 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.node.payload import PARTS, PayloadFinding
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.hypotheses import PARTS
+from gravity_comp_ros.node.job_messages import PayloadResult
+from gravity_comp_ros.node.slow_samples import expected_residual
 import numpy as np
 
 LEARN = 'learn'
-# Minimum number of samples of a window, six seconds at the default rate, and the maximum, to which
-# longer windows are thinned. A light payload with friction requires more samples than a heavy one.
-# With the minimum, a contact shorter than two seconds is not present in each third.
+# Number of slow samples of a new model that are judged together, 3 s at the default rate.
+WINDOW = 15
+# Residual in units of noise up to which a sample is predicted, and from which a window is not.
+GOOD, BAD = 4.0, 6.0
+# Largest ratio of the previous model's residual to that of the model in use for a rollback.
+MAX_RATIO = 0.5
+# Largest number of samples required to confirm a model.
+MAX_REQUIRED = 200
+# Minimum noise of a joint as a fraction of the largest.
+_MIN_NOISE_FRACTION = 0.1
+# Minimum number of samples of a window for a payload test, six seconds at the default rate, and
+# the maximum, to which longer windows are thinned. A light payload with friction requires more
+# samples than a heavy one. With the minimum, a contact shorter than two seconds is not present in
+# each third.
 MIN_WINDOW, MAX_WINDOW = 30, 75
 # Lengths of windows relative to the shortest one that lasts long enough.
 _RELATIVE_LENGTHS = (2.5, 5.0 / 3.0, 1.0)
@@ -38,6 +53,51 @@ _MIN_SHARE, _LARGE = 0.75, 3.0
 _NORMAL = 2.5
 # Number of new samples before the next test.
 _NEW_SAMPLES = 5
+
+
+class ModelWatch:
+    """
+    Compares the model in use and the previous one on new slow samples.
+
+    A model is confirmed once it has predicted as many new samples as it was trained on.
+
+    :param model: the model in use; one from a file (`learned` 0) counts as confirmed.
+    :param before: the last model of the previous payload, None if there is none.
+    :param learned: the number of training samples of the model.
+    """
+
+    def __init__(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
+        self._before = before if before is not None and before.joints == model.joints else None
+        noise = expected_residual(model)
+        self._noise = np.maximum(noise, _MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
+        self._required = min(learned, MAX_REQUIRED)
+        self._predicted = 0
+        self._errors: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW)
+
+    @property
+    def is_confirmed(self) -> bool:
+        return self._predicted >= self._required
+
+    def offer(self, q: FloatArray, tau: FloatArray, predicted: FloatArray) -> None:
+        """Add a slow sample: pose, effort without effects and friction, predicted gravity."""
+        error = np.abs(tau - predicted) / self._noise
+        if not self.is_confirmed and float(error.max()) < GOOD:
+            self._predicted += 1
+        if self._before is not None:
+            old = np.abs(tau - self._before.predict_one(q)) / self._noise
+            self._errors.append((error, old))
+
+    def checks(self) -> list[Check]:
+        """Return the checks of an unconfirmed model; a rollback is due where both fail."""
+        if self.is_confirmed or len(self._errors) < WINDOW:
+            return []
+        new, old = (float(np.sqrt(np.square(errors).mean(axis=0)).max())
+                    for errors in zip(*self._errors))
+        return [
+            Check(checks.PREDICTS, new, BAD, text=(
+                f'the residual of the model in use is {new:.0f} times its noise over {WINDOW} '
+                f'new samples, that of the previous model {old:.0f} times')),
+            Check(checks.BETTER_THAN_PREVIOUS, old, max(MAX_RATIO * new, GOOD), True)]
 
 
 @dataclass(frozen=True)
@@ -64,7 +124,10 @@ class _Row:
 
 class PayloadWatch:
     """
-    The window of samples, and the findings in it.
+    The window of samples in which a payload may be suspected, and the findings in it.
+
+    A hand that presses straight down has the torque of a weight, so a change is suspected to be a
+    payload only after it has lasted for some time.
 
     :param names: joint names.
     :param min_duration: duration in s of a change before it counts as a payload.
@@ -101,8 +164,9 @@ class PayloadWatch:
         :param ratio: residual without friction in units of noise (N,).
         """
         rows = self._rows
-        if rows and (t < rows[-1].t + 0.9 * PERIOD or
-                     float(np.abs(q - rows[-1].q).max()) < _MIN_MOTION):
+        if float(np.abs(qdd).max()) >= MAX_ACCELERATION or rows and (
+                t < rows[-1].t + 0.9 * PERIOD
+                or float(np.abs(q - rows[-1].q).max()) < _MIN_MOTION):
             return
         rows.append(_Row(t, q, qd, tau, qdd, ratio, float(np.abs(ratio).max()) > _LARGE))
         self._wait = max(0, self._wait - 1)
@@ -129,13 +193,17 @@ class PayloadWatch:
             *((row.t, row.q, row.qd, row.tau, row.qdd) for row in (rows[k] for k in picked))))
         return JointSamples.single_run(self._names, t, q, qd, tau, 'live', qdd=qdd)
 
-    def add_finding(self, finding: PayloadFinding, since: float) -> Suspicion | None:
+    def lasts(self) -> Check:
+        """Return the check of the duration of the tested window, s."""
+        return Check(checks.LASTS, self._duration, self._min_duration, True,
+                     'the change has not lasted long enough')
+
+    def add_finding(self, finding: PayloadResult) -> Suspicion | None:
         """Record a finding; return a suspicion if it is new and has lasted long enough."""
         self.other = finding.text if finding.is_other else ''
-        if not finding.is_payload or self.suspicion is not None or (
-                self._duration < self._min_duration):
+        if not finding.is_payload or self.suspicion is not None or not self.lasts().passed:
             return None
-        self.suspicion = Suspicion(since, finding.text, finding.values)
+        self.suspicion = Suspicion(finding.since, finding.text, finding.values)
         return self.suspicion
 
     def _due_lengths(self) -> list[int]:

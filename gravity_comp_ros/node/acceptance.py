@@ -1,0 +1,395 @@
+"""
+Decisions about a model and about a payload, as lists of checks.
+
+The same hypotheses (`hypotheses`) judge the epoch of a new model, and the samples in which a
+payload is suspected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.models.noise import of_second_differences
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
+from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.sent_torque import DELAYS, SentTorque
+from gravity_comp_ros.node.slow_samples import moving_rms, rms
+import numpy as np
+
+
+@dataclass(frozen=True)
+class AcceptanceOptions:
+    """
+    Limits of the checks; ratios have no unit, evidence is in nats.
+
+    - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
+    - `min_explained`: share of a joint's effort variance explained by pose below which the
+      effort has no gravity, judged from `min_samples` samples and a range of `min_span` rad.
+    - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
+      variation, and of the largest one.
+    - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
+      5 kg it is 0.58 on an iiwa.
+    - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
+      Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
+    - `max_fault_lead`: log evidence by which a fault may explain the change better than a body;
+      a fault is a gain or a factor that differs from 1 by at least `min_gain_change`.
+    - `both_odds`: prior log odds of a body alone over a body and a faulty gain at once. Real
+      payloads favoured both by up to 7 nats in 90 recordings; a gain of 0.5 by 11 after 12 s.
+    - `max_echo`: largest ratio of the model's residual to that of the published torque.
+    - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
+    - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying
+      force. Payloads of 0.5 to 5 kg had 11 to 54 over a push in six seconds of motion, of 1 to
+      5 kg 10 to 200 over a varying force in sixteen.
+    - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
+      its first and last second, that the rest predicts.
+
+    :raises OptionError: if a limit is not positive.
+    """
+
+    max_rise: float = 1.2
+    min_explained: float = 0.2
+    min_samples: int = 100
+    min_span: float = 0.5
+    max_own: float = 0.35
+    max_largest: float = 0.1
+    min_gravity: float = 0.25
+    max_residual: float = 2.5
+    max_fault_lead: float = 3.0
+    min_gain_change: float = 0.1
+    both_odds: float = 6.0
+    max_echo: float = 0.9
+    min_body: float = 20.0
+    min_over_push: float = 10.0
+    min_over_varying: float = 3.0
+    min_part: float = 0.6
+    min_end: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0.0 < value < np.inf:
+                raise OptionError(f'acceptance: {name} is {value}; it must be positive')
+
+
+OPTIONS = AcceptanceOptions()
+# Smallest noise, as a fraction of the largest torque of the samples.
+_MIN_NOISE = 2e-3
+# Largest time between consecutive samples whose differences count as noise, s.
+_MAX_INTERVAL = 0.6
+# Ratio of the gravity of the arm to the noise from which its presence is judged.
+_MIN_GRAVITY_RATIO = 5.0
+# Largest residual where no chain explains the arm: in units of noise, and of the change.
+_NO_CHAIN_NOISE, _NO_CHAIN_CHANGE = 4.0, 0.15
+# Standard deviations by which a mass or a reach may exceed its limit.
+_SIGNIFICANT = 3.0
+# Published torque that supports no arm, RMS in N·m; share of samples with published torque.
+_NEGLIGIBLE, _MIN_SENT = 0.05, 0.5
+# Minimum variation of the published torque of a joint, as a fraction of the largest.
+_MIN_VARIATION = 0.02
+# Speed over which friction changes its sign, rad/s.
+_WIDTH = 0.01
+# First and last part of a window in which a body must be present, s.
+_END = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """
+    A model's torque at training and held-out samples (M, N), and its noise (N,), N·m.
+
+    `nuisance_train` and `nuisance_held_out` are the nuisance torque that it was fitted with.
+    They count as explained, but not as gravity.
+    """
+
+    train: FloatArray
+    held_out: FloatArray
+    noise: FloatArray
+    nuisance_train: FloatArray | float = 0.0
+    nuisance_held_out: FloatArray | float = 0.0
+
+    def residuals(self, train: JointSamples, held_out: JointSamples
+                  ) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals (M, N) of both sets in N·m."""
+        return (train.tau - self.train - self.nuisance_train,
+                held_out.tau - self.held_out - self.nuisance_held_out)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """
+    RMSE (N,) in N·m of a new model and of the one in use on held-out samples, and their checks.
+
+    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
+    """
+
+    checks: tuple[Check, ...]
+    figures: str
+    is_compensated: bool
+
+    @property
+    def is_better(self) -> bool:
+        return checks.failed(self.checks) is None
+
+
+def compare(new: Prediction, old: Prediction | None, train: JointSamples,
+            held_out: JointSamples, has_more_samples: bool = False,
+            margin: float = 0.0) -> Comparison:
+    """
+    Return whether `new`, fitted to `train`, predicts `held_out` better than `old`.
+
+    The compared figure is the RMSE relative to each joint's noise, over all joints. Where the two
+    figures are equal within statistical uncertainty, `new` is better only with more samples.
+
+    :param old: the model in use; without one `new` is compared with a constant torque.
+    :param margin: fraction by which the figure of `new` must be below that of `old`.
+    """
+    error_train, error_new = new.residuals(train, held_out)
+    error_old = held_out.tau - train.tau.mean(axis=0) if old is None \
+        else old.residuals(train, held_out)[1]
+    rmse_new, rmse_old = (moving_rms(error, held_out.qd) for error in (error_new, error_old))
+    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
+    if old is not None:
+        noise = np.maximum(noise, old.noise)
+    # The share of the variance that pose explains, the smaller of both sets: in a few held-out
+    # seconds it may be large by coincidence.
+    spread = np.maximum(np.concatenate((train.tau - new.nuisance_train,
+                                        held_out.tau - new.nuisance_held_out)).std(axis=0), 1e-9)
+    explained = 1.0 - (np.maximum(rmse_new, moving_rms(error_train, train.qd)) / spread) ** 2
+    moves = len(train) >= OPTIONS.min_samples and bool(
+        (np.ptp(train.q, axis=0) >= OPTIONS.min_span).any())
+    # Relative standard error of an RMSE of independent errors.
+    tolerance = (1.0 / np.sqrt(2.0 * held_out.tau.size)
+                 if has_more_samples and old is not None else -1e-9)
+    rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
+    worst = int(np.argmax(rise))
+    reference = 'a constant torque' if old is None else 'the old model'
+    k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
+    figures = (f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
+               f'{len(held_out)} samples; worst joint {train.names[k]} {rmse_new[k]:.3g}, '
+               f'{rmse_old[k]:.3g}')
+    no_gravity = ('the effort of no joint depends on pose: this arm seems to compensate gravity '
+                  'itself, or its axes are all vertical; nothing to learn' if moves
+                  else 'pose does not explain the effort yet')
+    judged = [Check(checks.POSE_EXPLAINS, float(explained.max()), OPTIONS.min_explained, True,
+                    no_gravity)] if old is None or moves else []
+    judged += [
+        Check(checks.NO_JOINT_WORSE, float(rise[worst]), 1.0,
+              text=f'worse on {", ".join(train.names[j] for j in np.flatnonzero(rise > 1.0))}'),
+        Check(checks.BETTER, float(rms(rmse_new / noise) / max(float(rms(rmse_old / noise)),
+                                                               1e-30)),
+              1.0 + tolerance - margin, text='not better')]
+    return Comparison(tuple(judged), figures,
+                      moves and bool((explained < OPTIONS.min_explained).all()))
+
+
+def reference_noise(expected: FloatArray, samples: JointSamples,
+                    predicted: FloatArray) -> FloatArray:
+    """
+    Return the noise (N,) in N·m to compare a residual with.
+
+    It is the larger of the noise of earlier epochs and the noise of `samples`, estimated from
+    second differences of their residual. Gravity hardly contributes to these, so a sensor with
+    more noise than in the training does not prevent a payload from being accepted.
+
+    :param expected: noise of earlier epochs (N,), N·m.
+    """
+    floor = _MIN_NOISE * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
+    noise = np.maximum(expected, floor)
+    near = (np.diff(samples.t) < _MAX_INTERVAL) & (np.diff(samples.runs) == 0)
+    triples = near[1:] & near[:-1]
+    if triples.sum() < 5:
+        return noise
+    return np.maximum(noise, of_second_differences(samples.tau - predicted, triples))
+
+
+def joints_agree(samples: JointSamples, residual: FloatArray) -> Check:
+    """
+    Return the check of a first model against its own samples.
+
+    The torques of an arm share one potential energy. Where the effort of one joint is faulty, no
+    energy explains it together with the other joints.
+
+    :param residual: RMS residual of the model (N,), N·m.
+    """
+    spread = samples.tau.std(axis=0)
+    allowed = np.maximum(OPTIONS.max_own * spread,
+                         OPTIONS.max_largest * float(spread.max(initial=0.0)))
+    ratio = residual / np.maximum(allowed, 1e-9)
+    worst = int(np.argmax(ratio))
+    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=(
+        f'the effort of {samples.names[worst]} contradicts that of the other joints: residual '
+        f'{residual[worst]:.3g} N·m of {spread[worst]:.3g} N·m'))
+
+
+def change_without_chain(samples: JointSamples, residual: FloatArray, noise: FloatArray,
+                         change: FloatArray) -> Check:
+    """
+    Return the check of a change where no chain explains the arm.
+
+    :param residual: RMS residual of the new model (N,), N·m.
+    :param change: RMS of new minus old torque (N,), N·m.
+    """
+    ratio = residual / np.maximum(_NO_CHAIN_NOISE * noise, _NO_CHAIN_CHANGE * change)
+    worst = int(np.argmax(ratio))
+    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=(
+        f'the new model does not explain the effort of {samples.names[worst]}: residual '
+        f'{residual[worst]:.3g} N·m, noise of earlier epochs {noise[worst]:.3g} N·m'))
+
+
+def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray) -> Check:
+    """
+    Return the check that the effort contains the gravity of the arm itself, with its sign.
+
+    :param samples: without friction and offset.
+    :param before: torque of the model before the change (M, N), N·m.
+    """
+    weighted = before / noise
+    power = float((weighted ** 2).sum())
+    share = 1.0
+    if power > _MIN_GRAVITY_RATIO ** 2 * before.size:
+        share = float((weighted * samples.tau / noise).sum()) / power
+    return Check(checks.GRAVITY_PRESENT, share, OPTIONS.min_gravity, True, (
+        f'the effort contains {share:.0%} of the gravity of the arm itself: drives off, gravity '
+        'subtracted by the driver, or another unit or sign'))
+
+
+def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
+                limits: PayloadLimits) -> Iterator[Check]:
+    """
+    Yield the checks of a change: a body on the last link explains it, and no fault does so better.
+
+    :param noise: reference noise (N,) in N·m, `scale` its ratio to that of the table (N,).
+    """
+    samples, names = table.samples, table.samples.names
+    yield gravity_present(samples, table.before, noise)
+    body, unchanged = table.explain(table.body), table.explain()
+    yield _no_fault(table, max(body.log_evidence, unchanged.log_evidence),
+                    unchanged.log_evidence, scale)
+    ratio = body.ratio(samples.qd) / scale
+    worst = int(np.argmax(ratio))
+    text = ''
+    if ratio[worst] > OPTIONS.max_residual:
+        fits = [table.without_joint(joint) for joint in range(len(names))]
+        joint = int(np.argmin([cost for cost, _ in fits]))
+        text = (f'no payload explains the effort of {names[worst]}: residual '
+                f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs '
+                f'{noise[worst]:.3g}; most likely {names[joint]} '
+                f'{gain_of(samples.tau[:, joint], fits[joint][1])}')
+    yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
+    yield from _within_limits(table, body, limits)
+
+
+def _no_fault(table: Hypotheses, explained: float, unchanged: float,
+              scale: FloatArray | float) -> Check:
+    """Return the check that no gain of a joint and no common factor explains the change better."""
+    names = table.samples.names
+    alone = ('the effort of {} is {:.3g} times the earlier one, and that of no other joint has '
+             'changed: its sensor or its drive is faulty')
+    combined = ('a body explains the change only with an effort of {} of {:.3g} times the earlier '
+                'one: its sensor or its drive is faulty')
+    every = ('the effort of {} is {:.3g} times the earlier one: another unit or gain, no payload')
+    faults = [*((alone, name, 0.0, table.gain(k)) for k, name in enumerate(names)),
+              *((combined, name, OPTIONS.both_odds, table.body_and_gain(k))
+                for k, name in enumerate(names)), (every, 'all joints', 0.0, table.factor())]
+    lead, text = -np.inf, ''
+    for sentence, name, odds, fit in faults:
+        change, evidence = float(fit.mean[0]), fit.log_evidence - odds
+        if abs(change) >= OPTIONS.min_gain_change and evidence - explained > lead and (
+                evidence > unchanged
+                and (fit.ratio(table.samples.qd) / scale).max() <= OPTIONS.max_residual):
+            lead, text = evidence - explained, sentence.format(name, 1.0 + change)
+    return Check(checks.NO_FAULT, lead, OPTIONS.max_fault_lead, text=text)
+
+
+def _within_limits(table: Hypotheses, body: Explanation, limits: PayloadLimits) -> Iterator[Check]:
+    known = table.body_of(body)
+    if known is None:
+        change = table.moments_of(body)
+        worst = int(np.argmax(change))
+        yield Check(checks.WITHIN_LIMITS, float(change[worst]), limits.moment, text=(
+            f'the change at {table.samples.names[worst]} is {change[worst]:.3g} N·m; the limit is '
+            f'{limits.moment:.3g} N·m, by max_payload {limits.mass:g} kg at max_payload_reach '
+            f'{limits.reach:g} m'))
+        return
+    mass, sigma, reach = known
+    yield Check(checks.WITHIN_LIMITS, abs(mass), limits.mass + _SIGNIFICANT * sigma, text=(
+        f'the change is a body of {mass:.3g} kg; max_payload is {limits.mass:g} kg'))
+    if abs(mass) > 10.0 * sigma:
+        yield Check(checks.WITHIN_LIMITS, reach,
+                    limits.reach * (1.0 + _SIGNIFICANT * sigma / abs(mass)), text=(
+                        f'the change is a body of {mass:.3g} kg at {reach:.3g} m from the last '
+                        f'joint; max_payload_reach is {limits.reach:g} m'))
+
+
+def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
+    """
+    Return the checks of a window for a payload that was not announced.
+
+    :return: those that a body is present, then those that it is no other force.
+    """
+    samples = table.samples
+    m = len(samples)
+    body, none = table.explain(table.body), table.explain()
+    parts = table.explained(np.arange(m) * PARTS // m == np.arange(PARTS)[:, None])
+    ends = table.explained([samples.t <= samples.t[0] + _END, samples.t >= samples.t[-1] - _END])
+    present = [
+        Check(checks.BODY_PRESENT, body.log_evidence - none.log_evidence, OPTIONS.min_body, True),
+        Check(checks.IN_EACH_PART, float(parts.min()), OPTIONS.min_part, True),
+        Check(checks.IN_EACH_PART, float(ends.min()), OPTIONS.min_end, True)]
+    other = [
+        Check(checks.NO_PUSH, body.log_evidence - table.push().log_evidence,
+              OPTIONS.min_over_push, True,
+              'something pushes or pulls the last link, not only downwards'),
+        Check(checks.NOT_VARYING, body.log_evidence - table.varying().log_evidence,
+              OPTIONS.min_over_varying, True, 'a varying force acts on the last link')]
+    return present, other
+
+
+def not_output(sent: SentTorque, train: JointSamples, held_out: JointSamples, new: Prediction,
+               has_new_effects: bool = False) -> Check | None:
+    """
+    Return the check that the effort is not the torque that this node published.
+
+    An arm that floats on the published torque and is guided by hand measures that torque,
+    whatever its payload, and any model confirms itself. Friction is excluded: a position
+    controller that adds friction torque may otherwise hide a light payload.
+
+    :param has_new_effects: whether the new model has other effects; friction is then compared.
+    :return: None where too little torque was published.
+    """
+    torque = np.concatenate((sent.train, sent.held_out))
+    tau = np.concatenate((train.tau, held_out.tau))
+    known = np.isfinite(torque).all(axis=(1, 2))
+    if known.mean() < _MIN_SENT or known.sum() < 5 or float(
+            np.sqrt((torque[known] ** 2).mean())) < _NEGLIGIBLE:
+        return None
+    torque, tau = torque[known], tau[known]
+    qd = np.concatenate((train.qd, held_out.qd))[known]
+    errors = [tau - np.concatenate((new.train, new.held_out))[known],
+              *(tau - torque[:, k] for k in range(len(DELAYS)))]
+    if not has_new_effects:
+        errors = [_without_friction(error, qd) for error in errors]
+    spread = torque[:, 0].std(axis=0)
+    counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
+    model, *echoes = (float(np.sqrt((rms(error)[counts] ** 2).mean())) for error in errors)
+    best = int(np.argmin(echoes))
+    return Check(checks.NOT_OUTPUT, model / max(echoes[best], 1e-30), OPTIONS.max_echo, text=(
+        'the effort is the torque that this node published '
+        f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echoes[best]:.3g} N·m, '
+        f'residual of the new model {model:.3g} N·m. Either the model in use is right already, '
+        'or the arm floats on that torque and is guided by hand, which gives no new data: '
+        'move it by its own controller'))
+
+
+def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """Return a residual (M, N) minus its least-squares Coulomb and viscous friction."""
+    result = np.empty_like(residual)
+    for n in range(residual.shape[1]):
+        columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
+        result[:, n] = residual[:, n] - columns @ lstsq(columns, residual[:, n])
+    return result

@@ -1,0 +1,280 @@
+"""
+Hypotheses that explain a window of samples: unchanged, a body, a push, a fault of a joint.
+
+The torque r (M, N) that the model in use does not predict is explained by columns A of torque,
+each scaled by the prior standard deviation of its coefficient, and by noise. Every hypothesis is
+such a set of columns; each includes those of H0: friction and offset that have changed, and the
+uncertainty of the model.
+
+| hypothesis | columns |
+|---|---|
+| unchanged | none |
+| a body on the last link | mass and first moment, or without known axes the moment of each link |
+| a push | those of the body, for forces in any direction |
+| a varying force | those of the body, and its torque varying in time |
+| gain of joint j | the torque of the model at joint j (0: dead or frozen, -1: sign), a constant |
+| a common factor | the torque of the model at all joints, and constants: 0 is no gravity at all |
+| a body and a gain of joint j | those of both |
+
+With whitened rows the log evidence of a hypothesis is
+
+    L = -1/2 (r'r - b'G^-1 b) - 1/2 log|G|,    G = I + A A',  b = A r,
+
+of which only differences count. The residual after the fit of a hypothesis, in units of the
+noise, shows whether it explains the samples at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
+from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
+from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.slow_samples import moving_rms
+import numpy as np
+
+# Number of parts of a window; a change must be present in each of them.
+PARTS = 3
+# Factor of the noise for the autocorrelated model error of consecutive slow samples.
+_CORRELATED = 2.0
+# Correlation time of the force of a hand, s, and its relative standard deviation.
+_FORCE_TIME, _FORCE_STD = 2.0, 0.3
+# Prior standard deviations of moments without known axes, relative to the largest residual.
+_MOMENT_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)
+# Prior standard deviations of a body on known axes, relative to half of the payload limits.
+_BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
+# Prior standard deviations relative to friction: of friction and of offset, both plus noise.
+_FRICTION_STD, _OFFSET_STD = 0.5, 0.25
+# Speed at which the prior torque of a viscous term is that of the noise, rad/s.
+_TYPICAL_SPEED = 0.1
+# Speed over which friction changes its sign where the model has no width, rad/s.
+_WIDTH = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """
+    The fit of one hypothesis.
+
+    `residual` (M, N) is in units of the noise; `mean` and `covariance` are of its own
+    coefficients, in prior standard deviations.
+    """
+
+    log_evidence: float
+    residual: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+
+    def ratio(self, qd: FloatArray) -> FloatArray:
+        """Return the RMS residual (N,) in units of the noise, of joints that move at qd (M, N)."""
+        return moving_rms(self.residual, qd)
+
+
+class Hypotheses:
+    """
+    The explanations of a window.
+
+    :param gravity: samples without the friction, offset and effects of the model.
+    :param friction: the torque (M, N) of these, N·m.
+    :param model: the model in use.
+    :param chain: its gravity as a chain of the same joints.
+    :param noise: standard deviation (N,) of the residual of the model, N·m.
+    :param geometry: the axes of the arm, None if they are unknown.
+    """
+
+    def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
+                 chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
+                 geometry: Geometry | None) -> None:
+        self.samples, self._noise, self._geometry = gravity, noise, geometry
+        self.before = model.predict(gravity.q)
+        self._sigma = _CORRELATED * noise
+        self._r = self._white((gravity.tau - self.before).T[None])[0]
+        self._limits, self._scale = limits, 1.0
+        assert chain.chain is not None
+        friction_columns = _friction_columns(gravity, friction, model, noise)
+
+        def base(under: Chain) -> FloatArray:
+            return self._white(np.concatenate((
+                friction_columns, _uncertainty_columns(under, chain.uncertainty, gravity.q))))
+
+        self._base = self._loaded = base(chain.chain)
+        self.body, *self._horizontal = self._forces(chain.chain, gravity.q)
+        # The size of the body is that of the largest evidence: a light one is as likely as a
+        # heavy one.
+        self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
+        fits = [self.explain(scale * self.body).log_evidence for scale in self._scales]
+        self._scale = self._scales[int(np.argmax(fits))]
+        self.body = self._scale * self.body
+        self._horizontal = [self._scale * columns for columns in self._horizontal]
+        # The uncertainty of an axis matters as much as the moments that it carries.
+        change = self._moments(self.explain(self.body))
+        self._loaded = base(chain.chain.moved(np.concatenate((np.zeros_like(change), change))))
+
+    def explain(self, *columns: FloatArray, base: FloatArray | None = None) -> Explanation:
+        """
+        Return the fit of the hypothesis with these columns (K, N·M), whitened.
+
+        :param base: columns of H0 if other than those of the model in use.
+        """
+        own = np.concatenate(columns) if columns else np.zeros((0, self._r.size))
+        if base is None:
+            base = self._loaded if columns and columns[0] is self.body else self._base
+        design = np.concatenate((own, base))
+        gram = np.eye(len(design)) + design @ design.T
+        inverse = np.linalg.inv(gram)
+        projection = design @ self._r
+        mean = inverse @ projection
+        evidence = (-0.5 * float(self._r @ self._r - projection @ mean)
+                    - 0.5 * float(np.linalg.slogdet(gram)[1]))
+        n = self._noise.size
+        residual = _CORRELATED * (self._r - mean @ design).reshape(n, -1).T
+        k = len(own)
+        return Explanation(evidence, residual, mean[:k], inverse[:k, :k])
+
+    def push(self) -> Explanation:
+        """Return the fit of a force in any direction on the last link."""
+        return self.explain(self.body, *self._horizontal)
+
+    def varying(self) -> Explanation:
+        """Return the fit of a body whose torque varies in time, as the force of a hand does."""
+        torque = self.explain(self.body).mean @ self.body
+        t = self.samples.t - self.samples.t[0]
+        knots = np.arange(0.0, t[-1] + _FORCE_TIME, _FORCE_TIME)
+        hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
+        return self.explain(self.body, _FORCE_STD * np.tile(hats, self._noise.size) * torque)
+
+    def gain(self, joint: int) -> Explanation:
+        """Return the fit of another gain of one joint, and a constant torque of it."""
+        return self.explain(self._fault([joint]))
+
+    def factor(self) -> Explanation:
+        """Return the fit of a common factor of all joints, and constant torques."""
+        return self.explain(self._fault(range(self._noise.size)))
+
+    def body_and_gain(self, joint: int) -> Explanation:
+        """Return the fit of a body and another gain of one joint, which comes first."""
+        fault = self._fault([joint])
+        fits = [self.explain(fault, scale / self._scale * self.body, base=self._loaded)
+                for scale in self._scales]
+        return max(fits, key=lambda fit: fit.log_evidence)
+
+    def _fault(self, joints: Sequence[int]) -> FloatArray:
+        """Return the columns of one gain of some joints, and of a constant torque of each."""
+        columns = np.zeros((1 + len(joints), *self.before.T.shape))
+        for k, joint in enumerate(joints, 1):
+            columns[0, joint] = self.before[:, joint]
+            columns[k, joint] = np.abs(self.before[:, joint]).max()
+        return self._white(columns)
+
+    def without_joint(self, joint: int) -> tuple[float, FloatArray]:
+        """
+        Return the fit of a body to the other joints.
+
+        :return: sum of the squared residuals of the others, and the torque (M,) in N·m of this
+            joint that the fit predicts.
+        """
+        others = np.repeat(np.arange(self._noise.size) != joint, len(self.samples))
+        design = np.concatenate((self.body, self._loaded))
+        gram = np.eye(len(design)) + design[:, others] @ design[:, others].T
+        mean = np.linalg.solve(gram, design[:, others] @ self._r[others])
+        error = self._r[others] - mean @ design[:, others]
+        predicted = self._sigma[joint] * (mean @ design[:, ~others])
+        return float(error @ error), np.asarray(self.before[:, joint] + predicted)
+
+    def explained(self, parts: Sequence[BoolArray]) -> FloatArray:
+        """Return the share of the squared residual of each part (M,) that the rest predicts."""
+        design, shares = np.concatenate((self.body, self._loaded)), []
+        for part in parts:
+            here = np.tile(part, self._noise.size)
+            rest = design[:, ~here]
+            mean = np.linalg.solve(np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here])
+            error = self._r[here] - mean @ design[:, here]
+            shares.append(1.0 - float(error @ error) / max(
+                float(self._r[here] @ self._r[here]), 1e-30))
+        return np.array(shares)
+
+    def body_of(self, fit: Explanation) -> tuple[float, float, float] | None:
+        """Return mass and its standard deviation in kg, and reach in m; None without axes."""
+        if self._geometry is None:
+            return None
+        scale = self._body_scale()
+        mass, moment = fit.mean[0] * scale[0], fit.mean[1:4] * scale[1:]
+        reach = float(np.linalg.norm(moment)) / max(abs(float(mass)), 1e-9)
+        return float(mass), float(np.sqrt(fit.covariance[0, 0]) * scale[0]), reach
+
+    def moments_of(self, fit: Explanation) -> FloatArray:
+        """Return the change (N,) of the moment of each link in N·m."""
+        moments = self._moments(fit).reshape(-1, 2)
+        return np.hypot(moments[:, 0], moments[:, 1])
+
+    def _moments(self, fit: Explanation) -> FloatArray:
+        """Return the change (2N,) of the moments of the chain in N·m."""
+        if self._geometry is None:
+            return fit.mean * self._scale * self._moment_scale()
+        return np.asarray((fit.mean * self._body_scale()) @ self._geometry.tool_moments())
+
+    def _white(self, columns: FloatArray) -> FloatArray:
+        """Return columns (K, N, M) in N·m in units of the noise, as rows (K, N·M)."""
+        return (columns / self._sigma[:, None]).reshape(len(columns), -1)
+
+    def _body_scale(self) -> FloatArray:
+        # The limit is two prior standard deviations.
+        return 0.5 * self._scale * self._limits.mass * np.array([1.0, *3 * [self._limits.reach]])
+
+    def _moment_scale(self) -> float:
+        return float(np.abs(self.samples.tau - self.before).max()) + 1e-9
+
+    def _forces(self, chain: Chain, q: FloatArray) -> list[FloatArray]:
+        """Return columns of a body on the last link, then of forces along x and y of the base."""
+        kinematics = ForwardKinematics(chain.axes, q)
+        forces = [kinematics.moment_columns(along) for along in (2, 0, 1)]
+        if self._geometry is None:
+            return [self._white(self._moment_scale() * columns) for columns in forces]
+        moments = self._body_scale()[:, None] * self._geometry.tool_moments()
+        return [self._white(np.tensordot(moments, columns, axes=1)) for columns in forces]
+
+
+def _friction_columns(samples: JointSamples, friction: FloatArray, model: GravityModel,
+                      noise: FloatArray) -> FloatArray:
+    """Return columns (3N, N, M) of friction and offset that may have changed."""
+    m, n = samples.q.shape
+    kinds = model.nuisance.of(COULOMB), model.nuisance.of(VISCOUS)
+    width = model.nuisance.width if model.nuisance.width.size else np.full(n, _WIDTH)
+    columns = np.zeros((n, 3, n, m))
+    for k, name in enumerate(samples.names):
+        coulomb, viscous = (abs(kind[name].value) if name in kind else 0.0 for kind in kinds)
+        # Includes friction that is an effect of the model.
+        size = max(coulomb, float(np.abs(friction[:, k]).max(initial=0.0)))
+        qd = samples.qd[:, k]
+        columns[k, :, k] = [
+            (noise[k] + _FRICTION_STD * size) * np.tanh(qd / max(width[k], 1e-9)),
+            qd * (noise[k] / _TYPICAL_SPEED + _FRICTION_STD * viscous),
+            np.full(m, noise[k] + _OFFSET_STD * size)]
+    return columns.reshape(3 * n, n, m)
+
+
+def _uncertainty_columns(chain: Chain, uncertainty: Uncertainty | None,
+                         q: FloatArray) -> FloatArray:
+    """Return columns (K, N, M) whose outer product is the covariance of the chain's torque."""
+    if not isinstance(uncertainty, ChainUncertainty):
+        return np.zeros((0, *q.T.shape))
+    values, vectors = np.linalg.eigh(uncertainty.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.tensordot(root.T, chain.jacobian(q), axes=1)
+
+
+def gain_of(measured: FloatArray, expected: FloatArray) -> str:
+    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
+    power = float((expected ** 2).sum())
+    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
+    if slope < -0.5:
+        return 'has the wrong sign'
+    if measured.std() < 0.25 * expected.std():
+        return 'is dead or frozen'
+    return 'measures the torque of another joint, or has a wrong gain'

@@ -1,0 +1,164 @@
+"""
+Jobs and results of the fit process.
+
+These types are the only dependency of the node's process on the fit process: it imports neither
+SciPy nor the estimator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.sent_torque import SentTorque
+import numpy as np
+
+# Checks that fail where the effort is faulty.
+FAULTS = (checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS, checks.NO_FAULT,
+          checks.WITHIN_LIMITS)
+
+
+@dataclass(frozen=True)
+class PayloadLimits:
+    """
+    Limits of a payload: up to `mass` kg attached or removed, at most `reach` m away.
+
+    Without known axes `reach` also bounds the distance between neighbouring joints.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    mass: float = 20.0
+    reach: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.mass < np.inf and 0.0 < self.reach < np.inf):
+            raise OptionError('payload limits: mass and reach must be positive')
+
+    @property
+    def moment(self) -> float:
+        """The largest change of one link's moment, N·m."""
+        return STANDARD_GRAVITY * self.mass * self.reach
+
+
+@dataclass(frozen=True)
+class FitJob:
+    """
+    Fit a model to training samples, and compare it with the model in use on held-out samples.
+
+    - `base`: model in use when the epoch began; its change may be fitted.
+    - `old`: model in use now, to compare with.
+    - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
+    - `payload`: limits of a payload; `geometry`: the axes where they are known.
+    - `sent`: torque that the node published before each sample.
+    - `formulation`: formulation of a full fit, as in `FitOptions`.
+    """
+
+    number: int
+    epoch: int
+    train: JointSamples
+    held_out: JointSamples
+    base: GravityModel | None
+    old: GravityModel | None
+    formulation: str = 'auto'
+    effects: tuple[str, ...] = ()
+    on_request: bool = False
+    payload: PayloadLimits = PayloadLimits()
+    geometry: Geometry | None = None
+    sent: SentTorque | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """
+    The best model of a job, its checks, and the computing time in s.
+
+    `figures` has the errors of the comparison in one line. `low` and `high` (N,) in rad are the
+    range of the training samples. `outliers` has the number of samples of each joint that were
+    left out.
+    """
+
+    number: int
+    epoch: int
+    model: GravityModel
+    checks: tuple[Check, ...]
+    figures: str
+    how: str
+    seconds: float
+    low: FloatArray
+    high: FloatArray
+    outliers: Mapping[str, int] = field(default_factory=dict)
+    is_compensated: bool = False
+
+    @property
+    def accepted(self) -> bool:
+        return checks.failed(self.checks) is None
+
+    @property
+    def fault(self) -> str:
+        """The reason for which the effort is faulty; empty if it is not."""
+        return next((check.text for check in self.checks
+                     if check.name in FAULTS and not check.passed), '')
+
+    @property
+    def reason(self) -> str:
+        """The decision with its figures in one line."""
+        refusal = checks.failed(self.checks)
+        return self.figures if refusal is None else f'{refusal.text} ({self.figures})'
+
+
+@dataclass(frozen=True)
+class DiagnosisJob:
+    """Find the effects that `model` does not include, in these samples."""
+
+    number: int
+    samples: JointSamples
+    model: GravityModel | None
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """The findings of a diagnosis in one line."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class PayloadJob:
+    """Test whether these samples show another payload than that of `model`; see `FitJob`."""
+
+    number: int
+    samples: JointSamples
+    model: GravityModel
+    payload: PayloadLimits = PayloadLimits()
+    geometry: Geometry | None = None
+
+
+@dataclass(frozen=True)
+class PayloadResult:
+    """
+    The result of a payload test.
+
+    `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
+    has changed in a way that no payload explains. `text` is a sentence, `values` are named
+    figures, `since` is the stamp of the first sample in s.
+    """
+
+    number: int
+    is_payload: bool
+    is_other: bool
+    text: str
+    since: float
+    checks: tuple[Check, ...] = ()
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+AnyJob = FitJob | DiagnosisJob | PayloadJob
+AnyResult = FitResult | DiagnosisResult | PayloadResult

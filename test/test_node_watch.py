@@ -1,0 +1,127 @@
+"""Echo of the published torque, and watch of a new model."""
+
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.acceptance import not_output, Prediction
+from gravity_comp_ros.node.sent_torque import DELAYS, SentTorque, SentTorqueHistory
+from gravity_comp_ros.node.watch import ModelWatch, WINDOW
+import numpy as np
+import pytest
+
+
+def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1):
+    t = 0.2 * np.arange(n)
+    q = np.stack([0.7 * np.sin(0.1 * t), 0.5 * np.cos(0.13 * t)], axis=1)
+    truth = q * np.array(gain)
+    tau = truth + noise * np.random.default_rng(seed).standard_normal(q.shape)
+    return JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)
+
+
+def split(values):
+    return values[:90], values[90:]
+
+
+def echo_of(sent, samples, model):
+    """Return the check of a model (M, N) when `sent` (M, D, N) was published."""
+    train, held = samples.select(np.arange(90)), samples.select(np.arange(90, len(samples)))
+    return not_output(SentTorque(*split(sent)), train, held,
+                      Prediction(*split(model), np.full(2, 0.1)))
+
+
+@pytest.mark.parametrize('delay', range(len(DELAYS)))
+def test_an_echo_of_the_published_torque_is_refused(delay):
+    samples = motion()
+    wrong = 0.5 * samples.q * [20.0, 8.0]
+    # A floating arm measures the torque sent at one delay; other delays have another torque.
+    sent = np.repeat(wrong[:, None], len(DELAYS), axis=1) + 0.5
+    sent[:, delay] = wrong
+    measured = replace(samples, tau=wrong + 0.1 * np.random.default_rng(3).standard_normal(
+        wrong.shape))
+    check = echo_of(sent, measured, wrong)
+    assert check.name == checks.NOT_OUTPUT and not check.passed
+    assert f'{1e3 * DELAYS[delay]:.0f} ms' in check.text
+
+
+def test_an_arm_moved_by_its_controller_is_no_echo():
+    samples = motion()
+    truth = samples.q * [20.0, 8.0]
+    sent = np.repeat((0.9 * truth)[:, None], len(DELAYS), axis=1)
+    assert echo_of(sent, samples, truth).passed
+    assert echo_of(np.full_like(sent, np.nan), samples, 0.9 * truth) is None
+    assert echo_of(0 * sent, samples, truth) is None
+
+
+def test_friction_torque_of_a_controller_does_not_hide_a_light_payload():
+    samples = motion()
+    t = samples.t
+    qd = np.stack([0.07 * np.cos(0.1 * t), -0.065 * np.sin(0.13 * t)], axis=1)
+    published = samples.q * [20.0, 8.0]
+    friction = 3.0 * np.tanh(qd / 0.01)
+    noise = 0.1 * np.random.default_rng(4).standard_normal(published.shape)
+    loaded = published + samples.q * [1.0, 0.0]
+    sent = np.repeat(published[:, None], len(DELAYS), axis=1)
+    pushed = replace(samples, qd=qd, tau=loaded + friction + noise)
+    assert echo_of(sent, pushed, loaded).passed
+    led = replace(samples, qd=qd, tau=published + noise)
+    assert not echo_of(sent, led, published).passed
+
+
+def test_sent_torque_is_the_last_one_before_each_delay():
+    sent = SentTorqueHistory(1)
+    assert np.isnan(sent.before(0.0)).all()
+    for k in range(400):
+        sent.published(0.001 * k, np.array([float(k)]))
+    result = sent.before(0.3995)[:, 0]
+    np.testing.assert_allclose(result, [399, 395, 389, 379, 349, 299, 199], atol=1)
+    sent.published(0.0, np.array([7.0]))
+    assert np.isnan(sent.before(0.0)).all()
+    assert np.nanmax(sent.before(0.001)) == 7.0
+
+
+def model(gain):
+    return fit(motion(300, 1, gain)).model
+
+
+@pytest.fixture(scope='module')
+def models():
+    return model((20.0, 8.0)), model((30.0, 8.0))
+
+
+def offer(watch, model, samples):
+    for q, tau in zip(samples.q, samples.tau):
+        watch.offer(q, tau, model.predict_one(q))
+
+
+def is_rolled_back(watch):
+    judged = watch.checks()
+    return bool(judged) and not any(check.passed for check in judged)
+
+
+def test_a_wrong_model_is_rolled_back(models):
+    right, wrong = models
+    watch = ModelWatch(wrong, right, 30)
+    offer(watch, wrong, motion(WINDOW - 1))
+    assert not watch.checks()
+    offer(watch, wrong, motion(60))
+    assert is_rolled_back(watch) and not watch.is_confirmed
+    assert 'that of the previous model' in watch.checks()[0].text
+
+
+def test_a_confirmed_model_stays(models):
+    right, wrong = models
+    watch = ModelWatch(wrong, right, 30)
+    offer(watch, wrong, motion(100, 2, (30.0, 8.0)))
+    assert watch.is_confirmed
+    offer(watch, wrong, motion(60))
+    assert not is_rolled_back(watch)
+
+
+def test_of_two_wrong_models_the_new_one_stays(models):
+    right, wrong = models
+    watch = ModelWatch(wrong, right, 30)
+    offer(watch, wrong, motion(60, 3, (60.0, -8.0)))
+    assert watch.checks() and not is_rolled_back(watch)
+    assert ModelWatch(right, None, 0).is_confirmed
