@@ -94,7 +94,7 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         # During fits longer than `stale_after` torque is published without input. On a busy
         # machine joint states may be lost, because the input is best effort.
         probe.until(lambda: len(answers(probe.torques)) == len(probe.predictions)
-                    == len(probe.residuals) > 0.7 * len(later)
+                    == len(probe.residuals) > 20
                     and len(probe.torques) == len(probe.commands), 60, 'torque for every message')
     model = load_model(path)
     rows, torques = published(later, answers(probe.torques), LATER)
@@ -152,8 +152,9 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
     # A swap of models makes small steps at 250 Hz or the rate that was reached.
     assert np.abs(torques[-1] - torques[0]).max() > 5.0
     steps, gaps = np.abs(np.diff(torques, axis=0)).max(axis=1), np.diff(stamps)
-    moving = (steps > 0.0) & (gaps < 0.006)
-    assert moving.sum() > 100 and np.median(steps[moving]) <= 0.05 * slower
+    moving = (steps > 0.0) & (gaps < 0.2)
+    # Only the newest of waiting messages is answered: 12.5 N·m/s.
+    assert moving.sum() > 10 and np.median(steps[moving] / gaps[moving]) <= 0.05 / 0.004 * slower
     # Messages may be late or in pairs; over 0.1 s this averages out.
     change = np.abs(torques[25:] - torques[:-25]).max(axis=1)
     assert (change <= 1.25 * 0.05 * slower * (stamps[25:] - stamps[:-25]) / 0.004).all()

@@ -18,6 +18,8 @@ from gravity_comp_ros.worker.messages import Done, Failed, Lost
 from gravity_comp_ros.worker.worker_process import command, wait_for_messages, WorkerProcess
 
 _WORK = f'{__name__}:work'
+# Time for a process to end, s; one that is blocked in the kernel ends later.
+_LAST_WAIT = 0.5
 # Messages that end a job.
 _ENDS = (Done, Failed, Lost)
 
@@ -62,7 +64,7 @@ def in_processes(count: int, task: Task[Item, Result],
                     waiting.appendleft((number, tries + 1))
     finally:
         for worker in (*idle, *busy):
-            worker.end()
+            worker.end(_LAST_WAIT)
 
 
 def _send(worker: WorkerProcess, job: tuple[Task[Item, Result], Item]) -> None:
