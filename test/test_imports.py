@@ -45,8 +45,8 @@ FORBIDDEN = {
     'simulation': {'models', 'recordings'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs',
-       'lifecycle_msgs', 'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'launch',
-       'launch_ros'}
+       'lifecycle_msgs', 'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
+       'launch', 'launch_ros'}
 
 
 def room(path: Path) -> str:
