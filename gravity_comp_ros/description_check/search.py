@@ -32,9 +32,10 @@ class CheckOptions:
     Options of a check.
 
     `discrepancy` is the share of a joint's torque range that no rigid arm explains, and
-    `friction_discrepancy` that of its friction that Coulomb and viscous friction do not explain
-    (Stribeck friction, presliding), as standard deviations. `resolution` is the least deviation of
-    a torque, as a share of the arm's largest torque range: simulated recordings have joints without any. `correlation` in s is the time
+    `friction_discrepancy` that of its friction that Coulomb and viscous friction do not
+    explain (Stribeck friction, presliding), as standard deviations. `resolution` is the least
+    deviation of a torque, as a share of the arm's largest torque range: simulated recordings
+    have joints without any. `correlation` in s is the time
     over which the errors of samples are dependent. `min_evidence` in nats is the least log
     evidence of a fault, and `margin` that by which a fault must exceed others to be named alone.
     `max_faults` bounds the search. `sign_width` in rad/s is the speed over which friction changes
