@@ -68,6 +68,6 @@ def _matters(q: FloatArray, qd: FloatArray, tau: FloatArray, joint: int, carries
 
 
 def _rest(columns: FloatArray, values: FloatArray) -> float:
-    """Return the variance that a fit leaves."""
+    """Return the variance of the residual."""
     solution = np.linalg.lstsq(columns, values, rcond=1e-8)[0]
     return float((values - columns @ solution).var())

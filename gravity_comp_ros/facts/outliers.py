@@ -20,8 +20,8 @@ def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
     """
     Return the positions (M, N) without jumps of whole turns, and the fact if there were any.
 
-    Multiples of a turn are chosen so that the median position is nearest to 0. Gravity has the
-    period of a turn.
+    Multiples of 2 pi are chosen so that the median position is nearest to 0. Gravity has the
+    period 2 pi.
     """
     jumps: dict[str, float] = {}
     q = signals.q
@@ -44,7 +44,7 @@ def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
 
 
 def _is_smooth(step: FloatArray) -> bool:
-    """Return whether most steps are small against a turn, unlike those between random poses."""
+    """Return whether most steps are small against 2 pi, unlike those between random poses."""
     return bool(np.quantile(np.abs(step), 0.95) < _NEAR_TURN)
 
 
