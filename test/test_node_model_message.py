@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from ros_harness import running
 from std_msgs.msg import Float64MultiArray
 
 BAGS = Path(__file__).resolve().parents[1] / 'bags'
@@ -80,3 +81,15 @@ def test_a_message_names_every_number(iiwa_model_file):
     assert tuple(dim.label for dim in message.layout.dim[1:]) == parameters.labels
     assert message.layout.dim[1].label == 'iiwa_joint_1 q_min rad'
     np.testing.assert_array_equal(message.data, parameters.values)
+
+
+def test_the_node_publishes_the_numbers_of_the_model_in_use(iiwa_model_file):
+    results = []
+    with running({'model_file': iiwa_model_file}) as (_, probe):
+        # Latched: the message was published before this subscription.
+        probe.create_subscription(Float64MultiArray, '/gravity_comp/model', results.append,
+                                  LATCHED)
+        probe.until(lambda: bool(results), 30, 'the model')
+    expected = model_message(parameters_of(load_model(iiwa_model_file)))
+    assert results[0].data == expected.data
+    assert results[0].layout.dim[0].label == expected.layout.dim[0].label

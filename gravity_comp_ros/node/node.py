@@ -7,6 +7,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
 from gravity_comp_ros.node.messages import Reading
@@ -56,6 +57,7 @@ class GravityCompNode(LifecycleNode):
         self._node_timers: list[Timer] = []
         self._active = False
         self._named = False
+        self._sent_model: GravityModel | None = None
         self._ticks = 0
         self._clock_is_simulated = False
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
@@ -101,7 +103,7 @@ class GravityCompNode(LifecycleNode):
             self.get_logger().error(self._core.models.problem)
         self._use_description(self._core)
         self._outputs = Outputs(self)
-        self._named = False
+        self._named, self._sent_model = False, None
         self._subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
@@ -224,6 +226,9 @@ class GravityCompNode(LifecycleNode):
         tau = core.tick(self.now(), time.monotonic())
         while core.log_lines:
             self._log(*core.log_lines.popleft())
+        if core.models.model is not None and core.models.model is not self._sent_model:
+            self._sent_model = core.models.model
+            outputs.model(self._sent_model)
         while core.learner.decisions:
             outputs.checks(core.learner.decisions.popleft())
         while core.learner.events:

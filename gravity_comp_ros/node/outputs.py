@@ -8,7 +8,10 @@ from collections.abc import Sequence
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.export.c_source import parameters_of
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
+from gravity_comp_ros.node.model_message import LATCHED, model_message
 from gravity_comp_ros.node.watch import Suspicion
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -41,8 +44,9 @@ class Outputs:
         self._suspected = node.create_lifecycle_publisher(
             DiagnosticArray, '~/payload_suspected', EVENT_QOS)
         self._checks = node.create_lifecycle_publisher(String, '~/checks', EVENT_QOS)
-        # Not managed, so that an inactive node publishes diagnostics.
+        # Not managed, so that an inactive node publishes diagnostics and its model.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
+        self._model = node.create_publisher(Float64MultiArray, '~/model', LATCHED)
         self._torque, self._predicted = JointState(), JointState()
         self._difference, self._outside = JointState(), JointState()
         self._command = Float64MultiArray()
@@ -94,6 +98,10 @@ class Outputs:
         """Publish /diagnostics."""
         self._diagnostics.publish(self._array(statuses))
 
+    def model(self, model: GravityModel) -> None:
+        """Publish the numbers of the model in use (`export.c_source.parameters_of`)."""
+        self._model.publish(model_message(parameters_of(model)))
+
     def checks(self, decision: str) -> None:
         """Publish the checks of a decision, as JSON."""
         self._checks.publish(String(data=decision))
@@ -121,6 +129,7 @@ class Outputs:
                           self._extrapolation, self._suspected, self._checks):
             self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_publisher(self._diagnostics)
+        self._node.destroy_publisher(self._model)
 
     @staticmethod
     def _fill(message: JointState, stamp: Time, q: FloatArray, tau: FloatArray) -> None:

@@ -39,7 +39,7 @@ def read_parquet(path: Path) -> Table:
     :raises BagError: if pyarrow is missing, or a file cannot be read.
     """
     try:
-        from pyarrow import ArrowException, parquet  # type: ignore[import-untyped]
+        from pyarrow import ArrowException, parquet
     except ImportError:
         raise BagError(f'{path}: Parquet files need pyarrow (pip install pyarrow)') from None
     files = sorted((path / 'data').rglob('*.parquet')) if path.is_dir() else [path]
