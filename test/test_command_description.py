@@ -127,7 +127,9 @@ def test_a_waist_that_is_not_a_joint_of_the_model(bags, capsys, bag, argv, value
 
 def test_a_gripper_is_omitted_and_a_moving_waist_is_reported(bags, capsys):
     result, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
-    assert result['description']['left_out'] == ['finger']
+    gripper = result['bags'][0]['facts'][0]
+    assert (gripper['kind'], gripper['joints'], gripper['action']) == (
+        'gripper', ['finger'], 'left_out')
     assert list(result['joints']) == list(JOINTS)
     _, errors = run(capsys, 'fit', bags / 'moving', '--joints', ','.join(JOINTS), '--formulation',
                     'chain', '--json')

@@ -157,6 +157,7 @@ def finding(effect, verdict, alternatives=(), next_step='move it'):
 def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, model):
     args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
                      effort_scale=[], effort_unit='Nm', rename=[], position_unit='rad', accept=(),
+                     reverse=(), zero=[],
                      differentiate=False)
     findings = (finding('coulomb_friction', 'established'),
                 finding('torque_offset', 'ambiguous', ('joint_spring',)),

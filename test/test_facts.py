@@ -129,8 +129,8 @@ def test_frozen_values_are_left_out(tmp_path):
     only(recording, Kind.FROZEN, Action.LEFT_OUT, ('upper',))
     assert len(recording.samples) == COUNT - 400
     q[2000:2500, 1] = q[2000, 1]
-    found = facts(read(tmp_path, q=q), Kind.FROZEN)
-    assert [fact.joints for fact in found] == [('lower',)]
+    results = facts(read(tmp_path, q=q), Kind.FROZEN)
+    assert [fact.joints for fact in results] == [('lower',)]
 
 
 @pytest.mark.parametrize('size', [0.0, 1e-309, 1e-9])

@@ -75,7 +75,8 @@ def learn_all(probe, samples):
             probe.stream(part(samples, 0, missing), start)
         return missing <= 0 and values['fit process'] == 'ready'
 
-    probe.until(learned, 60, 'the fits')
+    # The fits have the lowest priority, and the tests run in parallel.
+    probe.until(learned, 180, 'the fits')
 
 
 def test_node_and_commands_give_the_same_torques(bags, tmp_path):

@@ -14,7 +14,7 @@ from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, Multisi
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'bench'))
+sys.path.insert(0, str(ROOT))
 NOISE = 0.1
 # Masses of the links in kg and centres of mass in m, in the frames of the joints.
 _SIX = ((7.8, '0 0 0'), (12.9, '-0.3 0 0.17'), (3.9, '-0.28 0 0.05'), (2.0, '0 -0.05 0'),
@@ -45,7 +45,7 @@ def seven() -> TestArm:
 
 def six() -> TestArm:
     """Return an arm with the axes of a UR10, with a multisine motion."""
-    from real_arms import description
+    from bench.real_robots.data_sheets import description
     text = description('ur10', tuple(f'joint_{k}' for k in range(1, 7)))
     for mass, centre in _SIX:
         text = text.replace('<inertial><mass value="1"/>',

@@ -39,10 +39,10 @@ def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray,
     rising = steps > 0 if runs is None else np.diff(runs) == 0
     if not rising.any() or not np.nan_to_num(qd).any():
         return ratio, likeness
-    usual = float(np.median(steps[rising]))
-    length = max(1, int(round(_SPAN / usual)))
+    median_step = float(np.median(steps[rising]))
+    length = max(1, int(round(_SPAN / median_step)))
     # The mean slope over a gap is not the velocity.
-    gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * usual)))
+    gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * median_step)))
     whole = gaps[length:] == gaps[:-length]
     for n in range(q.shape[1] if len(t) > length else 0):
         integral = np.append(0.0, np.cumsum(0.5 * (qd[1:, n] + qd[:-1, n]) * steps))

@@ -16,7 +16,7 @@ from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 import numpy as np
 
-_MOST = 200
+_MAX_SAMPLES = 200
 # rad/s. Slower motion has little torque of inertia.
 _SLOW = 0.3
 _SHIFTS = (pi / 2, -pi / 2, pi)
@@ -35,7 +35,7 @@ def axis_facts(samples: JointSamples, rotations: FloatArray,
     rows = np.flatnonzero((np.abs(samples.qd) < _SLOW).all(axis=1))
     if len(rows) < options.min_samples:
         return []
-    slow = samples.select(rows[::-(-len(rows) // _MOST)])
+    slow = samples.select(rows[::-(-len(rows) // _MAX_SAMPLES)])
     signs, zeros = np.ones(samples.n_joints), np.zeros(samples.n_joints)
     error = _misfit(slow, rotations, signs, zeros)
     others: list[str] = []
@@ -68,7 +68,7 @@ def _trials(signs: FloatArray, zeros: FloatArray) -> list[tuple[FloatArray, Floa
 
 def _words(names: tuple[str, ...], signs: FloatArray, zeros: FloatArray,
            trial: tuple[FloatArray, FloatArray]) -> str:
-    """Return what a trial changes, as options."""
+    """Return the options for the changes of a trial."""
     changed = np.flatnonzero(trial[0] != signs)
     if changed.size:
         return f'--reverse {names[changed[0]]}'

@@ -10,7 +10,7 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 
 # Samples at most that a search for exact limits needs.
-_MOST = 20000
+_MAX_SAMPLES = 20000
 # Share of the motion in one direction at the limit, from which it is friction.
 _ALWAYS = 0.5
 # Share of the limit by which equal values may differ.
@@ -78,7 +78,7 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
 
 def _whole(raw: FloatArray, options: FactOptions) -> BoolArray:
     """Return the mask (N,) of joints with large whole numbers, of several values."""
-    part = raw[::-(-len(raw) // _MOST)]
+    part = raw[::-(-len(raw) // _MAX_SAMPLES)]
     whole = np.asarray((part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2))
     is_large = whole.any() and np.abs(part[:, whole]).max() >= options.min_count
     return whole & is_large
@@ -109,11 +109,11 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
         of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n], options)
         # Friction alone stays at an extreme for as long as the joint moves in one direction.
         of_effort &= _inside(signals.tau[:, n])
-        for found in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n],
-                                              options)):
-            if found.any():
-                rows |= found
-                times[name] = float(found.sum())
+        for part in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n],
+                                             options)):
+            if part.any():
+                rows |= part
+                times[name] = float(part.sum())
     if not times:
         return rows, None
     return rows, Fact(

@@ -36,7 +36,7 @@ class Kind(Enum):
 
 
 class Action(Enum):
-    """What is done about a fact by default."""
+    """Default treatment of a fact."""
 
     NOTED = 'noted'
     CORRECTED = 'corrected'

@@ -57,7 +57,7 @@ class FactOptions:
     wide_travel: float = 0.3
     # Share of the effort's variance that depends on the pose, if gravity acts on the joint.
     min_pose_share: float = 0.3
-    # Share of the effort's standard deviation: less of it beside friction may be its shape.
+    # Share of the effort's standard deviation: less of it with friction may be its shape.
     min_gravity: float = 0.1
     # Shares of the residual variance of the pose that the direction of motion explains, for a
     # decision on the sign on several joints and on one. Friction of real arms explains 0.2 to 1.

@@ -12,7 +12,7 @@ import numpy as np
 
 # Joints at the end of an arm that may carry little gravity in their own right: the wrist.
 _WRIST = 3
-_MOST = 2000
+_MAX_SAMPLES = 2000
 
 
 def order_facts(samples: JointSamples, order: Sequence[str],
@@ -26,7 +26,7 @@ def order_facts(samples: JointSamples, order: Sequence[str],
     """
     if len(samples) < options.min_samples or len(order) <= _WRIST + 1:
         return []
-    step = -(-len(samples) // _MOST)
+    step = -(-len(samples) // _MAX_SAMPLES)
     q, qd, tau = samples.q[::step], samples.qd[::step], samples.tau[::step]
     wide = np.ptp(q, axis=0) > options.wide_travel
     carries = [(shares(q, qd, tau, n, options).gravity or 0.0) >= options.min_pose_share

@@ -45,7 +45,7 @@ class Signals:
                        tau=self.tau[:, rest], scaled=self.scaled[rest])
 
     def thinned(self, count: int) -> Signals:
-        """Return at most `count` samples, evenly spaced."""
+        """Return at max_count `count` samples, evenly spaced."""
         step = -(-max(len(self), 1) // count)
         return self.keep(np.arange(len(self)) % step == 0)
 
@@ -60,9 +60,9 @@ def stretches(mask: BoolArray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2])]
 
 
-def spans(t: FloatArray, mask: BoolArray, most: int = 3) -> str:
+def spans(t: FloatArray, mask: BoolArray, max_count: int = 3) -> str:
     """Return the times in s of the longest stretches of a mask (M,), as text."""
-    found = sorted(stretches(mask), key=lambda part: part.start - part.stop)
-    longest = sorted(found[:most], key=lambda part: part.start)
+    ordered = sorted(stretches(mask), key=lambda part: part.start - part.stop)
+    longest = sorted(ordered[:max_count], key=lambda part: part.start)
     text = ', '.join(f'{t[part.start]:.4g} to {t[part.stop - 1]:.4g} s' for part in longest)
-    return text + (f' and {len(found) - most} more' if len(found) > most else '')
+    return text + (f' and {len(ordered) - max_count} more' if len(ordered) > max_count else '')

@@ -67,7 +67,7 @@ def read_parquet(path: Path) -> Table:
 
 def _columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
     """Return the columns of numbers by name; lists are expanded."""
-    found: dict[str, FloatArray] = {}
+    arrays: dict[str, FloatArray] = {}
     for key in table.column_names:
         values: Any = table[key].to_numpy() if len(table) else np.empty(0)
         if values.dtype == object:
@@ -79,12 +79,12 @@ def _columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
             continue
         values = values.astype(np.float64)
         if values.ndim == 1:
-            found[key] = values
+            arrays[key] = values
             continue
         if key.startswith('action'):
             continue
-        found |= dict(zip(_expanded(key, names.get(key), values.shape[1]), values.T))
-    return found
+        arrays |= dict(zip(_expanded(key, names.get(key), values.shape[1]), values.T))
+    return arrays
 
 
 def _expanded(key: str, names: list[str] | None, count: int) -> list[str]:
