@@ -1,5 +1,8 @@
 """The gravity model: torques by hand, equations in the paper's notation, the trained range."""
 
+from concurrent.futures import ThreadPoolExecutor
+import sys
+
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -46,6 +49,23 @@ def test_predict_one_agrees_with_predict(n_joints, seed):
     q = rng.uniform(-7, 7, (4, n_joints))
     np.testing.assert_allclose([model.predict_one(pose) for pose in q], model.predict(q),
                                atol=1e-12)
+
+
+def test_threads_share_a_model():
+    model = model_of({5: -20.0, 1: 3.0}, {7: 2.0, 0: 1.0})
+    poses = np.random.default_rng(0).uniform(-3.0, 3.0, (2, 2))
+    expected = model.predict(poses)
+
+    def worst(k):
+        return max(np.abs(model.predict_one(poses[k]) - expected[k]).max() for _ in range(5000))
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert max(pool.map(worst, range(2))) < 1e-12
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def test_a_model_without_features_predicts_zero():

@@ -231,10 +231,10 @@ class _Evaluator:
         choice = dictionary.digits(self.indices, n_joints)
         # Row k of the table is factor k of {1, sin, cos}: a flat index selects all at once.
         self._flat = np.ascontiguousarray((choice * n_joints + np.arange(n_joints)).T)
-        self._table = np.ones((3, n_joints))
 
     def __call__(self, q: FloatArray) -> FloatArray:
-        table = self._table
+        # A table of its own for each call: several threads use one model.
+        table = np.ones((3, len(q)))
         np.sin(q, out=table[dictionary.SIN])
         np.cos(q, out=table[dictionary.COS])
         return np.multiply.reduce(table.take(self._flat), axis=0) @ self.weights
