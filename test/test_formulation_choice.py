@@ -62,3 +62,9 @@ def test_a_fit_considers_whether_the_old_chain_had_offsets(old, offset):
     """The fit that starts from it has an offset only if that is relevant."""
     offsets = fit(recorded(offset, 2), old=old).model.nuisance.of(OFFSET)
     assert set(offsets) == ({ARM.joints[ELBOW]} if offset == 0.5 else set())
+
+
+@pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
+def test_the_report_names_the_formulation_of_the_model(formulation):
+    result = fit(recorded(0.0, 0), FitOptions(formulation))
+    assert result.report.choice.formulation == result.model.formulation == formulation

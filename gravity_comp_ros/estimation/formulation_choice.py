@@ -64,7 +64,9 @@ class Choice:
 
     @property
     def formulation(self) -> str:
-        return 'chain' if isinstance(self.estimate, ChainEstimate) else 'potential'
+        if isinstance(self.estimate, ChainEstimate):
+            return 'chain'
+        return 'per_joint' if self.estimate.energy is None else 'potential'
 
 
 def choose(regression: Regression, options: SparseOptions, known: FloatArray | None = None,
