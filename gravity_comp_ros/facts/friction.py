@@ -69,14 +69,14 @@ def effort_facts(signals: Signals, options: FactOptions) -> list[Fact]:
     """Return the facts on the sign of the effort and on missing gravity."""
     if len(signals) < options.min_samples:
         return []
-    shown = {name: shares(signals.q, signals.qd, signals.tau, n, options)
-             for n, name in enumerate(signals.names)}
-    return [fact for fact in (_sign(shown, options), _compensated(signals, shown, options))
+    by_joint = {name: shares(signals.q, signals.qd, signals.tau, n, options)
+                for n, name in enumerate(signals.names)}
+    return [fact for fact in (_sign(by_joint, options), _compensated(signals, by_joint, options))
             if fact is not None]
 
 
-def _sign(shown: Mapping[str, Shares], options: FactOptions) -> Fact | None:
-    known = {name: each.direction for name, each in shown.items() if each.direction is not None}
+def _sign(by_joint: Mapping[str, Shares], options: FactOptions) -> Fact | None:
+    known = {name: each.direction for name, each in by_joint.items() if each.direction is not None}
     against = [name for name, share in known.items() if share < -options.min_direction_share]
     # Several joints show another sign convention of the driver, a single one its wiring.
     several = len(against) > 1 and max(known.values()) < options.min_direction_share
@@ -85,7 +85,7 @@ def _sign(shown: Mapping[str, Shares], options: FactOptions) -> Fact | None:
     if not against:
         return None
     several = several or len(against) > 1
-    inverted = tuple(shown if several else against)
+    inverted = tuple(by_joint if several else against)
     scales = ','.join(f'{name}=-1' for name in inverted)
     return Fact(
         Kind.EFFORT_SIGN, inverted, f'effort points against the motion on '
@@ -95,10 +95,10 @@ def _sign(shown: Mapping[str, Shares], options: FactOptions) -> Fact | None:
         {name: known[name] for name in against})
 
 
-def _compensated(signals: Signals, shown: Mapping[str, Shares],
+def _compensated(signals: Signals, by_joint: Mapping[str, Shares],
                  options: FactOptions) -> Fact | None:
     wide = signals.named(np.ptp(signals.q, axis=0) > options.wide_travel)
-    values = {name: share for name in wide if (share := shown[name].gravity) is not None}
+    values = {name: share for name in wide if (share := by_joint[name].gravity) is not None}
     if len(values) < options.min_wide_joints or max(values.values()) >= options.min_pose_share:
         return None
     return Fact(
