@@ -18,7 +18,7 @@ class Scale:
     Scales of N joints.
 
     `torque` (N,) in N·m is each joint's torque scale, `largest` the largest of them; `low` and
-    `high` (N,) in rad are the range of the angles, `duration` in s that of the longest session.
+    `high` (N,) in rad are the range of the angles.
     """
 
     torque: FloatArray

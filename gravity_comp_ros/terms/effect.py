@@ -14,7 +14,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-import math
 from typing import get_type_hints
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -84,7 +83,6 @@ class Effect(ABC):
     - `corrects`: effects of which the joint must have one, because this one corrects it.
     - `size`: prior RMS of its torque, as a share of the joint's torque scale.
     - `why_not_negative`: why no coefficient is negative; '' if coefficients can be negative.
-    - `largest`: maximum absolute value of a coefficient.
 
     :raises OptionError: if an attribute is missing, the scope is unknown or there is no
         coefficient.
@@ -100,7 +98,6 @@ class Effect(ABC):
     corrects: tuple[str, ...] = ()
     size: float = 0.1
     why_not_negative: str = ''
-    largest: float = math.inf
 
     def __init__(self) -> None:
         missing = [word for word in ATTRIBUTES if not hasattr(self, word)]
@@ -154,22 +151,6 @@ class Effect(ABC):
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         """Return one coefficient for each column that `columns` returns for the same motion."""
         return self.coefficients
-
-    def implausible(self, values: FloatArray) -> str | None:
-        """
-        Return why coefficients (K,) are not physical, as a clause; None if they are plausible.
-
-        The default checks the sign if `why_not_negative` is set, and the limit `largest`.
-        """
-        values = np.asarray(values)
-        minimum = float(values.min(initial=0.0))
-        largest = float(np.abs(values).max(initial=0.0))
-        if self.why_not_negative and minimum < 0.0:
-            return f'the coefficient is negative ({minimum:.3g}): {self.why_not_negative}'
-        if largest > self.largest:
-            size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()
-            return f'{size} is too large; at most {self.largest:.3g} is expected'
-        return None
 
 
 # Names of the attributes of every effect.

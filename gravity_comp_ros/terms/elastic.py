@@ -191,7 +191,6 @@ class JointFlexibility(Effect):
     is_static = True
     size = 0.02
     why_not_negative = 'the link would deflect against its load'
-    largest = 0.01
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return -(motion.gradient[:, :, joint] * motion.gravity[:, [joint]])[:, :, None]

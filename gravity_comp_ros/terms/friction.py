@@ -88,7 +88,6 @@ class LoadDependentFriction(DirectionEffect):
     name = 'load_dependent_friction'
     coefficients = (Coefficient('mu', '', 'friction torque per transmitted torque'),)
     why_not_negative = _DISSIPATES
-    largest = 0.5
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         d = motion.direction(joint, law_of(setting))

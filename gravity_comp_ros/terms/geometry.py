@@ -26,7 +26,6 @@ class EncoderOffset(ChangeEffect):
     coefficients = (Coefficient('delta', 'rad', 'change of the true angle minus the reported '
                                                 'angle'),)
     scope = 'arm'
-    largest = 0.3
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         factor = change_factor(motion, setting)
@@ -53,7 +52,6 @@ class BaseTilt(ChangeEffect):
                     Coefficient('beta', 'rad', 'the same about the second axis'))
     scope = 'arm'
     per_joint = False
-    largest = 0.35
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return _tilted(motion) * change_factor(motion, setting)[:, None, None]

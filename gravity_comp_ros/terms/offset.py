@@ -29,7 +29,6 @@ class TorqueGain(Effect):
     name = 'torque_gain'
     coefficients = (Coefficient('k', '', 'relative error of the torque scale'),)
     is_static = True
-    largest = 1.0
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.gravity[:, [joint]]

@@ -16,7 +16,6 @@ class TimeDelay(Effect):
 
     name = 'time_delay'
     coefficients = (Coefficient('T', 's', 'delay of torque relative to position'),)
-    largest = 0.5
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return -np.einsum('mj,mj->m', motion.gradient[:, joint], motion.samples.qd)[:, None]
