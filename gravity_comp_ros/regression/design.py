@@ -11,6 +11,9 @@ from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.term import Term
 import numpy as np
 
+# Factor of a prior that keeps a parameter at its present value.
+FIXED = 1e-6
+
 
 class Design:
     """
@@ -41,6 +44,13 @@ class Design:
         other.gram = [gram - x @ x.T for gram, x in zip(self.gram, other.x)]
         other.cross = [cross - x @ y for cross, x, y in zip(self.cross, other.x, other.y)]
         other.square = self.square - (other.y ** 2).sum(axis=1)
+        return other
+
+    def with_narrow(self, n_angles: int, factor: float = FIXED) -> Design:
+        """Return the same sums with the prior of the first parameters narrowed by a factor."""
+        other = copy(self)
+        other.prior_std = self.prior_std.copy()
+        other.prior_std[:n_angles] *= factor
         return other
 
     @property

@@ -10,6 +10,10 @@ with R rows, eta the discrepancy and s the torque scale of the joint. tau is the
 time of the residual. It is 1 while terms are selected, because the residual of an incomplete model
 is autocorrelated by what is missing; the scatter of a term's own scores replaces it (`gains`).
 The published covariance contains it.
+
+These weights are those of the evidence of a term: a model error could have its shape. It cannot
+have the shape of all columns at once, so coefficients are estimated with the weights of the noise
+alone, `white_precision`.
 """
 
 from __future__ import annotations
@@ -19,6 +23,11 @@ from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.scale import Scale
 import numpy as np
+
+# Ratios of the variance that grows with the torque to the constant one, at the mean torque.
+_RELATIVE = tuple(float(c) for c in np.geomspace(0.1, 1e4, 11))
+# Largest correlation time, in rows, of a white residual.
+_WHITE = 2.0
 
 
 def noise_std(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
@@ -39,6 +48,11 @@ def precision_of(posterior: Posterior, scale: Scale, options: EngineOptions,
         variance = variance * times
     discrepancy = (options.discrepancy * scale.torque) ** 2 * posterior.design.n_rows
     return np.asarray(1.0 / (variance + discrepancy))
+
+
+def white_precision(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
+    """Return the weight (N,) of a squared residual of each joint by its noise alone."""
+    return np.asarray(noise_std(posterior, scale, options) ** -2.0)
 
 
 def correlation_times(posterior: Posterior) -> FloatArray:
@@ -67,3 +81,31 @@ def correlation_time(residual: FloatArray, runs: IntArray) -> float:
     small = np.flatnonzero(rho < 2.0 / np.sqrt(len(residual)))
     end = int(small[0]) if small.size else len(rho)
     return float(max(1.0, 1.0 + 2.0 * rho[:end].sum()))
+
+
+def relative_weights(residual: FloatArray, gravity: FloatArray, options: EngineOptions
+                     ) -> FloatArray:
+    """
+    Return weights (R, N) for noise that grows with the torque, with a mean of 1.
+
+    The variance is a^2 (1 + c x), x the squared gravity torque over its mean. c is that of largest
+    likelihood; without enough evidence it is 0, and where the residual is not white: the error of
+    a wrong model grows with the torque as well.
+
+    :param residual: (R, N) in N·m. :param gravity: (R, N) in N·m.
+    """
+    weights = np.ones_like(residual)
+    for j, (r, g) in enumerate(zip(residual.T, gravity.T)):
+        if correlation_time(r, np.zeros(len(r), dtype=np.int64)) > _WHITE:
+            continue
+        square, x = r ** 2, g ** 2 / max(float((g ** 2).mean()), 1e-300)
+        likelihood = []
+        for c in (0.0, *_RELATIVE):
+            spread = 1.0 + c * x
+            likelihood.append(-0.5 * (len(r) * np.log((square / spread).mean() + 1e-300)
+                                      + np.log(spread).sum()))
+        best = int(np.argmax(likelihood))
+        if likelihood[best] > likelihood[0] + options.min_gain:
+            weights[:, j] = 1.0 / (1.0 + _RELATIVE[best - 1] * x)
+            weights[:, j] /= weights[:, j].mean()
+    return weights

@@ -18,6 +18,10 @@ class EngineOptions:
     - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
       that time and memory do not grow with the rate.
     - `max_rows`: with more, the means are over a longer time.
+    - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
+      for this time.
+    - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
+      state; the error is 2e-5 of the torque.
     - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
       times the correlation time of the residual of a drive.
 
@@ -35,13 +39,17 @@ class EngineOptions:
     - `margin`: models within this of the chosen one are ambiguous with it.
     - `significant`: gain of an exchange or a removal that counts as an improvement, against
       rounding.
-    - `min_unabsorbed`: share of a term's torque that the other terms must leave; below it the
-      coefficient is not identified and is not published.
+    - `min_unabsorbed`: share of a term's torque (RMS) that all other columns must leave; below it
+      the coefficient is not identified and is not published.
 
     Search:
 
-    - `max_rounds`: rounds of additions, exchanges and removals at one noise.
+    - `max_rounds`: rounds of additions, exchanges and removals of one selection.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
+    - `converged`: decrease of the objective, in units of its mean over rows and joints, at which
+      Gauss-Newton ends; 2 is one nat where all joints have white residuals.
+    - `coloured`: ratio of a joint's residual to its white noise above which pairs of terms are
+      tried; below, nothing is missing that they could explain.
     - `starts`: alternatives from which the terms of a joint are selected again.
     - `halvings`: halvings of the step in which a nonlinear setting is refined.
 
@@ -50,8 +58,11 @@ class EngineOptions:
 
     row_seconds: float = 0.1
     max_rows: int = 6000
+    rest_angle: float = 5e-4
+    rest_seconds: float = 10.0
+    cell_angle: float = 0.02
     block_seconds: float = 2.0
-    discrepancy: float = 3e-4
+    discrepancy: float = 1e-4
     floor: float = 1e-5
     min_scale: float = 0.1
     outlier: float = 4.0
@@ -61,7 +72,9 @@ class EngineOptions:
     min_unabsorbed: float = 0.02
     max_rounds: int = 20
     passes: int = 3
-    steps: int = 3
+    steps: int = 10
+    converged: float = 2.0
+    coloured: float = 1.3
     starts: int = 5
     halvings: int = 6
 

@@ -30,6 +30,10 @@ class State:
         """Return whether no joint moves, so that only gravity acts."""
         return not (self.qd.any() or self.qdd.any())
 
+    def select(self, here: slice) -> State:
+        """Return some of the states."""
+        return State(self.q[here], self.qd[here], self.qdd[here])
+
 
 class Shared(ABC):
     """A parametrisation of the torque of all joints, with P parameters."""
@@ -40,9 +44,9 @@ class Shared(ABC):
         """Return the parameters (P,) at which the columns are linearised."""
 
     @property
-    def is_linear(self) -> bool:
-        """Return whether the torque is linear in the parameters."""
-        return True
+    def n_angles(self) -> int:
+        """Return the number of leading parameters that are angles, in which it is not linear."""
+        return 0
 
     @abstractmethod
     def prior_std(self, scale: Scale) -> FloatArray:
@@ -60,9 +64,21 @@ class Shared(ABC):
     def moved(self, parameters: FloatArray) -> Shared:
         """Return the same at other parameters (P,)."""
 
-    def constant(self, state: State) -> FloatArray:
-        """Return the torque (B, N) that the columns times the parameters omit at the point."""
-        return np.zeros_like(state.q)
+    def renewed(self) -> Shared:
+        """Return the same with what is constant in a linearised problem at the estimate."""
+        return self
+
+    def with_exact_angles(self, covariance: FloatArray) -> Shared:
+        """
+        Return the same with the angles that are probably exact: right angles, described ones.
+
+        :param covariance: (P, P) of the parameters.
+        """
+        return self
+
+    def torque(self, state: State) -> FloatArray:
+        """Return the torque (B, N) in N·m at the point."""
+        return np.asarray(self.columns(state) @ self.point)
 
     def gradient(self, q: FloatArray) -> FloatArray:
         """Return d gravity_n / d q_j (B, N, N) in N·m/rad, by central differences."""

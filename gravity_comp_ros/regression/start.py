@@ -12,11 +12,14 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, NuisanceDesign, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
-from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.problem import Problem
 import numpy as np
 
 # Number of searches, starts of each, and poses that they use.
 _SEARCHES, _STARTS, _POSES = 4, 24, 400
+# Number of searches with a white residual after which it ends: few poses are consistent with
+# several chains.
+_CLEAN = 2
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
 # Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise.
@@ -30,16 +33,13 @@ def start_chain(problem: Problem) -> Chain:
     :raises FitError: if there are no samples.
     """
     samples, nuisance = generic_poses(problem, _POSES)
-    best: ChainFit | None = None
+    fits: list[ChainFit] = []
     for seed in range(_SEARCHES):
-        fit = rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
-                        nuisance)
-        if best is None or _log_noise(fit) < _log_noise(best):
-            best = fit
-        if best.clean:
+        fits.append(rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
+                              nuisance))
+        if sum(each.clean for each in fits) == _CLEAN:
             break
-    assert best is not None
-    return best.chain
+    return min(fits, key=_log_noise).chain
 
 
 def _log_noise(fit: ChainFit) -> float:

@@ -10,6 +10,11 @@ is (J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977: augmented bodies)
 
 so that the torque of motion is linear in p_i and I_i for given axes and moments. Slow motion
 determines few of them; the others stay at their prior.
+
+Most axes are parallel or perpendicular to the one before, and the first to the vertical. Most
+zero angles turn an axis by a multiple of 90 degrees. A tilt is a change of the former angle and
+one across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free
+angle by their evidence (the ratio of Savage and Dickey).
 """
 
 from __future__ import annotations
@@ -17,15 +22,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import motion_columns
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque
+from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
+from scipy.linalg import block_diag
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
+# Sine of the angle between axes above which a rotation about the first moves the second.
+_MIN_SINE = 0.5
+# Rotation in rad of a finite difference.
+_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -33,15 +43,16 @@ class LengthPriors:
     """
     Prior standard deviations of an arm without a description.
 
-    `tilt` in rad of an axis about its present estimate; `moment` as a multiple of the largest
-    torque; `length` in m of a link; `inertia` in m, times the largest torque over g: a mass of
-    that weight at a third of a metre.
+    `tilt` in rad of an axis about its present estimate, `right` if its angle is exact; `moment` as
+    a multiple of the largest torque; `length` in m of a link; `inertia` in m, times the largest
+    torque over g: the inertia about a joint of the mass beyond it, at the reach of the arm.
     """
 
     tilt: float = 0.3
+    right: float = 1e-3
     moment: float = 2.0
-    length: float = 0.4
-    inertia: float = 0.1
+    length: float = 0.5
+    inertia: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +60,29 @@ class UnknownLengths(Shared):
     """
     A chain with unknown lengths: 2N tilts, 2N moments, 3(N - 1) lengths, 6N inertias.
 
+    The tilts of an axis are those of `_turns`. `is_right` (2N,) are those that a right angle or a
+    parallel axis fixes.
+
     `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
+    `carried` (N, 2) are the moments in the torque of motion. They are renewed between linearised
+    problems (`renewed`): the product of moments and lengths would not be linear.
     """
 
     chain: Chain
     lengths: FloatArray
     inertias: FloatArray
+    carried: FloatArray
+    is_right: BoolArray
     priors: LengthPriors = LengthPriors()
 
     @classmethod
-    def of(cls, chain: Chain) -> UnknownLengths:
-        """Return a chain with lengths and inertias of 0, the mean of their prior."""
+    def of(cls, chain: Chain, lengths: FloatArray | None = None,
+           inertias: FloatArray | None = None) -> UnknownLengths:
+        """Return a chain with lengths and inertias of 0, the mean of their prior, by default."""
         n = chain.n_joints
-        return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)))
+        return cls(chain, np.zeros((n - 1, 3)) if lengths is None else lengths,
+                   np.zeros((n, 6)) if inertias is None else inertias, chain.moments,
+                   np.zeros(2 * n, dtype=bool))
 
     @property
     def point(self) -> FloatArray:
@@ -70,17 +91,20 @@ class UnknownLengths(Shared):
                                self.inertias.ravel()])
 
     @property
-    def is_linear(self) -> bool:
-        return False
+    def n_angles(self) -> int:
+        return 2 * self.chain.n_joints
 
     def step_map(self) -> FloatArray:
         """Return the step of the chain per parameter, (4N, P)."""
-        return np.eye(4 * self.chain.n_joints, len(self.point))
+        n = self.chain.n_joints
+        result = np.eye(4 * n, len(self.point))
+        result[:2 * n, :2 * n] = block_diag(*_turns(self.chain))
+        return result
 
     def prior_std(self, scale: Scale) -> FloatArray:
         n, p = self.chain.n_joints, self.priors
         return np.concatenate([
-            np.full(2 * n, p.tilt), np.full(2 * n, p.moment * scale.largest),
+            np.where(self.is_right, p.right, p.tilt), np.full(2 * n, p.moment * scale.largest),
             np.full(3 * (n - 1), p.length),
             np.full(6 * n, p.inertia * scale.largest / STANDARD_GRAVITY)])
 
@@ -90,23 +114,92 @@ class UnknownLengths(Shared):
         columns[:, :, :4 * n] = self.chain.jacobian(state.q).transpose(2, 1, 0)
         if not state.still:
             columns[:, :, 4 * n:] = motion_columns(
-                self.chain, state.q, state.qd, state.qdd)
+                Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
+            columns[:, :, :2 * n] += self._motion_by_tilts(state)
+        columns[:, :, :2 * n] = columns[:, :, :2 * n] @ block_diag(*_turns(self.chain))
         return columns
+
+    def torque(self, state: State) -> FloatArray:
+        return self.chain.torque(state.q) + self._motion(self.chain, state)
+
+    def _motion(self, chain: Chain, state: State) -> FloatArray:
+        if state.still or not (self.lengths.any() or self.inertias.any()):
+            return np.zeros_like(state.q)
+        return motion_torque(Chain(chain.axes, self.carried), self.lengths, self.inertias,
+                             state.q, state.qd, state.qdd)
+
+    def renewed(self) -> UnknownLengths:
+        return replace(self, carried=self.chain.moments)
+
+    def _motion_by_tilts(self, state: State) -> FloatArray:
+        """
+        Return d torque of motion / d tilts (B, N, 2N).
+
+        Some tilts do not change gravity, such as that about the vertical of the second axis; only
+        motion determines them.
+        """
+        n = self.chain.n_joints
+        result = np.zeros((len(state.q), n, 2 * n))
+        if not (self.lengths.any() or self.inertias.any()):
+            return result
+        torque = self._motion(self.chain, state)
+        for k in range(2 * n):
+            step = np.zeros(4 * n)
+            step[k] = _DIFFERENCE
+            result[:, :, k] = (self._motion(self.chain.moved(step), state) - torque) / _DIFFERENCE
+        return result
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)
 
-    def constant(self, state: State) -> FloatArray:
-        """Return gravity minus the columns of the moments times the moments."""
-        n = self.chain.n_joints
-        linear = self.chain.jacobian(state.q)[2 * n:]
-        return np.asarray(self.chain.torque(state.q)
-                          - np.tensordot(self.chain.moments.ravel(), linear, axes=1).T)
-
     def moved(self, parameters: FloatArray) -> UnknownLengths:
         n = self.chain.n_joints
-        step = np.concatenate([np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP),
+        tilts = np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP).reshape(n, 2, 1)
+        step = np.concatenate([(_turns(self.chain) @ tilts).ravel(),
                                parameters[2 * n:4 * n] - self.chain.moments.ravel()])
         return replace(self, chain=self.chain.moved(step),
                        lengths=parameters[4 * n:7 * n - 3].reshape(n - 1, 3),
                        inertias=parameters[7 * n - 3:].reshape(n, 6))
+
+    def with_exact_angles(self, covariance: FloatArray) -> UnknownLengths:
+        axes, is_right = self.chain.axes.copy(), self.is_right.copy()
+        for i, turn in enumerate(_turns(self.chain)):
+            cosine, sine = axes[i, 2, 2], float(np.hypot(axes[i, 2, 0], axes[i, 2, 1]))
+            parallel = sine < abs(cosine)
+            here = slice(2 * i, 2 * i + 1 + parallel)
+            # The tilt along `turn` that makes the axis parallel, or perpendicular.
+            step = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if parallel \
+                else -np.arctan2(cosine, sine)
+            if self._gain(np.array([step, 0.0])[:here.stop - here.start], covariance[here, here]
+                          ) > 0.0 and not is_right[here].any():
+                axes[i], is_right[here] = axes[i] @ tilt((turn[:, 0] * step)[None])[0], True
+            before = np.hypot(axes[i - 1, 2, 0], axes[i - 1, 2, 1]) if i else 0.0
+            if parallel or before < _MIN_SINE:
+                continue
+            azimuth = np.arctan2(axes[i, 1, 2], axes[i, 0, 2]) - np.arctan2(
+                axes[i - 1, 2, 1], axes[i - 1, 2, 0])
+            step = np.round(azimuth / (0.5 * np.pi)) * 0.5 * np.pi - azimuth
+            across = slice(2 * i + 1, 2 * i + 2)
+            if self._gain(np.array([step * sine]), covariance[across, across]
+                          ) > 0.0 and not is_right[across].any():
+                axes[i], is_right[across] = about_z(step) @ axes[i], True
+        return replace(self, chain=Chain(axes, self.chain.moments), is_right=is_right)
+
+    def _gain(self, step: FloatArray, covariance: FloatArray) -> float:
+        """Return the log evidence of tilts (K,) being exact rather than free."""
+        spread = covariance + self.priors.right ** 2 * np.eye(len(step))
+        return float(len(step) * np.log(self.priors.tilt) - 0.5 * np.linalg.slogdet(spread)[1]
+                     - 0.5 * step @ np.linalg.solve(spread, step))
+
+
+def _turns(chain: Chain) -> FloatArray:
+    """
+    Return the tilts (N, 2, 2) that a unit of each parameter is: along column 0 and across.
+
+    Along it the angle to the axis before, or to the vertical, changes fastest.
+    """
+    along = np.stack([-chain.axes[:, 2, 1], chain.axes[:, 2, 0]], axis=1)
+    size = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.where(size > 1e-9, along / np.maximum(size, 1e-9), np.array([1.0, 0.0]))
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    return np.stack([along, across], axis=2)

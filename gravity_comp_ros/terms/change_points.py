@@ -84,6 +84,7 @@ class ChangeEffect(Effect):
     """An effect that begins at a change point, which is its setting."""
 
     is_static = True
+    resembles_gravity = True
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return change_points(motion)

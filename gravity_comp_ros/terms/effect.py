@@ -78,6 +78,8 @@ class Effect(ABC):
       number.
     - `expectation`: prior expectation, which determines the evidence required.
     - `is_static`: whether it holds the arm at rest, as gravity does.
+    - `resembles_gravity`: whether it depends on the pose as gravity may, so that little motion
+      does not separate both.
     - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
       once.
     - `corrects`: effects of which the joint must have one, because this one corrects it.
@@ -94,6 +96,7 @@ class Effect(ABC):
     per_joint: bool = True
     expectation: Expectation = Expectation.RARE
     is_static: bool = False
+    resembles_gravity: bool = False
     uses_gravity: bool = True
     corrects: tuple[str, ...] = ()
     size: float = 0.1

@@ -38,6 +38,7 @@ class JointSpring(Effect):
     coefficients = (_STIFFNESS, Coefficient('m', 'N·m', 'torque in the middle of the range'))
     uses_gravity = False
     is_static = True
+    resembles_gravity = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
@@ -102,6 +103,7 @@ class CableStiffness(Effect):
     coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),)
     uses_gravity = False
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -144,6 +146,7 @@ class EndStop(Effect):
     coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),)
     uses_gravity = False
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -189,6 +192,7 @@ class JointFlexibility(Effect):
     coefficients = (Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),)
     scope = 'arm'
     is_static = True
+    resembles_gravity = True
     size = 0.02
     why_not_negative = 'the link would deflect against its load'
 

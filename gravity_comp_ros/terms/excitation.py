@@ -84,17 +84,6 @@ def insufficient_speeds(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def insufficient_rest(motion: Motion, joint: int) -> str | None:
-    """Return the reason if the friction of a joint at rest cannot be compared with motion."""
-    if reason := insufficient_motion(motion, joint):
-        return reason
-    free = ~moving(motion, joint)
-    if free.mean() < 2 * _MIN_SHARE or free.sum() < 2 * _MIN_SAMPLES:
-        return ('the joint is never at rest for long, so that this '
-                'friction cannot be distinguished from an offset')
-    return None
-
-
 def insufficient_load(motion: Motion, joint: int) -> str | None:
     """Return the reason if the gravity torque of a joint hardly varies in size."""
     load = np.abs(motion.gravity[:, joint])

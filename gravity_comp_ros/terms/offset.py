@@ -29,6 +29,7 @@ class TorqueGain(Effect):
     name = 'torque_gain'
     coefficients = (Coefficient('k', '', 'relative error of the torque scale'),)
     is_static = True
+    resembles_gravity = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.gravity[:, [joint]]

@@ -1,0 +1,69 @@
+"""A problem: samples with their motion, rows and scales, the same for every linearisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.models import noise
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.rows import Rows, rows_of
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.states import States, states_of
+from gravity_comp_ros.regression.term import Term
+from gravity_comp_ros.terms.motion import Motion
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Samples with their motion, rows and scales; the same for every linearisation."""
+
+    samples: JointSamples
+    motion: Motion
+    rows: Rows
+    states: States
+    scale: Scale
+    y: FloatArray
+    options: EngineOptions
+    terms: dict[object, Term] = field(default_factory=dict)  # those that do not depend on gravity
+
+    @classmethod
+    def of(cls, samples: JointSamples, use: BoolArray | None = None,
+           options: EngineOptions = EngineOptions()) -> Problem:
+        """
+        Return the problem of samples.
+
+        :param use: mask (M,) of the samples to fit; None for all.
+        :raises FitError: if there are none.
+        """
+        rows = rows_of(samples, options, use)
+        motion = Motion.of(samples, np.zeros_like(samples.q), _no_gradient)
+        states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
+        return cls(samples, motion, rows, states, Scale.of(samples.select(rows.samples), options),
+                   rows.mean(samples.tau), options)
+
+    @cached_property
+    def white_noise(self) -> FloatArray:
+        """Return the standard deviation (N,) in N·m of the white noise of a row's torque."""
+        samples = self.samples
+        within = samples.runs[2:] == samples.runs[:-2]
+        if not within.any():
+            return np.full(samples.n_joints, noise.floor(samples.tau))
+        each = noise.of_second_differences(samples.tau, within)
+        return np.maximum(each / np.sqrt(np.median(self.rows.count)),
+                          self.options.discrepancy * self.scale.torque)
+
+    def factory(self, shared: Shared) -> TermFactory:
+        """Return the factory of terms on this motion with the gravity of a shared part."""
+        motion = self.motion.with_gravity(shared.gravity(self.samples.q), shared.gradient,
+                                          getattr(shared, 'chain', None),
+                                          getattr(shared, 'geometry', None))
+        return TermFactory(motion, self.rows, self.scale, self.terms)
+
+
+def _no_gradient(q: FloatArray) -> FloatArray:
+    raise NotImplementedError('the gravity of this motion is not known yet')
