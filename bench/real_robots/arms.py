@@ -1,0 +1,135 @@
+"""
+Fourteen real arms, five to seven revolute joints, from the descriptions of `example-robot-data`.
+
+Joints that do not belong to the chain (torso, head, legs, other arm, fingers) are locked at their
+neutral position, at 0 or at the middle of their limits if 0 is outside. The URDF of the chain
+that remains is the only source of the simulated arm, so that description and simulation agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+import tempfile
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import Arm, from_urdf
+import numpy as np
+import pinocchio as pin
+
+PACKAGE = 'example-robot-data'
+
+
+@dataclass(frozen=True)
+class Source:
+    """Description file of a robot in the package, and the names of an arm's joints, base first."""
+
+    file: str
+    joints: tuple[str, ...]
+
+
+def _numbered(pattern: str, count: int) -> tuple[str, ...]:
+    return tuple(pattern.format(n) for n in range(1, count + 1))
+
+
+_UR = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', *_numbered('wrist_{}_joint', 3))
+SOURCES: dict[str, Source] = {
+    'ur3': Source('ur_description/urdf/ur3_robot.urdf', _UR),
+    'ur5': Source('ur_description/urdf/ur5_robot.urdf', _UR),
+    'ur10': Source('ur_description/urdf/ur10_robot.urdf', _UR),
+    'panda': Source('panda_description/urdf/panda.urdf', _numbered('panda_joint{}', 7)),
+    'kinova': Source('kinova_description/robots/kinova.urdf', _numbered('j2s6s200_joint_{}', 6)),
+    'xarm7': Source('xarm_description/urdf/xarm7.urdf', _numbered('joint{}', 7)),
+    'z1': Source('z1_description/urdf/z1.urdf', _numbered('joint{}', 6)),
+    'so101': Source('so_arm_description/urdf/so101.urdf', (
+        'shoulder_pan', 'shoulder_lift', 'elbow_flex', 'wrist_flex', 'wrist_roll')),
+    'tiago': Source('tiago_description/robots/tiago_no_hand.urdf', _numbered('arm_{}_joint', 7)),
+    'tiago_pro': Source('tiago_pro_description/robots/tiago_pro.urdf',
+                        _numbered('arm_left_{}_joint', 7)),
+    'baxter': Source('baxter_description/urdf/baxter.urdf', tuple(
+        f'left_{part}' for part in ('s0', 's1', 'e0', 'e1', 'w0', 'w1', 'w2'))),
+    'pr2': Source('pr2_description/urdf/pr2.urdf', tuple(f'r_{part}_joint' for part in (
+        'shoulder_pan', 'shoulder_lift', 'upper_arm_roll', 'elbow_flex', 'forearm_roll',
+        'wrist_flex', 'wrist_roll'))),
+    'romeo': Source('romeo_description/urdf/romeo_small.urdf', tuple(f'L{part}' for part in (
+        'ShoulderPitch', 'ShoulderYaw', 'ElbowRoll', 'ElbowYaw', 'WristRoll', 'WristYaw',
+        'WristPitch'))),
+    'talos': Source('talos_data/robots/talos_reduced.urdf', _numbered('arm_left_{}_joint', 7)),
+}
+
+
+def descriptions() -> Path | None:
+    """Return the folder of the installed descriptions, None if the package is missing."""
+    found = Path(pin.__file__).parents[4] / 'share' / PACKAGE / 'robots'
+    return found if found.is_dir() else None
+
+
+@cache
+def urdf(name: str) -> str:
+    """
+    Return the URDF of an arm of `SOURCES` as a serial chain without meshes.
+
+    :raises OptionError: if there is no such arm, or the package is not installed.
+    """
+    if name not in SOURCES:
+        raise OptionError(f'no arm {name}; there are {", ".join(SOURCES)}')
+    folder = descriptions()
+    if folder is None:
+        raise OptionError(f'the robot descriptions are missing: pip install {PACKAGE}')
+    source = SOURCES[name]
+    robot = pin.buildModelFromUrdf(str(folder / source.file))
+    locked = [n for n in range(1, robot.njoints) if robot.names[n] not in source.joints]
+    lower, upper = robot.lowerPositionLimit, robot.upperPositionLimit
+    pose = pin.neutral(robot)
+    middle = (pose < lower) | (pose > upper)
+    pose[middle] = 0.5 * (lower + upper)[middle]
+    return _chain_urdf(name, pin.buildReducedModel(robot, locked, pose))
+
+
+def arm_of(description: str) -> Arm:
+    """Return the simulated arm of a URDF text."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'arm.urdf'
+        path.write_text(description, encoding='utf-8')
+        return from_urdf(path)
+
+
+def _chain_urdf(name: str, model: pin.Model) -> str:
+    """Return the URDF of a Pinocchio model that is a chain of revolute joints."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    parts = [f'<robot name="{name}">', '<link name="base"/>']
+    for n in range(1, model.njoints):
+        if model.parents[n] != n - 1 or model.joints[n].nv != 1:
+            raise OptionError(f'{name}: {model.names[n]} does not continue a chain of single axes')
+        body, placement = model.inertias[n], model.jointPlacements[n]
+        axis = pin.getJointJacobian(model, data, n, pin.LOCAL)[3:, model.joints[n].idx_v]
+        low, high = _limits(model, n)
+        speed = float(np.clip(model.velocityLimit[model.joints[n].idx_v], 0.5, 10.0))
+        inertia = ' '.join(f'{key}="{float(body.inertia[at])!r}"' for key, at in (
+            ('ixx', (0, 0)), ('iyy', (1, 1)), ('izz', (2, 2)), ('ixy', (0, 1)), ('ixz', (0, 2)),
+            ('iyz', (1, 2))))
+        parts.append(
+            f'<link name="{model.names[n]}_link"><inertial><origin xyz="{_text(body.lever)}"/>'
+            f'<mass value="{float(body.mass)!r}"/><inertia {inertia}/></inertial></link>'
+            f'<joint name="{model.names[n]}" type="revolute">'
+            f'<parent link="{model.names[n - 1] + "_link" if n > 1 else "base"}"/>'
+            f'<child link="{model.names[n]}_link"/><origin xyz="{_text(placement.translation)}" '
+            f'rpy="{_text(pin.rpy.matrixToRpy(placement.rotation))}"/>'
+            f'<axis xyz="{_text(axis)}"/>'
+            f'<limit lower="{low!r}" upper="{high!r}" effort="400" velocity="{speed!r}"/></joint>')
+    return '\n'.join([*parts, '</robot>'])
+
+
+def _limits(model: pin.Model, n: int) -> tuple[float, float]:
+    """Return the position limits in rad, within half a turn to either side."""
+    joint = model.joints[n]
+    if joint.nq != 1:
+        return -np.pi, np.pi
+    return (max(float(model.lowerPositionLimit[joint.idx_q]), -np.pi),
+            min(float(model.upperPositionLimit[joint.idx_q]), np.pi))
+
+
+def _text(values: np.ndarray) -> str:
+    return ' '.join(repr(float(x)) for x in values)

@@ -1,0 +1,253 @@
+"""
+A case: an arm, three runs of slow motion, hidden effects, and the truth.
+
+    from bench.real_robots.cases import case
+    one = case('panda', 400)                # the same arrays every time
+    one.train[0].q, one.train[0].tau        # (4500, 7) in rad and N·m; also .t and .qd
+    one.unseen                              # the third run
+    one.hidden, one.noise, one.urdf         # truth, noise (N,) in N·m, serial chain
+    low, high = one.static(q)               # true torque at rest, (K, N) in N·m
+
+Each run has 90 s at 50 Hz, a multisine within a box of poses that is drawn once for a case, at
+most 0.15 rad/s. The torque is that of the full rigid-body dynamics (Pinocchio's RNEA), friction,
+hidden effects and white noise: 0.1 to 0.2 % of the scale of the joint (see `laws`). Positions
+have a noise of 1e-5 rad, velocities of 2e-4 rad/s. Two of three cases have LuGre friction on
+every joint, half of the cases two hidden effects on different joints.
+
+An effect is redrawn while dynamics imitate it: after projection on Pinocchio's regressor, and
+Coulomb and viscous friction of the joint where it is another effect, at least one standard
+deviation of the noise must remain (rms). `Case.visible` is what remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+from zlib import crc32
+
+from bench.real_robots.arms import arm_of, urdf
+from bench.real_robots.laws import (
+    gear_friction, Hidden, Known, level_of, MAKERS, packed, Site, unpacked)
+from gravity_comp_ros.atomic import replacing
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions
+from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
+import numpy as np
+import pinocchio as pin
+
+DURATION, RATE, MAX_SPEED = 90.0, 50.0, 0.15
+# Noise of positions in rad and velocities in rad/s.
+_POSITION_NOISE, _VELOCITY_NOISE = 1e-5, 2e-4
+# Width of the box of poses in rad.
+_WIDTH = (0.7, 1.2)
+# Slower sines than by default, which fill the box of poses at this speed: band in Hz, number.
+_BAND, _SINES = 0.07, 4
+# Poses of the trained box in which static torques are compared.
+_POSES = 500
+# Least rms of an effect that rigid-body dynamics leave, in noise levels.
+_VISIBLE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Samples of one run: `t` (M,) in s; `q`, `qd`, `tau` (M, N) in rad, rad/s and N·m."""
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    tau: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """
+    One case; `train` are two runs, `unseen` is a third one.
+
+    `joints` are the N names, base first; `noise` and `scale` (N,) in N·m; `largest` the largest
+    gravity torque of the arm within its limits, N·m. `friction` is that of every joint, empty in
+    one of three cases. `visible` is the rms of each hidden effect beyond rigid-body dynamics and
+    friction, in noise levels. `poses` (K, N) are in the trained box.
+    """
+
+    arm: str
+    seed: int
+    urdf: str
+    joints: tuple[str, ...]
+    train: tuple[Run, ...]
+    unseen: Run
+    hidden: tuple[Hidden, ...]
+    friction: tuple[Friction, ...]
+    visible: tuple[float, ...]
+    noise: FloatArray
+    scale: FloatArray
+    largest: float
+    poses: FloatArray
+
+    @property
+    def name(self) -> str:
+        return f'{self.arm}.{self.seed}'
+
+    @property
+    def known(self) -> tuple[Known, ...]:
+        """Return the true coefficients: of hidden effects, and the friction of other joints."""
+        taken = {one.joint for one in self.hidden}
+        return (*(one.known for one in self.hidden if one.known is not None),
+                *(level_of(one, MAX_SPEED) for one in self.friction if one.joint not in taken))
+
+    def static(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds (K, N) in N·m of the true torque at rest in poses q (K, N) in rad."""
+        arm = arm_of(self.urdf)
+        still = Motion('at rest', np.arange(len(q), dtype=np.float64), q, 0 * q, 0 * q,
+                       lambda t: (q, 0 * q, 0 * q))
+        laws = [one.law for one in self.hidden if one.static]
+        tau = synthesise(arm, still, SynthesisOptions(static=True, disturbances=laws)).tau
+        slack = np.zeros(len(self.joints))
+        for one in self.hidden:
+            slack[one.joint] += one.slack
+        return tau + np.minimum(slack, 0.0), tau + np.maximum(slack, 0.0)
+
+
+def case(arm: str, seed: int, folder: Path | None = None) -> Case:
+    """
+    Return a case; with a folder it is read from `ARM.SEED.npz` there, or written to it.
+
+    :raises OptionError: if there is no such arm, or the descriptions are not installed.
+    """
+    path = None if folder is None else folder / f'{arm}.{seed}.npz'
+    if path is not None and path.is_file():
+        return load(path)
+    out = _drawn(arm, seed)
+    if path is not None:
+        save(out, path)
+    return out
+
+
+def _drawn(name: str, seed: int) -> Case:
+    description = urdf(name)
+    arm = arm_of(description)
+    rng = np.random.default_rng([seed, crc32(name.encode())])
+    scale, largest = scales(arm)
+    noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
+    low, high = _box(arm, rng)
+    motions = [_motion(arm, low, high, rng) for _ in range(3)]
+    sites = [Site(j, float(scale[j]), float(low[j]), float(high[j]), float(arm.lower[j]),
+                  float(arm.upper[j])) for j in range(arm.n_joints)]
+    friction = tuple(gear_friction(site, rng) for site in sites) if rng.random() < 2 / 3 else ()
+    hidden, visible = _hidden(arm, motions[:2], sites, noise, bool(friction), rng)
+    # Friction of a hidden law replaces that of the gear.
+    replaced = {one.joint for one in hidden if isinstance(one.law, Friction)}
+    friction = tuple(one for one in friction if one.joint not in replaced)
+    # Friction first: a gain acts on the torque that the sensor measures.
+    laws = [*friction, *(one.law for one in hidden)]
+    runs = [recorded(arm, motion, laws, noise, rng) for motion in motions]
+    q = np.concatenate([run.q for run in runs[:2]])
+    poses = rng.uniform(q.min(axis=0), q.max(axis=0), (_POSES, arm.n_joints))
+    return Case(name, seed, description, arm.joints, tuple(runs[:2]), runs[2], hidden, friction,
+                visible, noise, scale, largest, poses)
+
+
+def scales(arm: Arm) -> tuple[FloatArray, float]:
+    """Return the scale (N,) of each joint and the largest gravity torque of the arm, N·m."""
+    poses = np.random.default_rng(0).uniform(arm.lower, arm.upper, (500, arm.n_joints))
+    size = np.abs(gravity_torque(arm, poses)).max(axis=0)
+    return np.maximum(size, 0.1 * size.max()), float(size.max())
+
+
+def _box(arm: Arm, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return the limits (N,) in rad of the poses of a case."""
+    width = np.minimum(rng.uniform(*_WIDTH, arm.n_joints), 0.95 * (arm.upper - arm.lower))
+    low = rng.uniform(arm.lower, arm.upper - width)
+    return low, low + width
+
+
+def _motion(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generator) -> Motion:
+    options = MultisineOptions(MAX_SPEED, DURATION, _BAND, _SINES)
+    return multisine(low, high, arm.max_speed, int(rng.integers(2 ** 31)), options, DURATION, RATE)
+
+
+def recorded(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: FloatArray,
+             rng: np.random.Generator) -> Run:
+    """Return what the sensors of an arm report of a motion; `noise` (N,) in N·m."""
+    exact = synthesise(arm, motion, SynthesisOptions(disturbances=laws))
+    shape = exact.q.shape
+    return Run(exact.t, exact.q + _POSITION_NOISE * rng.standard_normal(shape),
+               exact.qd + _VELOCITY_NOISE * rng.standard_normal(shape),
+               exact.tau + noise * rng.standard_normal(shape))
+
+
+def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArray,
+            friction: bool, rng: np.random.Generator
+            ) -> tuple[tuple[Hidden, ...], tuple[float, ...]]:
+    """Return one or two effects on different joints, and how visible each is."""
+    makers = MAKERS[:-1] if friction else MAKERS
+    sparse = [_every(motion, 10) for motion in motions]
+    basis = np.concatenate([regressor(arm, motion) for motion in sparse]) / noise[:, None]
+    basis = basis.reshape(-1, basis.shape[2])
+    found: list[tuple[Hidden, float]] = []
+    for _ in range(int(rng.integers(1, 3))):
+        for _attempt in range(200):
+            site = sites[int(rng.integers(len(sites)))]
+            one = makers[int(rng.integers(len(makers)))](site, rng)
+            if site.joint in {other.joint for other, _ in found}:
+                continue
+            rms = _beyond(arm, sparse, one, basis, noise)
+            if rms >= _VISIBLE:
+                found.append((one, rms))
+                break
+    return tuple(one for one, _ in found), tuple(rms for _, rms in found)
+
+
+def _beyond(arm: Arm, motions: list[Motion], one: Hidden, basis: FloatArray,
+            noise: FloatArray) -> float:
+    """Return the rms of an effect beyond rigid-body dynamics and friction, in noise levels."""
+    added = np.concatenate([
+        synthesise(arm, motion, SynthesisOptions(disturbances=[one.law])).tau
+        - synthesise(arm, motion).tau for motion in motions]) / noise
+    if one.effect != 'coulomb_friction':
+        qd = np.concatenate([motion.qd[:, one.joint] for motion in motions])
+        friction = np.zeros((*added.shape, 2))
+        friction[:, one.joint] = np.column_stack([np.sign(qd), qd / MAX_SPEED])
+        basis = np.column_stack([basis, friction.reshape(-1, 2)])
+    rest = added.ravel() - basis @ np.linalg.lstsq(basis, added.ravel(), rcond=1e-8)[0]
+    return float(np.sqrt((rest ** 2).sum() / len(added)))
+
+
+def _every(motion: Motion, step: int) -> Motion:
+    return replace(motion, t=motion.t[::step], q=motion.q[::step], qd=motion.qd[::step],
+                   qdd=motion.qdd[::step])
+
+
+def regressor(arm: Arm, motion: Motion) -> FloatArray:
+    """Return Pinocchio's regressor (M, N, 10 N) of the torque."""
+    data = arm.model.createData()
+    return np.array([pin.computeJointTorqueRegressor(arm.model, data, *row)
+                     for row in zip(motion.q, motion.qd, motion.qdd)])
+
+
+def save(one: Case, path: Path) -> None:
+    """Write a case to an npz file."""
+    runs = {f'{key}_{k}': getattr(run, key) for k, run in enumerate((*one.train, one.unseen))
+            for key in ('t', 'q', 'qd', 'tau')}
+    about = {'arm': one.arm, 'seed': one.seed, 'urdf': one.urdf, 'joints': one.joints,
+             'hidden': packed(one.hidden), 'friction': packed(one.friction),
+             'visible': one.visible, 'largest': one.largest}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path, GravityCompError) as temporary, temporary.open('wb') as stream:
+        np.savez_compressed(stream, about=json.dumps(about), noise=one.noise, scale=one.scale,
+                            poses=one.poses, **runs)
+
+
+def load(path: Path) -> Case:
+    """Return the case of an npz file."""
+    with np.load(path) as data:
+        about = json.loads(str(data['about']))
+        runs = [Run(*(data[f'{key}_{k}'] for key in ('t', 'q', 'qd', 'tau'))) for k in range(3)]
+        return Case(about['arm'], about['seed'], about['urdf'], tuple(about['joints']),
+                    tuple(runs[:2]), runs[2], unpacked(about['hidden']),
+                    unpacked(about['friction']), tuple(about['visible']), data['noise'],
+                    data['scale'], about['largest'], data['poses'])

@@ -1,0 +1,163 @@
+"""
+Loops on descriptions of real robots: fit, diagnose, add, judged on a third run.
+
+Run from the root of the repository:
+
+    python -m bench.real_robots.run results/ --seeds 400 --jobs 2
+    python -m bench.real_robots.run results/ --seeds 300-304 --described --oracle
+    python -m bench.real_robots.run results/ --seeds 400 --arms panda,ur5
+
+A case is an arm of `arms.SOURCES` and a seed (`cases`). The folder stores the recordings of every
+case (`cases/ARM.SEED.npz`), its result, and the table. A stopped run resumes; results of older
+code are computed again unless --keep is given.
+
+Seeds 300 to 304 are for judging: nobody may tune on them or look at their cases one by one. Seeds
+from 400 on are for tuning.
+
+A case is right if
+- every hidden effect is named, alone or as one of several alternatives;
+- no effect is established or likely that is absent; friction of any kind on a joint with LuGre
+  friction, viscous friction of a joint with a hidden friction law, and dynamics are present;
+- the rms residual on the unseen run is at most 1.5 times the noise on every joint; with LuGre
+  friction and --oracle, 1.25 times that of the oracle are enough. The oracle is a fit that is
+  given the description and the true effects;
+- the static torque (gravity and added static effects) over the box of trained poses is within
+  0.5 % of the arm's largest gravity torque (rms, worst joint). A friction law that is larger in
+  one direction allows any constant between zero and half the difference.
+
+The table also counts the cases right within 2.5 times the noise and 2 %, and how many published
+95 % intervals cover the true coefficient.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+import hashlib
+import json
+from multiprocessing import get_context
+import os
+from pathlib import Path
+import sys
+from time import monotonic
+from typing import Any
+
+from bench.real_robots.arms import SOURCES
+from bench.real_robots.cases import case
+from bench.real_robots.product import loop, oracle
+from bench.real_robots.score import error_ratios, score
+from bench.real_robots.table import table
+import gravity_comp_ros as gc
+from gravity_comp_ros.atomic import write_atomically
+
+_PACKAGE, _HERE = Path(gc.__file__).parent, Path(__file__).parent
+_ROOMS = ('api', 'data', 'diagnosis', 'effects', 'estimation', 'evaluation', 'models',
+          'regression', 'simulation')
+
+Task = tuple[str, int, bool, bool, Path]
+"""Arm, seed, whether with description, whether with oracle, folder."""
+
+
+def main() -> int:
+    """Judge the cases without a result, and print the table of all requested ones."""
+    args = parser().parse_args()
+    folder, code = Path(args.folder), fingerprint()
+    unknown = sorted(set(args.arms) - set(SOURCES))
+    if unknown:
+        print(f'no arm {", ".join(unknown)}; there are {", ".join(SOURCES)}', file=sys.stderr)
+        return 1
+    (folder / 'cases').mkdir(parents=True, exist_ok=True)
+    tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
+                         for seed in args.seeds for arm in args.arms]
+    missing = [task for task in tasks if not usable(stored(task), None if args.keep else code)
+               or args.oracle and stored(task).get('oracle') is None]
+    print(f'{len(tasks)} cases, {len(tasks) - len(missing)} done before', flush=True)
+    start = monotonic()
+    with get_context('spawn').Pool(args.jobs, maxtasksperchild=4) as pool:
+        for count, (task, result) in enumerate(pool.imap_unordered(judged, missing), start=1):
+            write_atomically(result_file(task), json.dumps(
+                {**result, 'code': code}, indent=1, ensure_ascii=False).encode(),
+                gc.GravityCompError)
+            print(f'{count}/{len(missing)} {monotonic() - start:.0f} s: {result["case"]} '
+                  f'{"; ".join(result["why"]) or "right"}', flush=True)
+    text = table([stored(task) for task in tasks])
+    name = f'table{"-described" if args.described else ""}.md'
+    write_atomically(folder / name, text.encode(), gc.GravityCompError)
+    print(text)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    out = argparse.ArgumentParser(description='Loops on descriptions of real robots.')
+    out.add_argument('folder', help='folder of cases and results')
+    out.add_argument('--seeds', type=seeds, default=[400], help='e.g. 400 or 300-304,401')
+    out.add_argument('--arms', type=lambda text: text.split(','), default=list(SOURCES),
+                     help=f'(default: {",".join(SOURCES)})')
+    out.add_argument('--described', action='store_true', help='fit with the description')
+    out.add_argument('--oracle', action='store_true', help='also fit the true effects')
+    out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
+    out.add_argument('--keep', action='store_true', help='keep results of older code')
+    return out
+
+
+def seeds(text: str) -> list[int]:
+    """Return the seeds of a list such as 400 or 300-304,401."""
+    out: list[int] = []
+    for part in text.split(','):
+        first, _, last = part.partition('-')
+        out += range(int(first), int(last or first) + 1)
+    return out
+
+
+def judged(task: Task) -> tuple[Task, dict[str, Any]]:
+    """Return the result of a case."""
+    arm, seed, described, with_oracle, folder = task
+    one = case(arm, seed, folder / 'cases')
+    about = {'case': one.name, 'described': described, 'lugre': bool(one.friction),
+             'hidden': [f'{h.effect}:{h.joint + 1}' for h in one.hidden],
+             'visible': one.visible}
+    try:
+        outcome = loop(one, described)
+        best = oracle(one) if with_oracle else None
+    except gc.GravityCompError as problem:
+        reason = (f'failed: {problem}',)
+        return task, {**about, 'why': reason, 'why_loose': reason}
+    result = score(one, outcome.findings, outcome.torque, outcome.static, best)
+    return task, {**about, **result.to_json(), 'added': outcome.added,
+                  'before': float(error_ratios(one, outcome.before).max()),
+                  'seconds': outcome.seconds, 'refused': outcome.refused,
+                  'findings': outcome.findings}
+
+
+def result_file(task: Task) -> Path:
+    """Return the file of a result."""
+    arm, seed, described, _, folder = task
+    return folder / f'{arm}.{seed}{".described" if described else ""}.json'
+
+
+def stored(task: Task) -> dict[str, Any]:
+    """Return the stored result of a task, empty if there is none."""
+    try:
+        return dict(json.loads(result_file(task).read_text(encoding='utf-8')))
+    except (OSError, ValueError):
+        return {}
+
+
+def usable(result: Mapping[str, Any], code: str | None) -> bool:
+    """Return whether a result is there, and of this code unless `code` is None."""
+    return bool(result) and (code is None or result.get('code') == code)
+
+
+def fingerprint() -> str:
+    """Return a hash of the code that makes and judges cases."""
+    digest = hashlib.sha256()
+    rooms: Iterable[Path] = (_PACKAGE / room for room in _ROOMS)
+    for path in sorted(path for room in (*rooms, _HERE) for path in room.rglob('*.py')):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+if __name__ == '__main__':
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    sys.exit(main())

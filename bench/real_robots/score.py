@@ -1,0 +1,158 @@
+"""
+Score of one case: what was named, and how well torque and static torque are predicted.
+
+The score is a function of the case and of the estimator's output alone: findings as printed by
+`diagnose --json`, torque on the unseen run, static torque in the poses of the trained box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from bench.campaign.score import ALWAYS_THERE, Finding
+from bench.real_robots.cases import Case
+from bench.real_robots.laws import FRICTION
+from gravity_comp_ros.data.samples import FloatArray
+import numpy as np
+
+_NAMING = ('established', 'likely', 'ambiguous')
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """
+    Bounds of a right case.
+
+    `error` is that of the rms residual on the unseen run, in noise levels of its joint, worst
+    joint. With LuGre friction and a known oracle, `of_oracle` times the oracle's is enough.
+    `static` is that of the rms error of the static torque, worst joint, as a share of the arm's
+    largest gravity torque.
+    """
+
+    error: float = 1.5
+    of_oracle: float = 1.25
+    static: float = 0.005
+
+
+STRICT, LOOSE = Bounds(), Bounds(2.5, 2.5, 0.02)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """A published 95 % interval, the true coefficient, and whether they overlap."""
+
+    what: str
+    ci95: tuple[float, float]
+    true: tuple[float, float]
+    covers: bool
+
+
+@dataclass(frozen=True)
+class Score:
+    """
+    Score of one case.
+
+    `missed` and `false` are effects as `NAME:NUMBER`, joints from 1; `tied` are the truths that
+    are named only as one of several alternatives, `open` all findings that are not accepted.
+    `error` and `static` are figures of the worst joints, as in `Bounds`; `error_joint` is from 1;
+    `errors` are those of all joints, `static_max` the largest static error of a pose, as a share
+    of the largest gravity torque. `why` is empty for a right case, `why_loose` for one within the
+    bounds `LOOSE`.
+    """
+
+    missed: tuple[str, ...]
+    false: tuple[str, ...]
+    tied: tuple[str, ...]
+    open: tuple[str, ...]
+    error: float
+    error_joint: int
+    errors: tuple[float, ...]
+    static: float
+    static_joint: int
+    static_max: float
+    oracle: float | None
+    intervals: tuple[Coverage, ...]
+    why: tuple[str, ...]
+    why_loose: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the score as JSON."""
+        return asdict(self)
+
+
+def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
+          static: FloatArray, oracle: FloatArray | None = None) -> Score:
+    """
+    Return the score of an estimator on a case.
+
+    :param findings: entries `findings` of `diagnose --json`; joints by name.
+    :param torque: predicted torque (M, N) in N·m on the unseen run, joints in the case's order.
+    :param static: predicted torque at rest (K, N) in N·m in `one.poses`.
+    :param oracle: torque (M, N) of a fit that was given the true effects.
+    """
+    found = [Finding.of(entry, one.joints) for entry in findings]
+    naming = [f for f in found if f.effect is not None and f.verdict in _NAMING]
+    missed, tied = [], []
+    for truth in one.hidden:
+        answers = [f for f in naming if set(_pairs(f)) & set(truth.answers)]
+        name = f'{truth.effect}:{truth.joint + 1}'
+        if not answers:
+            missed.append(name)
+        elif not any((f.effect, f.joint) in truth.answers and f.accepted for f in answers):
+            tied.append(name)
+    present = {pair for truth in one.hidden for pair in (*truth.answers, *truth.allowed)}
+    present |= {(name, f.joint) for f in one.friction for name in FRICTION}
+    false = [str(f) for f in found if f.accepted and f.effect not in ALWAYS_THERE
+             and not present & set(_pairs(f))]
+    errors = error_ratios(one, torque)
+    of_oracle = None if oracle is None else float(error_ratios(one, oracle).max())
+    low, high = one.static(one.poses)
+    off = np.maximum(np.maximum(low - static, static - high), 0.0) / one.largest
+    rms = np.sqrt((off ** 2).mean(axis=0))
+    # NaN is never within a bound.
+    figures = (float(errors.max()), float(rms.max()))
+    names = (*(f'missed {name}' for name in missed), *(f'false {name}' for name in false))
+    why = [(*names, *_beyond(bounds, figures, of_oracle if one.friction else None))
+           for bounds in (STRICT, LOOSE)]
+    return Score(tuple(missed), tuple(false), tuple(tied),
+                 tuple(str(f) for f in found if not f.accepted), figures[0],
+                 int(errors.argmax()) + 1, tuple(map(float, errors)), figures[1],
+                 int(rms.argmax()) + 1, float(off.max()), of_oracle,
+                 tuple(_intervals(one, [f for f in found if f.accepted])), *why)
+
+
+def error_ratios(one: Case, torque: FloatArray) -> FloatArray:
+    """Return the rms residual (N,) of a torque (M, N) on the unseen run, in noise levels."""
+    residual = one.unseen.tau - torque
+    return np.asarray(np.sqrt((residual ** 2).mean(axis=0)) / one.noise)
+
+
+def _beyond(bounds: Bounds, figures: tuple[float, float], oracle: float | None) -> list[str]:
+    """Return the figures outside the bounds, as text."""
+    error, static = figures
+    limit = max(bounds.error, bounds.of_oracle * (oracle or 0.0))
+    out = [] if error <= limit else [f'error {error:.2f} x noise']
+    return out if static <= bounds.static else [*out, f'static {100 * static:.2f} %']
+
+
+def _pairs(finding: Finding) -> list[tuple[str | None, int | None]]:
+    return [(finding.effect, finding.joint), *finding.rivals]
+
+
+def _intervals(one: Case, accepted: Sequence[Finding]) -> list[Coverage]:
+    """Return the published intervals of coefficients whose truth is known."""
+    out = []
+    for known in one.known:
+        for finding in accepted:
+            if (finding.effect, finding.joint) != (known.effect, known.joint):
+                continue
+            # The first coefficient in this unit; a spring may have a constant beside it.
+            low, high = next(((low, high) for _, unit, low, high in finding.coefficients
+                              if unit == known.unit), (np.nan, np.nan))
+            if np.isfinite(low) and np.isfinite(high):
+                out.append(Coverage(f'{known.effect}:{known.joint + 1}', (low, high),
+                                    (known.low, known.high),
+                                    low <= known.high and high >= known.low))
+    return out

@@ -1,0 +1,100 @@
+"""Candidate terms of a motion: the effects that it excites, at the settings to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Effect, Setting, Sizes
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.regression.rows import Rows
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.term import Key, Term
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class TermFactory:
+    """Makes terms of effects on a motion."""
+
+    motion: Motion
+    rows: Rows
+    scale: Scale
+    cache: dict[object, Term] = field(default_factory=dict)
+
+    def term(self, effect: Effect, joint: int | None, setting: Setting,
+             n_settings: int = 1) -> Term:
+        """
+        Return a term.
+
+        :param n_settings: number of settings that are compared, which share the prior odds.
+        """
+        key = effect, joint, tuple(setting.items()), n_settings
+        if key not in self.cache:
+            term = self._term(effect, joint, setting, n_settings)
+            if effect.uses_gravity:
+                return term
+            self.cache[key] = term
+        return self.cache[key]
+
+    def _term(self, effect: Effect, joint: int | None, setting: Setting,
+              n_settings: int) -> Term:
+        number = 0 if joint is None else joint
+        columns = np.asarray(effect.columns(self.motion, number, setting))
+        size = np.sqrt((columns[self.rows.samples] ** 2).mean(axis=tuple(range(columns.ndim - 1))))
+        torque = float(self.scale.torque[number]) if joint is not None else self.scale.largest
+        std = effect.prior_std(Sizes(torque, size))
+        return Term(effect, joint, dict(setting), self.rows.mean(columns), np.asarray(std),
+                    effect.expectation.log_odds - float(np.log(n_settings)))
+
+    def again(self, term: Term) -> Term:
+        """Return a term with its columns computed from this motion."""
+        if not term.effect.uses_gravity:
+            return term
+        new = self.term(term.effect, term.joint, term.setting)
+        return Term(new.effect, new.joint, new.setting, new.columns, new.prior_std, term.log_odds)
+
+    def neighbours(self, term: Term, step: float) -> list[Term]:
+        """Return the same effect at neighbouring settings (`Effect.refine`)."""
+        settings = term.effect.refine(self.motion, term.joint_number, term.setting, step)
+        found = []
+        for setting in settings:
+            new = self.term(term.effect, term.joint, setting)
+            found.append(Term(new.effect, new.joint, new.setting, new.columns, new.prior_std,
+                              term.log_odds))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """
+    Candidate terms: `of_joint` (N lists) act on one joint, `of_arm` on several.
+
+    `untestable` are the reasons why effects are not among them.
+    """
+
+    of_joint: tuple[tuple[Term, ...], ...]
+    of_arm: tuple[Term, ...]
+    untestable: Mapping[Key, str]
+
+
+def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates:
+    """Return the candidate terms of effects on a motion."""
+    n = factory.motion.samples.n_joints
+    of_joint: list[list[Term]] = [[] for _ in range(n)]
+    of_arm: list[Term] = []
+    untestable: dict[Key, str] = {}
+    for effect in effects:
+        if effect.is_shared:
+            continue
+        for joint in range(n) if effect.per_joint else (None,):
+            number = 0 if joint is None else joint
+            reason = effect.untestable(factory.motion, number)
+            settings = [] if reason else effect.settings(factory.motion, number)
+            if not settings:
+                untestable[effect.name, joint] = reason or 'this motion does not reach it'
+            place = of_joint[number] if effect.scope == 'joint' else of_arm
+            place += [factory.term(effect, joint, setting, len(settings))
+                      for setting in settings]
+    return Candidates(tuple(map(tuple, of_joint)), tuple(of_arm), untestable)

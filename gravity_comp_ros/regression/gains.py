@@ -1,0 +1,192 @@
+"""
+The one criterion: the log evidence of a term given the others.
+
+With u the score of a term's coefficients and M their information, both after the other
+coefficients are eliminated, S their prior covariance and kappa >= 1 an inflation of the noise,
+
+    gain = 1/2 u' (M + kappa S^-1)^-1 u / kappa - 1/2 log |I + M S / kappa| + log odds.
+
+kappa is the scatter of the term's own scores over blocks of time, relative to that of the noise:
+an error that repeats with the motion scatters more. The noise in M and u contains the discrepancy
+and the autocorrelation of the residual already (`noise`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.regression.design import Pool
+from gravity_comp_ros.regression.posterior import Posterior
+from gravity_comp_ros.regression.term import Key, Term
+import numpy as np
+from scipy.special import log_ndtr
+
+# Share of a column below which the others explain it already, whatever its coefficient.
+_EXPLAINED = 3e-3
+# Number of settings of an effect, the best at kappa = 1, whose gain is computed.
+_SETTINGS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """
+    A term outside of a posterior: information M (K, K), score u (K,) and mean (K,).
+
+    `unabsorbed` is the share of the term's torque (RMS) that the other columns leave.
+    """
+
+    term: Term
+    information: FloatArray
+    score: FloatArray
+    mean: FloatArray
+    unabsorbed: float
+
+
+def score_of(posterior: Posterior, term: Term) -> Score:
+    """Return the score of a term whose coefficients are 0 in the posterior, or not in it."""
+    k = term.n_columns
+    side, own = np.zeros((k, len(posterior.beta))), np.zeros((k, k))
+    score = np.zeros(k)
+    design = posterior.design
+    for j in term.joints(design.n_joints):
+        w, places, x = posterior.precision[j], posterior.places(j), posterior.x(j)
+        z = design.weighted(j, term)
+        side[:, places] += w * (z @ x.T)
+        own += w * (z @ z.T)
+        score += w * (z @ posterior.residual(j))
+    size = float(np.trace(own))
+    information = own - side @ posterior.covariance @ side.T
+    information = 0.5 * (information + information.T)
+    unabsorbed = float(np.sqrt(max(np.trace(information), 0.0) / max(size, 1e-300)))
+    mean = np.linalg.solve(information + np.diag(term.prior_std ** -2.0), score)
+    return Score(term, information, score, mean, unabsorbed)
+
+
+def gain_of(posterior: Posterior, term: Term) -> float:
+    """Return the gain of a term whose coefficients are 0 in the posterior, or not in it."""
+    scored = score_of(posterior, term)
+    if scored.unabsorbed < _EXPLAINED:
+        return -np.inf
+    return gain(posterior, scored)
+
+
+def gain(posterior: Posterior, scored: Score) -> float:
+    """Return the gain of a scored term."""
+    term, prior = scored.term, np.diag(scored.term.prior_std ** -2.0)
+    kappa = max(1.0, _scatter(posterior, scored))
+    information, score = scored.information / kappa, scored.score / kappa
+    explained = 0.5 * float(score @ np.linalg.solve(information + prior, score))
+    spread = np.eye(len(score)) + information * term.prior_std ** 2
+    return (explained - 0.5 * float(np.linalg.slogdet(spread)[1]) + term.log_odds
+            + log_share_allowed(term, scored.mean, information + prior))
+
+
+def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> float:
+    """
+    Return the log evidence that a prior of positive coefficients adds; 0 without one.
+
+    The prior is a normal distribution cut at 0, so the factor is the posterior probability of the
+    allowed side over the prior's, 1/2, for each coefficient.
+    """
+    if not term.effect.why_not_negative:
+        return 0.0
+    std = np.sqrt(np.diag(np.linalg.inv(precision)))
+    return float((log_ndtr(mean / std) + np.log(2.0)).sum())
+
+
+def _scatter(posterior: Posterior, scored: Score) -> float:
+    """Return the variance of a term's scores over blocks, relative to its information."""
+    design, term = posterior.design, scored.term
+    block = design.rows.block
+    total = np.zeros((int(block.max(initial=0)) + 1, term.n_columns))
+    for j in term.joints(design.n_joints):
+        w, places, x = posterior.precision[j], posterior.places(j), posterior.x(j)
+        z = design.weighted(j, term)
+        covariance = posterior.covariance[np.ix_(places, places)]
+        own = z - (w * (z @ x.T)) @ covariance @ x
+        error = posterior.residual(j) - scored.mean @ own
+        for k in range(term.n_columns):
+            total[:, k] += np.bincount(block, own[k] * error * w, len(total))
+    information = scored.information
+    ridge = np.diag(1e-9 * term.prior_std ** -2.0
+                    + 1e-12 * np.trace(information)) + information
+    return float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns
+
+
+class Ranking:
+    """
+    Candidates of a pool in order of falling gain, those above `least` alone.
+
+    The gain at kappa = 1 is computed for all candidates at once; the gain itself only as far as
+    it can decide. With kappa > 1 a gain above half the number of columns falls (its derivative by
+    kappa is negative), so the former is an upper bound of every gain that a term can be selected
+    for.
+    """
+
+    def __init__(self, posterior: Posterior, pool: Pool, allowed: Sequence[int],
+                 least: float) -> None:
+        self.posterior, self.least = posterior, least
+        self.terms = [pool.terms[k] for k in allowed]
+        self.bounds = _bounds(posterior, pool, np.asarray(allowed, dtype=np.int64))
+
+    def __iter__(self) -> Iterator[tuple[float, Term]]:
+        """Yield gain and term of every candidate above the least gain, the best first."""
+        order = self._best_settings()
+        waiting: list[tuple[float, int]] = []
+        for place, k in enumerate(order):
+            waiting.append((gain_of(self.posterior, self.terms[k]), k))
+            waiting.sort(key=lambda each: -each[0])
+            following = self.bounds[order[place + 1]] if place + 1 < len(order) else -np.inf
+            while waiting and waiting[0][0] >= following:
+                value, best = waiting.pop(0)
+                if value > self.least:
+                    yield value, self.terms[best]
+
+
+    def _best_settings(self) -> list[int]:
+        """Return the candidates above the least gain in order, the best settings of each effect."""
+        order, seen = [], Counter[Key]()
+        for k in np.argsort(-self.bounds):
+            if self.bounds[k] <= self.least:
+                break
+            seen[self.terms[k].key] += 1
+            if seen[self.terms[k].key] <= _SETTINGS:
+                order.append(int(k))
+        return order
+
+
+def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
+    """Return the largest gains at kappa = 1 (T,) of candidates of a pool."""
+    bounds = np.full(len(pool.terms), -np.inf)
+    usable = np.zeros(len(pool.terms), dtype=bool)
+    usable[allowed] = True
+    for size, numbers in pool.groups().items():
+        kept = usable[numbers]
+        group = numbers[kept]
+        if not len(group):
+            continue
+        flat = (pool.start[group][:, None] + np.arange(size)).ravel()
+        side = np.zeros((len(flat), len(posterior.beta)))
+        score, own = np.zeros(len(flat)), np.zeros((len(group), size, size))
+        for j in pool.joints:
+            w, places = posterior.precision[j], posterior.places(j)
+            part = w * pool.side(j)[np.ix_(flat, posterior.columns(j))]
+            side[:, places] += part
+            score += w * pool.cross[j][flat] - part @ posterior.beta[places]
+            own += w * pool.own(j, size)[kept]
+        shaped, scores = side.reshape(len(group), size, -1), score.reshape(-1, size)
+        information = own - (side @ posterior.covariance).reshape(shaped.shape) @ (
+            shaped.transpose(0, 2, 1))
+        left = np.trace(information, axis1=1, axis2=2) > _EXPLAINED ** 2 * np.trace(
+            own, axis1=1, axis2=2)
+        std = pool.prior_std(size)[kept]
+        prior = std[:, :, None] ** -2.0 * np.eye(size)
+        mean = np.linalg.solve(information + prior, scores[:, :, None])[:, :, 0]
+        occam = np.linalg.slogdet(np.eye(size) + information * std[:, None] ** 2)[1]
+        value = (0.5 * (scores * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
+                 + pool.most_share_allowed[group])
+        bounds[group] = np.where(left, value, -np.inf)
+    return bounds[allowed]

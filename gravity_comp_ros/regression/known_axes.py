@@ -1,0 +1,129 @@
+"""
+Gravity and dynamics of an arm whose axes and lengths a robot description gives.
+
+The torque is linear in the inertial parameters of the links (`models.kinematic.rigid_body`); the
+base parameters are a maximal set of linearly independent columns (M. Gautier, W. Khalil, IEEE
+Transactions on Robotics and Automation 6, 1990). The mounting of the base and the zero angles of
+the joints are parameters as well, with a narrow prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.kinematic.arm_columns import Basis, basis_of, described_columns
+from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.shared import Shared, State
+import numpy as np
+
+_POSES = 60
+
+
+@dataclass(frozen=True)
+class KnownPriors:
+    """
+    Prior standard deviations of an arm with a description.
+
+    `parameter` and `inertia` as multiples of the largest torque over the column's RMS at speeds
+    and accelerations of 1; `tilt` in rad of the base and `zero` in rad of a zero angle: a base is
+    levelled and encoders are set to within half a degree.
+    """
+
+    parameter: float = 3.0
+    inertia: float = 0.3
+    tilt: float = 0.01
+    zero: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class KnownAxes(Shared):
+    """
+    An arm on the axes of a geometry: 2 tilts of the base, N zero angles, K base parameters.
+
+    `values` (K,) are the base parameters; the described geometry is changed by tilt and zeros.
+    """
+
+    geometry: Geometry
+    values: FloatArray
+    priors: KnownPriors = KnownPriors()
+    described: Geometry | None = field(default=None)
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> KnownAxes:
+        """Return an arm with all inertial parameters 0."""
+        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), described=geometry)
+
+    @property
+    def basis(self) -> Basis:
+        return basis_of(self.described or self.geometry)
+
+    @property
+    def chain(self) -> Chain:
+        """Return gravity as a chain on these axes."""
+        return Chain(self.geometry.rotations, (self._moments @ self.values).reshape(-1, 2))
+
+    @cached_property
+    def _moments(self) -> FloatArray:
+        """Return the chain's moments per base parameter, (2N, K)."""
+        n, q = self.geometry.n_joints, _random_poses(self.geometry.n_joints)
+        still = described_columns(self.geometry, q, 0.0 * q, 0.0 * q)
+        chain = ForwardKinematics(self.geometry.rotations, q).moment_columns()
+        return _lstsq(chain.transpose(2, 1, 0).reshape(-1, 2 * n),
+                      still.reshape(len(q) * n, -1))
+
+    @property
+    def point(self) -> FloatArray:
+        return np.concatenate([np.zeros(2 + self.geometry.n_joints), self.values])
+
+    @property
+    def is_linear(self) -> bool:
+        return False
+
+    def step_map(self) -> FloatArray:
+        """
+        Return the step of the chain per parameter, (4N, P).
+
+        Both are tangents of the same gravity torques, compared at random poses.
+        """
+        n, q = self.geometry.n_joints, _random_poses(self.geometry.n_joints)
+        still = State(q, 0.0 * q, 0.0 * q)
+        steps = self.chain.jacobian(q).transpose(2, 1, 0).reshape(-1, 4 * n)
+        return _lstsq(steps, self.columns(still).reshape(len(steps), -1))
+
+    def prior_std(self, scale: Scale) -> FloatArray:
+        basis, p = self.basis, self.priors
+        size = np.where(basis.is_static, p.parameter, p.inertia) * scale.largest / basis.size
+        return np.concatenate([np.full(2, p.tilt), np.full(self.geometry.n_joints, p.zero), size])
+
+    def columns(self, state: State) -> FloatArray:
+        n, chain = self.geometry.n_joints, self.chain
+        angles = np.zeros((len(state.q), n, 2 + n))
+        if self.values.any():
+            angles[:, :, :2] = ForwardKinematics(chain.axes, state.q).axis_columns(
+                chain.moments)[:2].transpose(2, 1, 0)
+            angles[:, :, 2:] = self.gradient(state.q)
+        return np.concatenate([angles, described_columns(
+            self.geometry, state.q, state.qd, state.qdd)], axis=2)
+
+    def gravity(self, q: FloatArray) -> FloatArray:
+        return self.chain.torque(q)
+
+    def moved(self, parameters: FloatArray) -> KnownAxes:
+        n = self.geometry.n_joints
+        turned, zero = parameters[:2], parameters[2:2 + n]
+        rotations = self.geometry.rotations @ about_z(zero)
+        rotations[0] = self.geometry.rotations[0] @ tilt(turned[None])[0] @ about_z(zero[:1])[0]
+        return replace(self, geometry=replace(self.geometry, rotations=rotations),
+                       values=parameters[2 + n:])
+
+
+def _random_poses(n_joints: int) -> FloatArray:
+    return np.random.default_rng(1).uniform(-np.pi, np.pi, (_POSES, n_joints))
+
+
+def _lstsq(columns: FloatArray, target: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.lstsq(columns, target, rcond=1e-9)[0])

@@ -1,0 +1,69 @@
+"""
+Weights of the joints: noise, autocorrelation and discrepancy of the residual.
+
+The variance of a sum of scores is that of noise, plus that of a model error of fixed size that
+repeats with the motion:
+
+    1 / precision = sigma^2 tau + (eta s)^2 R
+
+with R rows, eta the discrepancy and s the torque scale of the joint. tau is the autocorrelation
+time of the residual. It is 1 while terms are selected, because the residual of an incomplete model
+is autocorrelated by what is missing; the scatter of a term's own scores stands for it (`gains`).
+The published covariance contains it.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.posterior import Posterior
+from gravity_comp_ros.regression.scale import Scale
+import numpy as np
+
+
+def noise_std(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
+    """Return each joint's standard deviation (N,) of the residual of a row, N·m."""
+    variance = posterior.squares / posterior.design.n_rows
+    return np.asarray(np.sqrt(variance + (options.floor * scale.torque) ** 2))
+
+
+def precision_of(posterior: Posterior, scale: Scale, options: EngineOptions,
+                 times: FloatArray | None = None) -> FloatArray:
+    """
+    Return the weight (N,) of a squared residual of each joint, 1 / (N·m)^2.
+
+    :param times: autocorrelation times (N,) of the residuals in rows; 1 by default.
+    """
+    variance = noise_std(posterior, scale, options) ** 2
+    if times is not None:
+        variance = variance * times
+    discrepancy = (options.discrepancy * scale.torque) ** 2 * posterior.design.n_rows
+    return np.asarray(1.0 / (variance + discrepancy))
+
+
+def correlation_times(posterior: Posterior) -> FloatArray:
+    """Return the autocorrelation time of each joint's residual, (N,) in rows."""
+    design = posterior.design
+    return np.array([correlation_time(posterior.residual(j), design.rows.run)
+                     for j in range(design.n_joints)])
+
+
+def correlation_time(residual: FloatArray, runs: IntArray) -> float:
+    """
+    Return the integrated autocorrelation time of a residual (R,), in rows, at least 1.
+
+    It is 1 + 2 sum_k rho_k, summed until rho_k falls below its own standard error.
+    """
+    power = float(residual @ residual)
+    if power <= 0.0 or len(residual) < 4:
+        return 1.0
+    edges = np.flatnonzero(np.diff(runs)) + 1
+    size = 2 ** int(np.ceil(np.log2(2 * max(np.diff([0, *edges, len(residual)])))))
+    correlation = np.zeros(size // 2)
+    for part in np.split(residual, edges):
+        spectrum = np.abs(np.fft.rfft(part, size)) ** 2
+        correlation += np.fft.irfft(spectrum, size)[:size // 2]
+    rho = correlation[1:] / power
+    small = np.flatnonzero(rho < 2.0 / np.sqrt(len(residual)))
+    end = int(small[0]) if small.size else len(rho)
+    return float(max(1.0, 1.0 + 2.0 * rho[:end].sum()))

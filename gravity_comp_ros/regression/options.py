@@ -1,0 +1,74 @@
+"""All constants of the engine, with their units and reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+
+
+@dataclass(frozen=True)
+class EngineOptions:
+    """
+    Constants of the regression.
+
+    Rows:
+
+    - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
+      that time and memory do not grow with the rate.
+    - `max_rows`: with more, the means are over a longer time.
+    - `max_samples`: with more, samples are evenly picked before their columns are computed.
+    - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
+      times the correlation time of the residual of a drive.
+
+    Noise:
+
+    - `discrepancy`: model error as a share of a joint's torque scale. No law of friction is exact.
+    - `floor`: minimum noise as a share of the torque scale, against exact simulated data.
+    - `min_scale`: minimum torque scale of a joint as a share of the largest; a joint with a
+      vertical axis has none of its own.
+    - `outlier`: residual in standard deviations beyond which a row has a reduced weight (Huber).
+
+    Selection, in nats of log evidence:
+
+    - `min_gain`: gain at which a term is in the model; odds of 20 to 1.
+    - `margin`: models within this of the chosen one are ambiguous with it.
+    - `significant`: gain of an exchange or a removal that counts as an improvement, against
+      rounding.
+    - `min_unabsorbed`: share of a term's torque that the other terms must leave; below it the
+      coefficient is not identified and is not published.
+
+    Search:
+
+    - `max_rounds`: rounds of additions, exchanges and removals at one noise.
+    - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
+    - `starts`: alternatives from which the terms of a joint are selected again.
+    - `halvings`: refinements of a nonlinear setting.
+
+    :raises OptionError: if a value is not positive.
+    """
+
+    row_seconds: float = 0.1
+    max_rows: int = 6000
+    max_samples: int = 40000
+    block_seconds: float = 2.0
+    discrepancy: float = 3e-4
+    floor: float = 1e-5
+    min_scale: float = 0.1
+    outlier: float = 4.0
+    min_gain: float = 3.0
+    margin: float = 3.0
+    significant: float = 1.0
+    min_unabsorbed: float = 0.02
+    max_rounds: int = 20
+    passes: int = 3
+    steps: int = 3
+    starts: int = 5
+    halvings: int = 4
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not np.isfinite(value) or value <= 0:
+                raise OptionError(f'engine: {field.name} is {value}; it must be positive')

@@ -1,0 +1,137 @@
+"""Posterior of the coefficients of a set of terms, and its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.term import Term, total_std
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """
+    Mean `beta` (K,) and covariance (K, K) of the shared coefficients, then those of `terms`.
+
+    `precision` (N,) is the weight of a squared residual of each joint, 1 / (N·m)^2: the inverse
+    of the noise variance times its inflation by autocorrelation and discrepancy.
+    """
+
+    design: Design
+    terms: tuple[Term, ...]
+    precision: FloatArray
+    beta: FloatArray
+    covariance: FloatArray
+    _places: dict[int, tuple[IntArray, IntArray, FloatArray]] = field(default_factory=dict)
+    _residuals: dict[int, FloatArray] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def at(self) -> dict[Term, IntArray]:
+        """Return the numbers of the coefficients of each term."""
+        places, start = {}, self.design.n_shared
+        for term in self.terms:
+            places[term] = np.arange(start, start + term.n_columns)
+            start += term.n_columns
+        return places
+
+    def _of(self, j: int) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return what acts on a joint: coefficients, columns of the design, and their rows."""
+        if j not in self._places:
+            acting = [t for t in self.terms if j in t.joints(self.design.n_joints)]
+            places = np.concatenate([np.arange(self.design.n_shared),
+                                     *(self.at[t] for t in acting)])
+            columns = self.design.selected(j, acting)
+            self._places[j] = places, columns, self.design.x[j][columns]
+        return self._places[j]
+
+    def places(self, j: int) -> IntArray:
+        """Return the numbers of the coefficients that act on a joint, in the design's order."""
+        return self._of(j)[0]
+
+    def columns(self, j: int) -> IntArray:
+        """Return the design's columns of these coefficients."""
+        return self._of(j)[1]
+
+    def x(self, j: int) -> FloatArray:
+        """Return the weighted columns (K, R) that act on a joint."""
+        return self._of(j)[2]
+
+    def residual(self, j: int) -> FloatArray:
+        """Return the weighted residual (R,) of a joint."""
+        if j not in self._residuals:
+            self._residuals[j] = self.design.y[j] - self.beta[self.places(j)] @ self.x(j)
+        return self._residuals[j]
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """Return the sum of squared residuals of each joint, (N,) in (N·m)^2."""
+        result = np.empty(self.design.n_joints)
+        for j in range(self.design.n_joints):
+            cols, beta = self.columns(j), self.beta[self.places(j)]
+            gram = self.design.gram[j][np.ix_(cols, cols)]
+            result[j] = (self.design.square[j] - 2.0 * beta @ self.design.cross[j][cols]
+                         + beta @ gram @ beta)
+        # Rounding of the difference of large sums.
+        return np.maximum(result, 1e-14 * self.design.square)
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Return the log evidence of the terms at this precision, up to a constant."""
+        std = np.concatenate([self.design.prior_std, total_std(self.terms)])
+        scaled = self.covariance / np.outer(std, std)
+        return float(-0.5 * (self.precision @ self.squares) - 0.5 * ((self.beta / std) ** 2).sum()
+                     + 0.5 * np.linalg.slogdet(scaled)[1]
+                     + sum(t.log_odds + self._log_share_allowed(t) for t in self.terms))
+
+    def _log_share_allowed(self, term: Term) -> float:
+        """Return the log evidence that a prior of positive coefficients adds (`gains`)."""
+        if not term.effect.why_not_negative:
+            return 0.0
+        ratio = self.beta[self.at[term]] / np.maximum(self.std(term), 1e-300)
+        return float((log_ndtr(ratio) + np.log(2.0)).sum())
+
+    def std(self, term: Term) -> FloatArray:
+        """Return the posterior standard deviations (K,) of the coefficients of a term."""
+        here = self.at[term]
+        return np.asarray(np.sqrt(np.maximum(self.covariance[here, here], 0.0)))
+
+    def without(self, terms: tuple[Term, ...]) -> Posterior:
+        """
+        Return the posterior with the coefficients of some terms conditioned to 0.
+
+        It keeps their places, with a covariance of 0.
+        """
+        here = np.concatenate([np.zeros(0, dtype=np.int64), *(self.at[t] for t in terms)])
+        if not len(here):
+            return self
+        gain = self.covariance[:, here] @ np.linalg.inv(self.covariance[np.ix_(here, here)])
+        beta = self.beta - gain @ self.beta[here]
+        covariance = self.covariance - gain @ self.covariance[here]
+        beta[here], covariance[here], covariance[:, here] = 0.0, 0.0, 0.0
+        return Posterior(self.design, self.terms, self.precision, beta, covariance, self._places)
+
+
+def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Posterior:
+    """
+    Return the posterior of the coefficients.
+
+    :param precision: (N,) weight of a squared residual of each joint.
+    """
+    design.add(terms)
+    std = np.concatenate([design.prior_std, total_std(terms)])
+    a, b = np.diag(std ** -2.0), np.zeros(len(std))
+    draft = Posterior(design, terms, precision, b, a)
+    for j in range(design.n_joints):
+        cols, places = draft.columns(j), draft.places(j)
+        a[np.ix_(places, places)] += precision[j] * design.gram[j][np.ix_(cols, cols)]
+        b[places] += precision[j] * design.cross[j][cols]
+    size = 1.0 / np.sqrt(np.diag(a))
+    factor = cho_factor(a * np.outer(size, size) + 1e-13 * np.eye(len(a)), lower=True)
+    covariance = cho_solve(factor, np.eye(len(a))) * np.outer(size, size)
+    return Posterior(design, terms, precision, size * cho_solve(factor, size * b), covariance,
+                     draft._places)

@@ -1,0 +1,131 @@
+"""Rows of the regression: means over short times, with their blocks and folds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.errors import FitError
+from gravity_comp_ros.regression.options import EngineOptions
+import numpy as np
+
+# Number of folds of a held-out error, and duration in s of a block that is held out in one piece.
+N_FOLDS, _FOLD_SECONDS = 5, 10.0
+# Samples per batch of columns, which bounds the memory.
+_BATCH = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """
+    Means over `row_seconds` of the used samples of a recording, R rows.
+
+    `samples` (U,) are the numbers of the used samples, `first` (R,) where each row begins among
+    them, `count` (R,) its number of samples; `run` (R,) and `t` (R,) its run and time. `block`
+    (R,) numbers the blocks whose scores are independent, `fold` (R,) those held out together.
+    """
+
+    samples: IntArray
+    first: IntArray
+    count: IntArray
+    run: IntArray
+    t: FloatArray
+    block: IntArray
+    fold: IntArray
+
+    @property
+    def n_rows(self) -> int:
+        return len(self.first)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Return the weight of each row (R,): its share of the usual number of samples."""
+        return np.asarray(np.minimum(self.count / np.median(self.count), 1.0))
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Return the means (R, ...) of values (M, ...) at all samples of the recording."""
+        return self._mean_of_used(values[self.samples])
+
+    def mean_of(self, columns: Columns) -> FloatArray:
+        """Return the means (R, ...) of columns, computed in batches of sample numbers (B,)."""
+        edges = np.append(self.first, len(self.samples))
+        parts, start = [], 0
+        while start < self.n_rows:
+            end = int(np.searchsorted(edges, edges[start] + _BATCH, side='right')) - 1
+            end = min(max(end, start + 1), self.n_rows)
+            here = self.samples[edges[start]:edges[end]]
+            parts.append(_mean(columns(here), self.first[start:end] - edges[start],
+                               self.count[start:end]))
+            start = end
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _mean_of_used(self, used: FloatArray) -> FloatArray:
+        return _mean(used, self.first, self.count)
+
+
+class Columns:
+    """Values (B, ...) at sample numbers (B,)."""
+
+    def __call__(self, numbers: IntArray) -> FloatArray:
+        raise NotImplementedError
+
+
+def _mean(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
+    if len(first) == len(values):
+        return values
+    total = np.add.reduceat(values, first, axis=0)
+    return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def rows_of(samples: JointSamples, options: EngineOptions,
+            use: BoolArray | None = None) -> Rows:
+    """
+    Return the rows of a recording.
+
+    :param use: mask (M,) of the samples to use; None for all.
+    :raises FitError: if there are none.
+    """
+    used = np.arange(samples.n_samples) if use is None else np.flatnonzero(use)
+    if not len(used):
+        raise FitError('no samples to fit')
+    run, t = samples.runs[used], _time_in_run(samples)[used]
+    duration = sum(float(np.ptp(t[run == k])) for k in np.unique(run))
+    width = max(options.row_seconds, duration / options.max_rows)
+    # Half of a sample interval: a sample on the edge of a row is in the same row whatever rounding.
+    cell = np.floor(t / width + 1e-6).astype(np.int64)
+    new = (np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
+    first = np.flatnonzero(new)
+    count = np.diff(np.append(first, len(used)))
+    time = np.add.reduceat(t, first) / count
+    rows_run = run[first]
+    return Rows(used, first, count, rows_run, time,
+                _numbered(rows_run, time // options.block_seconds),
+                _folds(rows_run, time))
+
+
+def _time_in_run(samples: JointSamples) -> FloatArray:
+    time = np.empty(samples.n_samples)
+    for run in run_slices(samples):
+        time[run] = samples.t[run] - samples.t[run.start]
+    return time
+
+
+def _numbered(run: IntArray, cell: FloatArray) -> IntArray:
+    """Return consecutive numbers of the pairs of run and cell."""
+    pairs = run * (int(cell.max(initial=0)) + 1) + cell.astype(np.int64)
+    return np.asarray(np.unique(pairs, return_inverse=True)[1], dtype=np.int64)
+
+
+def _folds(run: IntArray, t: FloatArray) -> IntArray:
+    """
+    Return the fold of each row (R,): whole runs if there are enough, else blocks of ten seconds.
+
+    Neighbouring rows are autocorrelated, so that rows drawn at random would not be held out.
+    """
+    runs = np.unique(run)
+    if len(runs) >= N_FOLDS:
+        return np.searchsorted(runs, run) % N_FOLDS
+    duration = sum(float(np.ptp(t[run == k])) for k in runs)
+    seconds = min(_FOLD_SECONDS, duration / N_FOLDS)
+    return _numbered(run, t // max(seconds, 1e-9)) % N_FOLDS

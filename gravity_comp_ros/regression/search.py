@@ -1,0 +1,269 @@
+"""
+Selection of terms: additions, exchanges and removals, each of which raises the evidence.
+
+At one noise every accepted move raises the log evidence of the whole model, or removes a term
+whose own gain is too small, which is then not added again. So the search ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.regression.candidates import Candidates, TermFactory
+from gravity_comp_ros.regression.design import Design, Pool
+from gravity_comp_ros.regression.gains import gain_of, Ranking
+from gravity_comp_ros.regression.noise import precision_of
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.posterior import Posterior, solve
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
+import numpy as np
+
+Terms = tuple[Term, ...]
+# Relative change of the weights below which the noise has converged, and maximum number of its
+# estimates.
+_CONVERGED, _MAX_NOISES = 0.05, 8
+# Share of the best gain from which additions on other joints are made in the same round.
+_TOGETHER = 0.3
+# Share of a term's gain that an alternative must reach to be tried.
+_COMPARABLE = 0.2
+
+
+@dataclass(eq=False)
+class Search:
+    """
+    The state of a selection: the present posterior and the terms that are not tried again.
+
+    `forced` are keys of terms that stay in the model.
+    """
+
+    design: Design
+    candidates: Candidates
+    pools: tuple[Pool, ...]  # one for each joint, then that of several joints
+    factory: TermFactory
+    scale: Scale
+    options: EngineOptions
+    posterior: Posterior
+    forced: frozenset[Key] = frozenset()
+    log: Callable[[str], None] = lambda text: None
+    _tabu: set[Key] = field(default_factory=set)
+
+    @property
+    def terms(self) -> Terms:
+        return self.posterior.terms
+
+    @property
+    def keys(self) -> set[Key]:
+        return {term.key for term in self.terms}
+
+    def run(self) -> Posterior:
+        """Return the posterior of the selected terms."""
+        for _ in range(_MAX_NOISES):
+            before = self.posterior
+            self._tabu.clear()
+            for _ in range(self.options.max_rounds):
+                if not (self._improve() or self._exchange()):
+                    break
+            if not self._renew_noise() and self.terms == before.terms:
+                break
+        return self.posterior
+
+    def _renew_noise(self) -> bool:
+        """Estimate the noise from the present residual; return whether it changed."""
+        precision = precision_of(self.posterior, self.scale, self.options)
+        ratio = precision / self.posterior.precision
+        self.posterior = self._solved(self.terms, precision)
+        return bool(np.abs(np.log(ratio)).max() > _CONVERGED)
+
+    def _solved(self, terms: Terms, precision: FloatArray | None = None) -> Posterior:
+        return solve(self.design, terms,
+                     self.posterior.precision if precision is None else precision)
+
+    def _improve(self) -> bool:
+        """Add, refine, exchange and remove terms, joint by joint; return whether any changed."""
+        added = self._add_best()
+        changed = False
+        for term in self.terms:
+            if term in self.terms and term.key not in self.forced:
+                changed |= self._review(term)
+        return added or changed
+
+    def _add_best(self) -> bool:
+        """Add the best term of each joint, and the best on several joints."""
+        found = []
+        for ranking in self._rankings():
+            best = next(iter(ranking), None)
+            if best is not None and best[0] > self.options.min_gain:
+                found.append(best)
+        found.sort(key=lambda each: -each[0])
+        changed = False
+        for gain, term in found:
+            if gain < _TOGETHER * found[0][0]:
+                break
+            term, _ = self._refined(self.posterior, term)
+            changed |= self._accept((*self.terms, term), f'add {gain:.1f}')
+        return changed
+
+    def _rankings(self) -> Iterator[Iterable[tuple[float, Term]]]:
+        for pool in self.pools:
+            yield self._ranking(self.posterior, pool, self.terms)
+
+    def _ranking(self, posterior: Posterior, pool: Pool, terms: Terms,
+                 least: float | None = None) -> Ranking:
+        """Return the candidates of a pool that may be added to some terms."""
+        least = self.options.min_gain if least is None else least
+        return Ranking(posterior, pool, self._allowed(pool.terms, terms), least)
+
+    def _allowed(self, candidates: Iterable[Term], terms: Terms) -> list[int]:
+        """Return the candidates that are not among terms, and whose corrected effect is."""
+        keys = {term.key for term in terms}
+        return [k for k, c in enumerate(candidates) if c.key not in keys and c.key not in self._tabu
+                and (not c.parents or c.parents & keys)]
+
+    def _refined(self, posterior: Posterior, term: Term) -> tuple[Term, float]:
+        """Return a term at the best setting near its own, and its gain."""
+        best, gain = term, gain_of(posterior, term)
+        step = 1.0
+        for _ in range(self.options.halvings):
+            tried = [(gain_of(posterior, other), other)
+                     for other in self.factory.neighbours(best, step)]
+            top = max(tried, key=lambda each: each[0], default=None)
+            if top is not None and top[0] > gain:
+                gain, best = top
+            elif not tried:
+                break
+            else:
+                step *= 0.5
+        return best, gain
+
+    def _review(self, term: Term) -> bool:
+        """Remove a term, exchange it on its own joint, or refine its setting."""
+        without = self.posterior.without((term,))
+        rest = with_children_of(self.terms, term)
+        refined, gain = self._refined(without, term)
+        if len(rest) < len(self.terms) - 1:
+            # Its corrections are reviewed first: they stand for it while they are in the model.
+            return refined is not term and self._accept(
+                self._exchanged(term, refined), 'refine', 0.0)
+        rivals = self._ranking(without, self._pool_of(term), rest)
+        value, rival = next(iter(rivals), (-np.inf, None))
+        if max(gain, value) < self.options.min_gain:
+            self._tabu.add(term.key)
+            self.posterior = self._solved(rest)
+            self.log(f'  remove {term.key} {gain:.1f}')
+            return True
+        if rival is not None and value > gain + self.options.significant:
+            rival, _ = self._refined(without, rival)
+            if self._accept(self._exchanged(term, rival), 'exchange'):
+                return True
+        if refined is not term:
+            return self._accept(self._exchanged(term, refined), 'refine', 0.0)
+        return False
+
+    def _pool_of(self, term: Term) -> Pool:
+        """Return the candidates that act on the same joints as a term; the last are of the arm."""
+        on_one = term.joint is not None and term.columns.ndim == 2
+        return self.pools[term.joint_number] if on_one else self.pools[-1]
+
+    def _exchanged(self, old: Term, new: Term) -> Terms:
+        return tuple(new if term is old else term for term in self.terms)
+
+    def _accept(self, terms: Terms, move: str, least: float | None = None) -> bool:
+        """Take other terms if their evidence is higher."""
+        if not is_consistent(terms):
+            return False
+        least = self.options.significant if least is None else least
+        trial = self._solved(terms)
+        gain = trial.log_evidence - self.posterior.log_evidence
+        if gain <= least:
+            return False
+        new = [t for t in terms if t not in self.terms]
+        self.log(f'  {move} {[(*t.key, t.setting) for t in new]} {gain:.1f}')
+        self.posterior = trial
+        return least > 0.0
+
+    def _exchange(self) -> bool:
+        """Exchange terms between joints, merge equal ones, or select a joint again."""
+        return self._between_joints() or self._merge() or self._again()
+
+    def alternatives(self, term: Term) -> list[tuple[float, Term]]:
+        """Return other terms on any joint that could replace one: evidence and term, sorted."""
+        without = self.posterior.without((term,))
+        rest = with_children_of(self.terms, term)
+        least = max(self.options.min_gain, _COMPARABLE * gain_of(without, term))
+        found: dict[Key, tuple[float, Term]] = {}
+        for pool in self.pools:
+            for gain, other in self._ranking(without, pool, rest, least):
+                if other.key != term.key and gain > found.get(other.key, (-np.inf,))[0]:
+                    found[other.key] = gain, other
+        trials = []
+        for _, other in found.values():
+            terms = self._exchanged(term, other)
+            if is_consistent(terms):
+                trials.append((self._solved(terms).log_evidence, other))
+        return sorted(trials, key=lambda each: -each[0])
+
+    def _between_joints(self) -> bool:
+        for term in self.terms:
+            if term.key in self.forced:
+                continue
+            best = next(iter(self.alternatives(term)), None)
+            if best is not None and best[0] > (
+                    self.posterior.log_evidence + self.options.significant):
+                if self._accept(self._exchanged(term, best[1]), 'exchange'):
+                    return True
+        return False
+
+    def _merge(self) -> bool:
+        """Replace equal effects on several joints by one on another joint."""
+        for name in sorted({term.name for term in self.terms}):
+            same = tuple(t for t in self.terms if t.name == name and t.key not in self.forced)
+            if len(same) < 2:
+                continue
+            without = self.posterior.without(same)
+            rest = tuple(t for t in self.terms if t not in same)
+            joints = {t.joint for t in same}
+            others = [c for part in self.candidates.of_joint for c in part
+                      if c.name == name and c.joint not in joints]
+            best = max(((gain_of(without, c), k) for k, c in enumerate(others)),
+                       default=None)
+            if best is not None and self._accept((*rest, others[best[1]]), 'merge'):
+                return True
+        return False
+
+    def _again(self) -> bool:
+        """Select the terms of a joint again, from other starts."""
+        for joint in range(self.design.n_joints):
+            own = tuple(t for t in self.terms if t.joint == joint and t.columns.ndim == 2
+                        and t.key not in self.forced)
+            if len(own) < 2:
+                continue
+            rest = tuple(t for t in self.terms if t not in own)
+            if not is_consistent(rest):
+                continue
+            without = self.posterior.without(own)
+            starts: dict[str, Term] = {}
+            for gain, term in self._ranking(without, self.pools[joint], rest):
+                if gain < self.options.min_gain or len(starts) >= self.options.starts:
+                    break
+                starts.setdefault(term.name, term)
+            for start in starts.values():
+                if self._accept(self._grown((*rest, start), joint), 'again'):
+                    return True
+        return False
+
+    def _grown(self, terms: Terms, joint: int) -> Terms:
+        """Return terms with those of a joint that raise the evidence, added one by one."""
+        posterior = self._solved(terms)
+        for _ in range(self.options.max_rounds):
+            gain, best = next(iter(self._ranking(posterior, self.pools[joint], terms)), (-np.inf, None))
+            if best is None or gain < self.options.min_gain:
+                break
+            best, _ = self._refined(posterior, best)
+            trial = self._solved((*terms, best))
+            if trial.log_evidence <= posterior.log_evidence:
+                break
+            posterior, terms = trial, trial.terms
+        return terms

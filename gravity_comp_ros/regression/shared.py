@@ -1,0 +1,76 @@
+"""
+Columns shared by all joints: gravity and rigid-body dynamics, linearised at the present estimate.
+
+    torque(x; theta) = torque(x; theta_0) + C(x; theta_0) (theta - theta_0)
+
+Four parametrisations: `UnknownLengths` (a chain whose axes are estimated), `KnownAxes` (a robot
+description), `Energy` and `Torques` (the dictionary of Yu 2022 on a support that ADMM selected).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.regression.scale import Scale
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Angles, speeds and accelerations (B, N) in rad, rad/s and rad/s^2."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+    @property
+    def still(self) -> bool:
+        """Return whether no joint moves, so that only gravity acts."""
+        return not (self.qd.any() or self.qdd.any())
+
+
+class Shared(ABC):
+    """A parametrisation of the torque of all joints, with P parameters."""
+
+    @property
+    @abstractmethod
+    def point(self) -> FloatArray:
+        """Return the parameters (P,) at which the columns are linearised."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Return whether the torque is linear in the parameters."""
+        return True
+
+    @abstractmethod
+    def prior_std(self, scale: Scale) -> FloatArray:
+        """Return the prior standard deviations (P,) about 0, or about the point for angles."""
+
+    @abstractmethod
+    def columns(self, state: State) -> FloatArray:
+        """Return d torque / d parameters (B, N, P) at the point."""
+
+    @abstractmethod
+    def gravity(self, q: FloatArray) -> FloatArray:
+        """Return the gravity torque (B, N) in N·m at poses q (B, N)."""
+
+    @abstractmethod
+    def moved(self, parameters: FloatArray) -> Shared:
+        """Return the same at other parameters (P,)."""
+
+    def constant(self, state: State) -> FloatArray:
+        """Return the torque (B, N) that the columns times the parameters omit at the point."""
+        return np.zeros_like(state.q)
+
+    def gradient(self, q: FloatArray) -> FloatArray:
+        """Return d gravity_n / d q_j (B, N, N) in N·m/rad, by central differences."""
+        n, step = q.shape[1], 1e-5
+        result = np.empty((len(q), n, n))
+        for joint in range(n):
+            change = np.zeros(n)
+            change[joint] = step
+            result[:, :, joint] = (self.gravity(q + change) - self.gravity(q - change)) / (
+                2.0 * step)
+        return result

@@ -1,0 +1,84 @@
+"""A term: the columns of one effect at one setting, on one joint or shared by all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Effect
+import numpy as np
+
+Key = tuple[str, int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """
+    One effect with its nonlinear `setting`.
+
+    `joint` is its number, None for the whole arm. `columns` are the means over rows, (R, K) on
+    that joint or (R, N, K) on all; `prior_std` (K,) the prior standard deviations of the
+    coefficients; `log_odds` the prior log odds, divided among the settings that are compared.
+    """
+
+    effect: Effect
+    joint: int | None
+    setting: Mapping[str, float]
+    columns: FloatArray
+    prior_std: FloatArray
+    log_odds: float
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
+
+    @cached_property
+    def key(self) -> Key:
+        """Return the name and the joint, which a model has once."""
+        return self.effect.name, self.joint
+
+    @property
+    def n_columns(self) -> int:
+        return self.columns.shape[-1]
+
+    @property
+    def joint_number(self) -> int:
+        """Return the joint number for methods of the effect: 0 for the whole arm."""
+        return 0 if self.joint is None else self.joint
+
+    def joints(self, n_joints: int) -> range:
+        """Return the joints on whose torque it acts."""
+        if self.columns.ndim == 3:
+            return range(n_joints)
+        return range(self.joint_number, self.joint_number + 1)
+
+    def on(self, joint: int) -> FloatArray:
+        """Return the columns on the torque of one joint, (R, K)."""
+        return self.columns[:, joint] if self.columns.ndim == 3 else self.columns
+
+    @property
+    def parents(self) -> frozenset[Key]:
+        """Return the terms of which one must be in the model; empty if it needs none."""
+        return frozenset((name, self.joint) for name in self.effect.corrects)
+
+
+def is_consistent(terms: tuple[Term, ...]) -> bool:
+    """Return whether every correction has an effect that it corrects."""
+    keys = {term.key for term in terms}
+    return all(not term.parents or term.parents & keys for term in terms)
+
+
+def with_children_of(terms: tuple[Term, ...], dropped: Term) -> tuple[Term, ...]:
+    """Return the terms without one, and without the corrections that only it allows."""
+    rest = tuple(term for term in terms if term is not dropped)
+    while not is_consistent(rest):
+        keys = {term.key for term in rest}
+        rest = tuple(term for term in rest if not term.parents or term.parents & keys)
+    return rest
+
+
+def total_std(terms: tuple[Term, ...]) -> FloatArray:
+    """Return the prior standard deviations of all coefficients."""
+    return np.concatenate([np.zeros(0), *(term.prior_std for term in terms)])

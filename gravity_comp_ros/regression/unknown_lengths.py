@@ -1,0 +1,112 @@
+"""
+Gravity and dynamics of a serial arm whose axes, moments, lengths and inertias are estimated.
+
+Gravity is that of a `Chain`: axes A_i and first moments h_i. Let p_i be the origin of frame i + 1
+in link i, and I_i the inertia of link i about the origin of its frame, with the masses beyond it
+concentrated at the end of the link. With b_i = R_i h_i / g, in the base frame, the kinetic energy
+is (J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977: augmented bodies)
+
+    T = sum_{i < k} d(R_i p_i)/dt . d b_k/dt + 1/2 sum_i w_i . R_i I_i R_i' w_i,
+
+so that the torque of motion is linear in p_i and I_i for given axes and moments. Slow motion
+determines few of them; the others stay at their prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.kinematic.arm_columns import motion_columns
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.shared import Shared, State
+import numpy as np
+
+# Largest rotation of an axis in one step, in rad.
+_MAX_STEP = 0.2
+
+
+@dataclass(frozen=True)
+class LengthPriors:
+    """
+    Prior standard deviations of an arm without a description.
+
+    `tilt` in rad of an axis about its present estimate; `moment` as a multiple of the largest
+    torque; `length` in m of a link; `inertia` in m, times the largest torque over g: a mass of
+    that weight at a third of a metre.
+    """
+
+    tilt: float = 0.3
+    moment: float = 2.0
+    length: float = 0.4
+    inertia: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownLengths(Shared):
+    """
+    A chain with unknown lengths: 2N tilts, 2N moments, 3(N - 1) lengths, 6N inertias.
+
+    `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
+    """
+
+    chain: Chain
+    lengths: FloatArray
+    inertias: FloatArray
+    priors: LengthPriors = LengthPriors()
+
+    @classmethod
+    def of(cls, chain: Chain) -> UnknownLengths:
+        """Return a chain with lengths and inertias of 0, the mean of their prior."""
+        n = chain.n_joints
+        return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)))
+
+    @property
+    def point(self) -> FloatArray:
+        n = self.chain.n_joints
+        return np.concatenate([np.zeros(2 * n), self.chain.moments.ravel(), self.lengths.ravel(),
+                               self.inertias.ravel()])
+
+    @property
+    def is_linear(self) -> bool:
+        return False
+
+    def step_map(self) -> FloatArray:
+        """Return the step of the chain per parameter, (4N, P)."""
+        return np.eye(4 * self.chain.n_joints, len(self.point))
+
+    def prior_std(self, scale: Scale) -> FloatArray:
+        n, p = self.chain.n_joints, self.priors
+        return np.concatenate([
+            np.full(2 * n, p.tilt), np.full(2 * n, p.moment * scale.largest),
+            np.full(3 * (n - 1), p.length),
+            np.full(6 * n, p.inertia * scale.largest / STANDARD_GRAVITY)])
+
+    def columns(self, state: State) -> FloatArray:
+        n, m = self.chain.n_joints, len(state.q)
+        columns = np.zeros((m, n, 13 * n - 3))
+        columns[:, :, :4 * n] = self.chain.jacobian(state.q).transpose(2, 1, 0)
+        if not state.still:
+            columns[:, :, 4 * n:] = motion_columns(
+                self.chain, state.q, state.qd, state.qdd)
+        return columns
+
+    def gravity(self, q: FloatArray) -> FloatArray:
+        return self.chain.torque(q)
+
+    def constant(self, state: State) -> FloatArray:
+        """Return gravity minus the columns of the moments times the moments."""
+        n = self.chain.n_joints
+        linear = self.chain.jacobian(state.q)[2 * n:]
+        return np.asarray(self.chain.torque(state.q)
+                          - np.tensordot(self.chain.moments.ravel(), linear, axes=1).T)
+
+    def moved(self, parameters: FloatArray) -> UnknownLengths:
+        n = self.chain.n_joints
+        step = np.concatenate([np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP),
+                               parameters[2 * n:4 * n] - self.chain.moments.ravel()])
+        return replace(self, chain=self.chain.moved(step),
+                       lengths=parameters[4 * n:7 * n - 3].reshape(n - 1, 3),
+                       inertias=parameters[7 * n - 3:].reshape(n, 6))

@@ -1,0 +1,220 @@
+"""Cases on descriptions of real robots: arms, hidden laws, score and table of the bench."""
+
+from dataclasses import replace
+
+from bench.campaign.score import Finding
+from bench.real_robots import arms
+from bench.real_robots.cases import Case, case, load, MAX_SPEED, save
+from bench.real_robots.laws import ClockSpring, Hidden, Known, packed, unpacked
+from bench.real_robots.run import seeds
+from bench.real_robots.score import error_ratios, score
+from bench.real_robots.table import table
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import gravity_torque
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeOffset
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytestmark = pytest.mark.skipif(arms.descriptions() is None,
+                                reason='example-robot-data is not installed')
+OFFSET = Hidden('torque_offset', 1, GaugeOffset(1, 0.5), (('torque_offset', 1),),
+                known=Known('torque_offset', 1, 'N·m', 0.5, 0.5), static=True)
+
+
+@pytest.fixture(scope='module')
+def drawn() -> Case:
+    return case('so101', 7)
+
+
+def finding(effect, joint, verdict='established', rivals=(), ci95=(0.4, 0.6)):
+    return {'effect': effect, 'joint': joint, 'verdict': verdict, 'rivals': list(rivals),
+            'coefficients': {'b': {'value': 0.5, 'unit': 'N·m', 'ci95': list(ci95)}}}
+
+
+def with_offset(drawn: Case) -> Case:
+    return replace(drawn, hidden=(OFFSET,), friction=())
+
+
+@pytest.mark.parametrize('name', arms.SOURCES)
+def test_the_chain_has_the_gravity_of_the_whole_robot(name):
+    source, arm = arms.SOURCES[name], arms.arm_of(arms.urdf(name))
+    assert arm.joints == source.joints
+    robot = pin.buildModelFromUrdf(str(arms.descriptions() / source.file))
+    robot.gravity.linear = arm.model.gravity.linear
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q = rng.uniform(arm.lower, arm.upper)
+        pose = pin.neutral(robot)
+        middle = (pose < robot.lowerPositionLimit) | (pose > robot.upperPositionLimit)
+        pose[middle] = 0.5 * (robot.lowerPositionLimit + robot.upperPositionLimit)[middle]
+        joints = [robot.joints[robot.getJointId(joint)] for joint in arm.joints]
+        for joint, angle in zip(joints, q):
+            pose[joint.idx_q:joint.idx_q + joint.nq] = (
+                [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)])
+        expected = pin.computeGeneralizedGravity(robot, robot.createData(), pose)
+        np.testing.assert_allclose(gravity_torque(arm, [q])[0],
+                                   expected[[joint.idx_v for joint in joints]], atol=1e-9)
+
+
+def test_an_unknown_arm_is_refused_with_the_names():
+    with pytest.raises(OptionError, match='no arm ur7; there are ur3, ur5'):
+        arms.urdf('ur7')
+
+
+def test_arm_and_seed_determine_the_case(drawn):
+    again = case('so101', 7)
+    for a, b in zip((*drawn.train, drawn.unseen), (*again.train, again.unseen)):
+        np.testing.assert_array_equal(a.tau, b.tau)
+        np.testing.assert_array_equal(a.q, b.q)
+    assert again.hidden == drawn.hidden and again.friction == drawn.friction
+    assert case('so101', 8).hidden != drawn.hidden
+
+
+def test_motion_is_slow_within_limits_and_the_unseen_run_within_the_box(drawn):
+    arm = arms.arm_of(drawn.urdf)
+    q = np.concatenate([run.q for run in drawn.train])
+    for run in (*drawn.train, drawn.unseen):
+        assert run.q.shape == (4500, 5) and run.t[-1] == pytest.approx(89.98)
+        assert np.abs(run.qd).max() < MAX_SPEED + 0.002
+        assert (run.q > arm.lower - 1e-3).all() and (run.q < arm.upper + 1e-3).all()
+    beyond = np.maximum(drawn.unseen.q - q.max(axis=0), q.min(axis=0) - drawn.unseen.q)
+    assert beyond.max() < 0.2
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_hidden_effects_are_visible_and_on_different_joints(seed):
+    one = case('z1', seed)
+    assert 1 <= len(one.hidden) <= 2 and min(one.visible) >= 1.0
+    assert len({hidden.joint for hidden in one.hidden}) == len(one.hidden)
+    # LuGre friction is on every joint, by its own law or by that of the hidden effect.
+    if one.friction:
+        joints = {f.joint for f in one.friction} | {h.joint for h in one.hidden}
+        assert joints == set(range(6))
+
+
+def test_a_saved_case_is_read_unchanged(drawn, tmp_path):
+    save(drawn, tmp_path / 'case.npz')
+    again = load(tmp_path / 'case.npz')
+    assert packed(again.hidden) == packed(drawn.hidden) and again.joints == drawn.joints
+    assert again.hidden == drawn.hidden and again.friction == drawn.friction
+    np.testing.assert_array_equal(again.unseen.tau, drawn.unseen.tau)
+    np.testing.assert_allclose(again.static(again.poses), drawn.static(drawn.poses))
+
+
+def test_laws_survive_json():
+    law = Friction(2, LuGre(0.1, static=0.2), LuGre(0.3))
+    assert unpacked(packed((law, OFFSET))) == (law, OFFSET)
+
+
+def test_the_spring_has_its_stiffness_at_rest_and_no_torque():
+    spring = ClockSpring(0, 3.0, 0.4)
+    q = np.array([0.4 - 1e-4, 0.4, 0.4 + 1e-4])
+    torque = spring.torque(q)
+    assert torque[1] == 0.0
+    assert (torque[2] - torque[0]) / 2e-4 == pytest.approx(3.0)
+    assert spring.slope(np.array([1.4]))[0] == pytest.approx(3.0 * np.cosh(0.1))
+
+
+def test_true_static_torque_includes_static_effects_and_either_end_of_slack(drawn):
+    one = with_offset(drawn)
+    gravity = gravity_torque(arms.arm_of(one.urdf), one.poses)
+    low, high = one.static(one.poses)
+    np.testing.assert_allclose(low, gravity + [0.0, 0.5, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(low, high)
+    rough = replace(OFFSET, static=False, slack=-0.2)
+    low, high = replace(one, hidden=(rough,)).static(one.poses)
+    np.testing.assert_allclose(high, gravity)
+    np.testing.assert_allclose(high - low, np.tile([0.0, 0.2, 0.0, 0.0, 0.0], (500, 1)))
+
+
+def test_a_perfect_answer_is_right(drawn):
+    one = with_offset(drawn)
+    torque = one.unseen.tau + one.noise * np.where(np.arange(4500) % 2, 1.0, -1.0)[:, None]
+    result = score(one, [finding('torque_offset', one.joints[1])], torque,
+                   one.static(one.poses)[0])
+    assert result.why == result.why_loose == () and result.tied == ()
+    assert result.error == pytest.approx(1.0) and result.static == 0.0
+    (interval,) = result.intervals
+    assert interval.covers and interval.true == (0.5, 0.5)
+
+
+def test_each_fault_of_an_answer_is_named(drawn):
+    one = with_offset(drawn)
+    torque = one.unseen.tau.copy()
+    torque[:, 3] += 2.0 * one.noise[3]
+    static = one.static(one.poses)[0]
+    static[:, 2] += 0.01 * one.largest
+    result = score(one, [finding('joint_spring', one.joints[0], 'likely')], torque, static)
+    assert result.why == ('missed torque_offset:2', 'false joint_spring:1 (likely)',
+                          'error 2.00 x noise', 'static 1.00 %')
+    assert result.why_loose == result.why[:2]
+    assert (result.error_joint, result.static_joint) == (4, 3)
+    assert result.static_max == pytest.approx(0.01)
+
+
+def test_an_alternative_counts_as_tied_and_not_as_false(drawn):
+    one = with_offset(drawn)
+    for verdict in ('ambiguous', 'likely'):
+        answer = finding('joint_spring', one.joints[1], verdict, ['torque_offset'])
+        result = score(one, [answer], one.unseen.tau, one.static(one.poses)[0])
+        assert result.tied == ('torque_offset:2',) and result.missed == result.false == ()
+    weak = finding('torque_offset', one.joints[1], 'weak')
+    assert score(one, [weak], one.unseen.tau, one.static(one.poses)[0]).missed
+
+
+def test_friction_on_a_joint_with_friction_is_not_false(drawn):
+    one = replace(with_offset(drawn), friction=(Friction(2, LuGre(0.1)),))
+    answers = [finding('torque_offset', one.joints[1]),
+               finding('presliding_hysteresis', one.joints[2]),
+               finding('coulomb_friction', one.joints[2], ci95=(0.2, 0.3)),
+               finding('rigid_body_dynamics', None)]
+    result = score(one, answers, one.unseen.tau, one.static(one.poses)[0])
+    assert result.false == ()
+    assert [i.covers for i in result.intervals] == [True, False]
+    moved = [*answers, finding('coulomb_friction', one.joints[3])]
+    assert score(one, moved, one.unseen.tau, one.static(one.poses)[0]).false == (
+        'coulomb_friction:4 (established)',)
+
+
+def test_with_lugre_friction_the_bound_follows_the_oracle(drawn):
+    one = replace(with_offset(drawn), friction=(Friction(2, LuGre(0.1)),))
+    answers, static = [finding('torque_offset', one.joints[1])], one.static(one.poses)[0]
+    torque, oracle = one.unseen.tau + 2.4 * one.noise, one.unseen.tau + 2.0 * one.noise
+    assert score(one, answers, torque, static).why == ('error 2.40 x noise',)
+    assert score(one, answers, torque, static, oracle).why == ()
+    assert score(replace(one, friction=()), answers, torque, static, oracle).why
+
+
+def test_a_torque_that_is_not_finite_is_wrong(drawn):
+    one = with_offset(drawn)
+    bad = np.full_like(one.unseen.tau, np.nan)
+    result = score(one, [finding('torque_offset', one.joints[1])], bad, np.full((500, 5), np.nan))
+    assert len(result.why) == 2 and np.isnan(error_ratios(one, bad)).all()
+
+
+def test_lists_of_seeds():
+    assert seeds('300-302,400') == [300, 301, 302, 400]
+
+
+def test_the_table_counts_and_names_the_worst_case(drawn):
+    one = with_offset(drawn)
+    answer = [finding('torque_offset', one.joints[1])]
+    about = {'hidden': ['torque_offset:2'], 'lugre': False, 'before': 9.0, 'refused': '',
+             'seconds': {'fit': 1.0, 'diagnose': 2.0}}
+    results = [{'case': name, **about, **score(one, answer, one.unseen.tau + far * one.noise,
+                                               one.static(one.poses)[0]).to_json()}
+               for name, far in (('near', 1.0), ('far', 3.0))]
+    failed = {'case': 'broken', 'why': ['failed: no motion'], 'why_loose': ['failed: no motion']}
+    text = table([*results, failed])
+    assert '1 of 3 right; within 2.5 x noise and 2 %: 1 of 3.' in text
+    assert 'at most (far, joint ' in text and '| broken |' in text
+    assert '2 of 2 published 95 % intervals cover: torque_offset 2 of 2.' in text
+
+
+def test_findings_are_read_as_printed(drawn):
+    entry = finding('torque_gain', drawn.joints[0], 'ambiguous',
+                    [f'torque_gain:{drawn.joints[2]}'])
+    assert Finding.of(entry, drawn.joints).rivals == (('torque_gain', 2),)

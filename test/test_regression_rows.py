@@ -1,0 +1,141 @@
+"""Rows of the regression: means, blocks, folds and gaps; and the noise of their residual."""
+
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.regression.noise import correlation_time
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.rows import N_FOLDS, rows_of
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+OPTIONS = EngineOptions()
+
+
+def run_of(t, values=None):
+    """Return one run of one joint."""
+    t = np.asarray(t, dtype=float)
+    values = np.zeros(len(t)) if values is None else values
+    column = np.asarray(values, dtype=float)[:, None]
+    return JointSamples.single_run(('a',), t, column, column, column)
+
+
+def test_rows_are_means_over_a_tenth_of_a_second():
+    t = np.arange(20) / 50.0
+    rows = rows_of(run_of(t, np.arange(20)), OPTIONS)
+    np.testing.assert_array_equal(rows.count, [5, 5, 5, 5])
+    np.testing.assert_allclose(rows.mean(np.arange(20.0)), [2.0, 7.0, 12.0, 17.0])
+    np.testing.assert_allclose(rows.t, [0.04, 0.14, 0.24, 0.34])
+    assert (rows.weights == 1.0).all()
+
+
+@pytest.mark.parametrize('rate', [30.0, 50.0, 100.0, 125.0, 500.0, 1000.0])
+def test_rounding_of_the_stamps_does_not_change_the_rows(rate):
+    number = np.arange(int(4.0 * rate))
+    counts = [rows_of(run_of(t), OPTIONS).count for t in (
+        number / rate, number * (1.0 / rate), 1e5 + number / rate)]
+    for count in counts:
+        np.testing.assert_array_equal(count, counts[0])
+    assert len(counts[0]) == 40
+
+
+def test_a_slow_recording_has_a_row_for_each_sample():
+    t = np.arange(50) * 0.25
+    rows = rows_of(run_of(t), OPTIONS)
+    assert rows.n_rows == 50 and (rows.count == 1).all()
+    values = np.random.default_rng(0).normal(size=(50, 2))
+    np.testing.assert_array_equal(rows.mean(values), values)
+
+
+def test_no_row_has_samples_of_two_runs_or_of_both_sides_of_a_gap():
+    one = run_of(np.arange(13) / 50)
+    two = run_of(5.0 + np.r_[np.arange(7), 207 + np.arange(6)] / 50)
+    samples = concatenate([one, two])
+    rows = rows_of(samples, OPTIONS)
+    np.testing.assert_array_equal(rows.count, [5, 5, 3, 5, 2, 3, 3])
+    np.testing.assert_array_equal(rows.run, [0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_allclose(rows.mean(samples.t)[3:], 5.0 + rows.t[3:])
+    # A row with 2 of the usual 3 samples has two thirds of the weight.
+    np.testing.assert_allclose(rows.weights, [1, 1, 1, 1, 2 / 3, 1, 1])
+    # The gap of 4 s is two blocks of 2 s.
+    assert len(np.unique(rows.block)) == 3
+
+
+def test_unused_samples_are_in_no_row():
+    samples = run_of(np.arange(20) / 50, np.arange(20))
+    use = np.arange(20) % 5 != 0
+    rows = rows_of(samples, OPTIONS, use)
+    np.testing.assert_allclose(rows.mean(samples.q)[:, 0], [2.5, 7.5, 12.5, 17.5])
+    with pytest.raises(FitError, match='no samples'):
+        rows_of(samples, OPTIONS, np.zeros(20, dtype=bool))
+
+
+def test_long_recordings_have_longer_rows():
+    rows = rows_of(run_of(np.arange(40000) / 20), EngineOptions(max_rows=500))
+    assert 450 < rows.n_rows <= 501
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10 ** 6), st.integers(1, 7), st.sampled_from([0.01, 0.1, 0.5]))
+def test_columns_in_batches_are_the_means_of_all(seed, runs, seconds):
+    rng = np.random.default_rng(seed)
+    samples = concatenate([run_of(np.cumsum(rng.uniform(0.002, 0.2, rng.integers(1, 4000))))
+                           for _ in range(runs)])
+    use = rng.random(samples.n_samples) < 0.8
+    if not use.any():
+        return
+    rows = rows_of(samples, EngineOptions(row_seconds=seconds), use)
+    values = rng.normal(size=(samples.n_samples, 2, 3))
+    mean = rows.mean(values)
+    np.testing.assert_allclose(rows.mean_of(lambda k: values[k]), mean, atol=1e-12)
+    np.testing.assert_allclose(np.einsum('r,rnk->nk', rows.count.astype(float), mean),
+                               values[use].sum(axis=0), atol=1e-8)
+    # A block, and a fold of ten seconds, has rows of one run.
+    assert all(len(np.unique(rows.run[rows.block == k])) == 1 for k in np.unique(rows.block))
+
+
+def test_blocks_are_two_seconds_of_one_run():
+    rows = rows_of(concatenate([run_of(np.arange(250) / 50), run_of(np.arange(250) / 50)]),
+                   OPTIONS)
+    np.testing.assert_array_equal(np.bincount(rows.block), [20, 20, 10, 20, 20, 10])
+
+
+def test_folds_are_whole_runs_if_there_are_enough():
+    few = rows_of(concatenate([run_of(np.arange(1500) / 50)] * 2), OPTIONS)
+    assert set(few.fold) == set(range(N_FOLDS))
+    changes = np.flatnonzero(np.diff(few.fold) | np.diff(few.run))
+    assert np.diff(changes).min() >= 99       # 10 s of rows of 0.1 s
+    many = rows_of(concatenate([run_of(np.arange(100) / 50)] * 7), OPTIONS)
+    np.testing.assert_array_equal(many.fold, many.run % N_FOLDS)
+
+
+def test_short_recordings_have_every_fold():
+    rows = rows_of(run_of(np.arange(500) / 50), OPTIONS)
+    np.testing.assert_allclose(np.bincount(rows.fold), [20] * 5, atol=1)
+
+
+@pytest.mark.parametrize('name', ['row_seconds', 'min_gain', 'block_seconds', 'max_rows'])
+@pytest.mark.parametrize('value', [0.0, -1.0, float('nan'), float('inf')])
+def test_constants_are_positive(name, value):
+    with pytest.raises(OptionError, match=f'engine: {name} is'):
+        EngineOptions(**{name: value})
+
+
+@pytest.mark.parametrize('rho', [0.0, 0.5, 0.8, 0.95])
+def test_the_correlation_time_of_an_ar1_process_is_the_textbooks(rho):
+    """1 + 2 sum rho^k = (1 + rho) / (1 - rho)."""
+    rng, count = np.random.default_rng(3), 100000
+    noise, residual, last = rng.standard_normal(count), np.empty(count), 0.0
+    for k in range(count):
+        residual[k] = last = rho * last + noise[k]
+    runs = np.repeat([0, 1], count // 2)
+    assert correlation_time(residual, runs) == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
+
+
+def test_the_correlation_time_does_not_cross_runs():
+    rng = np.random.default_rng(1)
+    level = np.repeat(rng.standard_normal(400), 50)
+    assert correlation_time(level, np.repeat(np.arange(400), 50)) == pytest.approx(50.0, rel=0.1)
+    assert correlation_time(np.zeros(10), np.zeros(10, dtype=int)) == 1.0
+    alternating = np.resize([1.0, -1.0], 1000)
+    assert correlation_time(alternating, np.zeros(1000, dtype=int)) == 1.0
