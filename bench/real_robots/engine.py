@@ -16,8 +16,8 @@ from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.start import start_chain
 from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
-from gravity_comp_ros.terms.motion import Motion
-from gravity_comp_ros.terms.registry import library_effects
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.registry import library_effects
 import numpy as np
 
 

@@ -15,8 +15,8 @@ from gravity_comp_ros.commands import arguments, next_step, reading, refitting, 
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
-from gravity_comp_ros.estimation.fit_report import FitDetails, nuisance_sentence
-from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.estimation.fit_report import FitDetails, fitted_sentence
+from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
@@ -70,7 +70,7 @@ def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: Fi
     if fitted.holdout:
         terminal.say(_holdout_sentence(fitted, fitted.holdout))
     terminal.show('', _joint_table(result, held_out), terminal.safe(_solver_sentence(result)))
-    nuisance = nuisance_sentence(result.model.nuisance)
+    nuisance = fitted_sentence(result.model)
     if nuisance:
         terminal.show(terminal.safe(f'{nuisance} (`gravity_comp diagnose` identifies them)'),
                       'RMSE is the error of gravity alone; the remaining error is with the '
@@ -131,21 +131,19 @@ def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
 
 
 def _remaining(report: FitDetails, joint: str) -> str:
-    """Return a joint's remaining error: a constant, and a fraction of the load if any."""
-    relative = report.relative_noise[joint]
-    return f'{report.noise[joint]:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
+    """Return a joint's remaining error, with all fitted effects."""
+    return f'{report.noise[joint]:.4f}'
 
 
 def _solver_sentence(result: FitResult) -> str:
-    chain = result.report.chain
-    if chain is not None:
-        residual = f'the residual is {"" if chain.clean else "not "}white'
-        if result.report.known_axes:
-            tilt = degrees(result.report.base_tilt)
+    report = result.report
+    if result.model.chain is not None:
+        residual = f'the residual is {"" if report.white else "not "}white'
+        if report.known_axes:
+            tilt = degrees(report.base_tilt)
             base = f', base tilted by {tilt:.1f} degrees' if tilt else ''
             return f'chain: axes from the URDF{base}; {residual}'
-        return (f'chain: {counted(chain.starts, "start")}, '
-                f'{counted(sum(chain.square), "right angle")}; {residual}')
+        return f'chain: axes from the torque; {residual}'
     problems = [solution.lasso for solution in result.report.solver]
     ends = [problem.certificate for problem in problems]
     iterations = sum(problem.iterations for problem in problems)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from gravity_comp_ros.diagnosis.structure_check import StructureViolation
-
 
 class Verdict(StrEnum):
     """Confidence in a finding, the highest first; the last two name no single effect."""
@@ -42,7 +40,7 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
     torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
-    `runs_better` the share of runs that it improves. `rivals` are alternative explanations.
+    `runs_better` the share of runs that it improves, `gain` its log evidence in nats. `rivals` are alternative explanations.
     `next_step` is the motion that resolves an open finding, '' for an effect to add. `verdict`
     is a `Verdict`, which compares and prints as its text.
     """
@@ -58,6 +56,7 @@ class Finding:
     runs_better: float
     why: str
     next_step: str
+    gain: float = 0.0
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
 
@@ -74,7 +73,7 @@ class Finding:
             'setting': dict(self.setting),
             'nrmse_before': self.nrmse_before, 'nrmse_after': self.nrmse_after,
             'base_absorbed': self.base_absorbed, 'runs_better': self.runs_better,
-            'p': self.p, 'why': self.why, 'next_step': self.next_step}
+            'gain': self.gain, 'p': self.p, 'why': self.why, 'next_step': self.next_step}
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ class JointReport:
 @dataclass(frozen=True)
 class Diagnosis:
     """
-    All findings, the strongest first, the reports of all joints, and violated laws of gravity.
+    All findings, the strongest first, and the reports of all joints.
 
     `untestable` maps effects of the whole arm to the reason why they cannot be tested.
     """
@@ -115,11 +114,9 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
-    laws: tuple[StructureViolation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
-                'untestable': dict(self.untestable),
-                'structure': [law.to_json() for law in self.laws]}
+                'untestable': dict(self.untestable)}

@@ -8,8 +8,6 @@ import numpy as np
 
 # Maximum travel, in rad, of a joint that counts as at rest.
 STILL = 0.01
-# Minimum speed with a certain direction, in sign widths.
-_CERTAIN = 2.0
 # Minimum share and number of samples of a condition.
 _MIN_SHARE = 0.01
 _MIN_SAMPLES = 5
@@ -27,7 +25,7 @@ def travel(motion: Motion, joint: int) -> float:
 
 def moving(motion: Motion, joint: int) -> BoolArray:
     """Return whether a joint moves with a certain direction, (M,)."""
-    fast = np.abs(motion.samples.qd[:, joint]) > _CERTAIN * motion.sign_width[joint]
+    fast = np.abs(motion.samples.qd[:, joint]) > motion.min_speed(joint)
     return np.asarray(fast)
 
 
@@ -59,7 +57,7 @@ def insufficient_motion(motion: Motion, joint: int) -> str | None:
         return 'every speed is 0, as in poses at rest, and friction requires motion'
     if travel(motion, joint) < STILL or not _enough(moving(motion, joint)):
         return (f'the joint hardly moves: {travel(motion, joint):.2g} rad of travel, no speed '
-                f'clearly above {_CERTAIN * motion.sign_width[joint]:.2g} rad/s')
+                f'clearly above {motion.min_speed(joint):.2g} rad/s')
     return None
 
 
@@ -90,10 +88,10 @@ def insufficient_rest(motion: Motion, joint: int) -> str | None:
     """Return the reason if the friction of a joint at rest cannot be compared with motion."""
     if reason := insufficient_motion(motion, joint):
         return reason
-    free = np.abs(motion.direction(joint)) < 0.5
+    free = ~moving(motion, joint)
     if free.mean() < 2 * _MIN_SHARE or free.sum() < 2 * _MIN_SAMPLES:
-        return ('the joint is never at rest for long, or its friction persists at rest, so that '
-                'this friction cannot be distinguished from an offset')
+        return ('the joint is never at rest for long, so that this '
+                'friction cannot be distinguished from an offset')
     return None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -31,10 +31,12 @@ class TorqueRipple(Effect):
     experiment = ('move joint {joint} slowly over its whole range with the other joints at rest, '
                   'with at least ten samples per period')
     signature = 'position'
+    uses_gravity = False
     source = ('P. S. Gandhi, F. H. Ghorbel, J. Dabney, Modeling, identification, and '
               'compensation of friction in harmonic drives, CDC 2002')
     setting_units = {'k': '1/rad'}
-    pointwise = True
+    is_static = True
+    size = 0.03
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         angle = setting['k'] * motion.samples.q[:, joint]
@@ -47,11 +49,15 @@ class TorqueRipple(Effect):
         step = max(1, int(0.5 * np.pi / excitation.travel(motion, joint)))
         return [{'k': float(k)} for k in range(lowest, highest + 1, step)]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
         # Gear ratios need not be integers.
         width, lowest = np.pi / excitation.travel(motion, joint), _lowest(motion, joint)
-        return [{'k': k} for part in (-0.5, -0.25, 0.25, 0.5)
+        return [{'k': k} for part in (-0.5 * step, 0.5 * step)
                 if (k := setting['k'] + part * width) >= lowest]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.full(2, self.size * sizes.torque)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         lowest, highest = _range(motion, joint)

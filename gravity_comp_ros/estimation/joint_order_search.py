@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
 from gravity_comp_ros.models.kinematic.chain_starts import next_axes
+from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.start import generic_poses
 import numpy as np
 
 Order = tuple[int, ...]
@@ -64,11 +65,10 @@ def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
 
 
 def _problem(samples: JointSamples) -> ChainProblem:
-    regression = build_regression(samples).thinned(_MAX_SAMPLES)
-    few, terms = regression.samples, regression.linear_terms()
-    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((few.tau ** 2).mean(axis=0)).max()), 1e-9)
-    return ChainProblem(few.q, few.tau, np.full(few.tau.shape, weight), terms.columns,
-                        terms.spread)
+    poses, nuisance = generic_poses(Problem.of(samples), _MAX_SAMPLES)
+    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((poses.tau ** 2).mean(axis=0)).max()), 1e-9)
+    return ChainProblem(poses.q, poses.tau, np.full(poses.tau.shape, weight), nuisance.columns,
+                        nuisance.spread)
 
 
 def _cost(problem: ChainProblem, order: Order) -> float:

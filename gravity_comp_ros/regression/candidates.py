@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.terms.effect import Effect, Setting, Sizes
-from gravity_comp_ros.terms.motion import Motion
+from gravity_comp_ros.effects.effect import Effect, Setting, Sizes
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 
@@ -85,6 +85,8 @@ def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates
     of_arm: list[Term] = []
     untestable: dict[Key, str] = {}
     for effect in effects:
+        if effect.is_shared:
+            continue
         for joint in range(n) if effect.per_joint else (None,):
             number = 0 if joint is None else joint
             reason = effect.untestable(factory.motion, number)

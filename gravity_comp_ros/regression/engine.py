@@ -17,8 +17,8 @@ from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.terms.effect import Effect
-from gravity_comp_ros.terms.motion import Motion
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _MAD = 1.4826
