@@ -25,8 +25,9 @@ DISTANCES = (0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
 LAW_UNITS = {'width': 'rad/s', 'ramp': 'rad/s', 'distance': 'rad'}
 # Minimum width relative to the speed noise: below, a law follows the noise.
 _NOISE_WIDTHS = 1.0
-# Factor of a refined law.
-_REFINED = 1.5
+_GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
+# Factor of a refined law, and by how much it may lie outside of the grid.
+_REFINED, _BEYOND = 1.5, 4.0
 
 
 def laws(speed_noise: float) -> list[dict[str, float]]:
@@ -45,8 +46,10 @@ def law_of(setting: Mapping[str, float]) -> dict[str, float]:
 def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:
     """Return the setting with a smaller and a larger parameter of its law."""
     (name, value), = law_of(setting).items()
-    factor = _REFINED ** step
-    return [{**setting, name: value / factor}, {**setting, name: value * factor}]
+    factor, grid = _REFINED ** step, _GRIDS[name]
+    low, high = grid[0] / _BEYOND, grid[-1] * _BEYOND
+    return [{**setting, name: refined} for refined in (value / factor, value * factor)
+            if low <= refined <= high]
 
 
 def direction(samples: JointSamples, path: FloatArray, qd: FloatArray,

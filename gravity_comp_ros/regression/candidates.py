@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.effects.effect import Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -41,7 +41,8 @@ class TermFactory:
               n_settings: int) -> Term:
         number = 0 if joint is None else joint
         columns = np.asarray(effect.columns(self.motion, number, setting))
-        size = np.sqrt((columns[self.rows.samples] ** 2).mean(axis=tuple(range(columns.ndim - 1))))
+        used = self.rows.used(columns).reshape(-1, columns.shape[-1])
+        size = np.sqrt(np.einsum('mk,mk->k', used, used) / len(used))
         torque = float(self.scale.torque[number]) if joint is not None else self.scale.largest
         std = effect.prior_std(Sizes(torque, size))
         return Term(effect, joint, dict(setting), self.rows.mean(columns), np.asarray(std),
@@ -97,3 +98,22 @@ def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates
             place += [factory.term(effect, joint, setting, len(settings))
                       for setting in settings]
     return Candidates(tuple(map(tuple, of_joint)), tuple(of_arm), untestable)
+
+
+def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term, ...]:
+    """
+    Return the effects that are common in joints, where the motion excites them, at one setting.
+
+    With them the axes are estimated before terms are selected: a chain that absorbs friction is
+    a wrong start.
+    """
+    terms = []
+    for effect in effects:
+        if effect.expectation is not Expectation.COMMON or effect.is_shared:
+            continue
+        for joint in range(factory.motion.samples.n_joints):
+            if effect.untestable(factory.motion, joint) is None:
+                settings = effect.settings(factory.motion, joint)
+                terms.append(factory.term(effect, joint, settings[len(settings) // 2],
+                                          len(settings)))
+    return tuple(terms)

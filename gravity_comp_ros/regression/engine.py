@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
-from gravity_comp_ros.regression.candidates import Candidates, candidates_of, TermFactory
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.regression.candidates import (
+    Candidates, candidates_of, common_terms, TermFactory)
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain, score_of
 from gravity_comp_ros.regression.noise import correlation_times, noise_std, precision_of
@@ -15,15 +16,14 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.rows import Rows, rows_of
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.search import Search
-from gravity_comp_ros.regression.shared import Shared, State
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.states import States, states_of
 from gravity_comp_ros.regression.term import Key, Term
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _MAD = 1.4826
-# Largest relative step of the shared parameters at which the axes have converged.
-_CONVERGED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,7 @@ class Problem:
     samples: JointSamples
     motion: Motion
     rows: Rows
+    states: States
     scale: Scale
     y: FloatArray
     options: EngineOptions
@@ -49,12 +50,16 @@ class Problem:
         """
         rows = rows_of(samples, options, use)
         motion = Motion.of(samples, np.zeros_like(samples.q), _no_gradient)
-        return cls(samples, motion, rows, Scale.of(samples, options), rows.mean(samples.tau),
-                   options)
+        states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
+        return cls(samples, motion, rows, states, Scale.of(samples, options),
+                   rows.mean(samples.tau), options)
 
-    def state(self, numbers: IntArray) -> State:
-        """Return the state at sample numbers."""
-        return State(self.samples.q[numbers], self.samples.qd[numbers], self.motion.qdd[numbers])
+    def factory(self, shared: Shared) -> TermFactory:
+        """Return the factory of terms on this motion with the gravity of a shared part."""
+        motion = self.motion.with_gravity(shared.gravity(self.samples.q), shared.gradient,
+                                          getattr(shared, 'chain', None),
+                                          getattr(shared, 'geometry', None))
+        return TermFactory(motion, self.rows, self.scale, self.terms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,59 +104,109 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     :param start: terms that are in the model at the beginning.
     :param forced: keys of terms that stay in the model.
     """
-    terms, options = tuple(start), problem.options
-    precision: FloatArray | None = None
+    options = problem.options
     weights = np.repeat(problem.rows.weights[:, None], problem.y.shape[1], axis=1)
+    terms = tuple(start)
+    if not terms:
+        shared = _with_common_terms(problem, shared, effects, weights)
+    fit = _Linear.at(problem, shared, problem.factory(shared), terms, weights)
     for number in range(options.passes):
-        search = _linearised(problem, shared, effects, terms, precision, weights, forced, log)
-        if number == 0 and not search.terms:
-            shared = shared.moved(search.posterior.beta[:len(shared.point)])
-            search = _linearised(problem, shared, effects, terms, None, weights, forced, log)
-        before = {(t.key, tuple(t.setting.items())) for t in search.terms}
-        posterior = search.run()
-        terms, precision = posterior.terms, posterior.precision
-        shared, posterior, steps, converged = _gauss_newton(
-            problem, shared, search.factory, posterior, weights)
-        log(f'pass {number}: {len(terms)} terms')
-        weights = problem.rows.weights[:, None] * huber_weights(_residual(posterior), options)
-        if number and before == {(t.key, tuple(t.setting.items())) for t in terms}:
+        search = _search(fit, effects, forced, log)
+        changed = search.run(with_exchanges=number > 0)
+        fit, steps, converged = _gauss_newton(fit.selected(search.posterior))
+        log(f'pass {number}: {len(search.terms)} terms')
+        if number and not changed:
             break
-    search = _linearised(problem, shared, effects, terms, precision, weights, forced, log)
+        fit = fit.weighted(
+            problem.rows.weights[:, None] * huber_weights(_residual(fit.posterior), options))
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
-    scores = {term.key: score_of(search.posterior.without((term,)), term)
-              for term in search.terms}
-    gains = {term.key: gain(search.posterior.without((term,)), scores[term.key])
-             for term in search.terms}
-    published = solve(search.design, search.terms, precision_of(
-        search.posterior, problem.scale, options, correlation_times(search.posterior)))
-    return Regression(problem, shared, published, search.candidates, search.factory.motion,
+    posterior = fit.posterior
+    scores = {term.key: score_of(posterior.without((term,)), term) for term in posterior.terms}
+    gains = {term.key: gain(posterior.without((term,)), scores[term.key])
+             for term in posterior.terms}
+    published = solve(posterior.design, posterior.terms, precision_of(
+        posterior, problem.scale, options, correlation_times(posterior)))
+    return Regression(problem, fit.shared, published, search.candidates, fit.factory.motion,
                       alternatives, gains, {key: s.unabsorbed for key, s in scores.items()}, steps,
                       converged)
 
 
-def _linearised(problem: Problem, shared: Shared, effects: Sequence[Effect],
-                terms: tuple[Term, ...], precision: FloatArray | None, weights: FloatArray,
-                forced: frozenset[Key], log: Callable[[str], None]) -> Search:
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The problem linearised at a shared part, and the posterior of some terms there."""
+
+    problem: Problem
+    shared: Shared
+    factory: TermFactory
+    weights: FloatArray
+    posterior: Posterior
+
+    @classmethod
+    def at(cls, problem: Problem, shared: Shared, factory: TermFactory, terms: tuple[Term, ...],
+           weights: FloatArray, precision: FloatArray | None = None) -> _Linear:
+        """Return the solution; without a precision the noise is that of its residual."""
+        design = _design(problem, shared, weights)
+        posterior = solve(design, terms,
+                          _first_precision(problem) if precision is None else precision)
+        if precision is None:
+            posterior = solve(design, terms,
+                              precision_of(posterior, problem.scale, problem.options))
+        return cls(problem, shared, factory, weights, posterior)
+
+    def stepped(self, renewed: bool = False) -> _Linear:
+        """
+        Return the problem linearised at the present estimate, with the same terms.
+
+        :param renewed: whether the noise is estimated again.
+        """
+        shared = self.shared.moved(self.posterior.beta[:len(self.shared.point)])
+        factory = self.problem.factory(shared)
+        terms = tuple(factory.again(term) for term in self.posterior.terms)
+        return _Linear.at(self.problem, shared, factory, terms, self.weights,
+                          None if renewed else self.posterior.precision)
+
+    def selected(self, posterior: Posterior) -> _Linear:
+        """Return the same with another posterior."""
+        return replace(self, posterior=posterior)
+
+    def weighted(self, weights: FloatArray) -> _Linear:
+        """Return the same with other weights (R, N) of the rows."""
+        return _Linear.at(self.problem, self.shared, self.factory, self.posterior.terms, weights,
+                          self.posterior.precision)
+
+
+def _with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect],
+                       weights: FloatArray) -> Shared:
+    """Return the shared part that is estimated together with the effects common in joints."""
+    factory = problem.factory(shared)
+    terms = common_terms(factory, effects)
+    return _gauss_newton(_Linear.at(problem, shared, factory, terms, weights), renewed=True)[0].shared
+
+
+def _search(fit: _Linear, effects: Sequence[Effect], forced: frozenset[Key],
+            log: Callable[[str], None]) -> Search:
     """Return a search at the present estimate of the shared part."""
-    gravity = shared.gravity(problem.samples.q)
-    motion = problem.motion.with_gravity(gravity, shared.gradient,
-                                         getattr(shared, 'chain', None),
-                                         getattr(shared, 'geometry', None))
-    factory = TermFactory(motion, problem.rows, problem.scale, problem.terms)
-    design = _design(problem, shared, weights)
-    candidates = candidates_of(factory, effects)
+    problem, design = fit.problem, fit.posterior.design
+    candidates = candidates_of(fit.factory, effects)
     pools = (*(Pool(design, [j], terms) for j, terms in enumerate(candidates.of_joint)),
              Pool(design, range(design.n_joints), candidates.of_arm))
-    selected = tuple(factory.again(term) for term in terms)
-    if precision is None:
-        precision = _first_precision(problem)
-        posterior = solve(design, selected, precision)
-        posterior = solve(design, selected,
-                          precision_of(posterior, problem.scale, problem.options))
-    else:
-        posterior = solve(design, selected, precision)
-    return Search(design, candidates, pools, factory, problem.scale, problem.options, posterior,
-                  forced, log)
+    return Search(design, candidates, pools, fit.factory, problem.scale, problem.options,
+                  fit.posterior, forced, log)
+
+
+def _gauss_newton(fit: _Linear, renewed: bool = False) -> tuple[_Linear, int, bool]:
+    """Return the fit after a few steps with the same terms, their number, and if they converged."""
+    options = fit.problem.options
+    for step in range(options.steps):
+        p = len(fit.shared.point)
+        change = np.abs(fit.posterior.beta[:p] - fit.shared.point)
+        std = np.sqrt(np.maximum(np.diag(fit.posterior.covariance)[:p], 1e-300))
+        if float((change / std).max(initial=0.0)) <= options.converged:
+            return fit, step, True
+        fit = fit.stepped(renewed)
+        if fit.shared.is_linear:
+            return fit, step + 1, True
+    return fit, options.steps, False
 
 
 def _first_precision(problem: Problem) -> FloatArray:
@@ -161,34 +216,10 @@ def _first_precision(problem: Problem) -> FloatArray:
 def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
     """Return the linearised problem: the target is the torque that the columns explain."""
     rows = problem.rows
-    columns = rows.mean_of(lambda numbers: shared.columns(problem.state(numbers)))
-    y = problem.y
+    columns, y = problem.states.mean(shared.columns), problem.y
     if not shared.is_linear:
-        y = y - rows.mean_of(lambda numbers: shared.constant(problem.state(numbers)))
+        y = y - problem.states.mean(shared.constant)
     return Design(rows, y, columns, shared.prior_std(problem.scale), weights)
-
-
-def _gauss_newton(problem: Problem, shared: Shared, factory: TermFactory, posterior: Posterior,
-                  weights: FloatArray) -> tuple[Shared, Posterior, int, bool]:
-    """Return the shared part after a few steps with the same terms, and the last posterior."""
-    p = len(shared.point)
-    scale = shared.prior_std(problem.scale)
-    size = np.inf
-    for step in range(1, problem.options.steps + 1):
-        change = (posterior.beta[:p] - shared.point) / scale
-        shared = shared.moved(posterior.beta[:p])
-        size = float(np.abs(change).max())
-        if shared.is_linear or size < _CONVERGED:
-            return shared, posterior, step, True
-        gravity = shared.gravity(problem.samples.q)
-        motion = factory.motion.with_gravity(gravity, shared.gradient,
-                                             getattr(shared, 'chain', None),
-                                             getattr(shared, 'geometry', None))
-        factory = TermFactory(motion, problem.rows, problem.scale, problem.terms)
-        terms = tuple(factory.again(term) for term in posterior.terms)
-        posterior = solve(_design(problem, shared, weights), terms, posterior.precision)
-    shared = shared.moved(posterior.beta[:p])
-    return shared, posterior, problem.options.steps, size < 10 * _CONVERGED
 
 
 def _residual(posterior: Posterior) -> FloatArray:

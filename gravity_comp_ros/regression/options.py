@@ -18,6 +18,8 @@ class EngineOptions:
     - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
       that time and memory do not grow with the rate.
     - `max_rows`: with more, the means are over a longer time.
+    - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
+      state; the error is 2e-5 of the torque.
     - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
       times the correlation time of the residual of a drive.
 
@@ -42,6 +44,7 @@ class EngineOptions:
 
     - `max_rounds`: rounds of additions, exchanges and removals at one noise.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
+    - `converged`: largest Gauss-Newton step, in posterior standard deviations, that ends them.
     - `starts`: alternatives from which the terms of a joint are selected again.
     - `halvings`: halvings of the step in which a nonlinear setting is refined.
 
@@ -50,6 +53,7 @@ class EngineOptions:
 
     row_seconds: float = 0.1
     max_rows: int = 6000
+    cell_angle: float = 0.02
     block_seconds: float = 2.0
     discrepancy: float = 3e-4
     floor: float = 1e-5
@@ -61,7 +65,8 @@ class EngineOptions:
     min_unabsorbed: float = 0.02
     max_rounds: int = 20
     passes: int = 3
-    steps: int = 3
+    steps: int = 8
+    converged: float = 0.1
     starts: int = 5
     halvings: int = 6
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.runs import run_slices
@@ -11,12 +10,8 @@ from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
-# Values (B, ...) at sample numbers (B,).
-Columns = Callable[[IntArray], FloatArray]
 # Number of folds of a held-out error, and duration in s of a block that is held out in one piece.
 N_FOLDS, _FOLD_SECONDS = 5, 10.0
-# Samples per batch of columns, which bounds the memory.
-_BATCH = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,26 +43,15 @@ class Rows:
 
     def mean(self, values: FloatArray) -> FloatArray:
         """Return the means (R, ...) of values (M, ...) at all samples of the recording."""
-        return self._mean_of_used(values[self.samples])
+        return mean_of(self.used(values), self.first, self.count)
 
-    def mean_of(self, columns: Columns) -> FloatArray:
-        """Return the means (R, ...) of columns, computed in batches of sample numbers (B,)."""
-        edges = np.append(self.first, len(self.samples))
-        parts, start = [], 0
-        while start < self.n_rows:
-            end = int(np.searchsorted(edges, edges[start] + _BATCH, side='right')) - 1
-            end = min(max(end, start + 1), self.n_rows)
-            here = self.samples[edges[start]:edges[end]]
-            parts.append(_mean(columns(here), self.first[start:end] - edges[start],
-                               self.count[start:end]))
-            start = end
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    def _mean_of_used(self, used: FloatArray) -> FloatArray:
-        return _mean(used, self.first, self.count)
+    def used(self, values: FloatArray) -> FloatArray:
+        """Return values (U, ...) at the used samples, of values (M, ...) at all."""
+        return values if len(values) == len(self.samples) else values[self.samples]
 
 
-def _mean(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
+def mean_of(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
+    """Return the means (G, ...) of consecutive groups of values (M, ...)."""
     if len(first) == len(values):
         return values
     total = np.add.reduceat(values, first, axis=0)

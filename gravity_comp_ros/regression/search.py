@@ -60,17 +60,24 @@ class Search:
     def keys(self) -> set[Key]:
         return {term.key for term in self.terms}
 
-    def run(self) -> Posterior:
-        """Return the posterior of the selected terms."""
+    def run(self, with_exchanges: bool = True) -> bool:
+        """
+        Select terms; return whether the selection has changed.
+
+        :param with_exchanges: whether terms are exchanged between joints and selected again from
+            other starts, which is only useful near the final estimate of the shared part.
+        """
+        changed = False
         for _ in range(_MAX_NOISES):
-            before = self.posterior
             self._tabu.clear()
-            for _ in range(self.options.max_rounds):
-                if not (self._improve() or self._exchange()):
-                    break
-            if not self._renew_noise() and self.terms == before.terms:
+            rounds = 0
+            while rounds < self.options.max_rounds and (
+                    self._improve() or with_exchanges and self._exchange()):
+                rounds += 1
+            changed |= rounds > 0
+            if not self._renew_noise() and not rounds:
                 break
-        return self.posterior
+        return changed
 
     def _renew_noise(self) -> bool:
         """Estimate the noise from the present residual; return whether it changed."""

@@ -30,6 +30,10 @@ class State:
         """Return whether no joint moves, so that only gravity acts."""
         return not (self.qd.any() or self.qdd.any())
 
+    def select(self, here: slice) -> State:
+        """Return some of the states."""
+        return State(self.q[here], self.qd[here], self.qdd[here])
+
 
 class Shared(ABC):
     """A parametrisation of the torque of all joints, with P parameters."""
