@@ -20,6 +20,8 @@ _THREE_SPEEDS = ('move joint {joint} back and forth over its range at three spee
 # Effects that are corrected by friction at low speed.
 DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
 _DISSIPATES = 'friction dissipates energy'
+# Relative asymmetry of friction with which a search starts, its range and the factor of a step.
+_SKEW, _SKEWS, _SKEW_FACTOR = 0.4, (0.05, 0.9), 1.5
 
 
 class DirectionEffect(Effect):
@@ -92,12 +94,18 @@ class ViscousFriction(Effect):
 
 
 class AsymmetricFriction(DirectionEffect):
+    """
+    With a direction that persists at rest, the level of Dahl's element differs by direction.
+
+    `skew` is the difference of the levels relative to their sum: F_a / F_c.
+    """
+
     name = 'asymmetric_friction'
     title = 'Asymmetric friction'
     family = 'friction'
-    equation = 'tau_n = F_a |d_n|'
+    equation = 'tau_n = F_a |d_n|, or F_a (z_n(skew) - z_n(0)) / skew, z_n of Dahl\'s element'
     description = ('Friction that is larger in one direction than in the other. In motion it is '
-                   'equal to an offset; at rest it vanishes.')
+                   'equal to an offset; at rest it vanishes or persists as the friction does.')
     coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction in positive and '
                                               'negative direction'),)
     confounders = ('torque_offset', 'coulomb_friction')
@@ -107,16 +115,29 @@ class AsymmetricFriction(DirectionEffect):
     uses_gravity = False
     source = ('B. Armstrong-Hélouvry et al., A survey of models, analysis tools and compensation '
               'methods for the control of machines with friction, Automatica 30, 1994')
+    setting_units = {'skew': '', **LAW_UNITS}
     corrects = DRY
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return np.abs(motion.direction(joint, law_of(setting)))[:, None]
+        law = law_of(setting)
+        d = motion.direction(joint, law)
+        if 'skew' not in setting:
+            return np.abs(d)[:, None]
+        skewed = motion.direction(joint, {**law, 'skew': setting['skew']})
+        return ((skewed - d) / setting['skew'])[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return [{**law, 'skew': _SKEW} if 'distance' in law else law
+                for law in super().settings(motion, joint)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        skewed = [{**setting, 'skew': float(np.clip(setting['skew'] * _SKEW_FACTOR ** k, *_SKEWS))}
+                  for k in (-step, step) if 'skew' in setting]
+        return [*super().refine(motion, joint, setting, step), *skewed]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.05 * sizes.torque])
-
-    def untestable(self, motion: Motion, joint: int) -> str | None:
-        return excitation.insufficient_rest(motion, joint)
 
 
 class LoadDependentFriction(DirectionEffect):

@@ -21,7 +21,7 @@ import numpy as np
 
 WIDTHS = (0.002, 0.005, 0.012, 0.03)            # rad/s
 RAMPS = (0.01, 0.03, 0.08)                      # rad/s
-DISTANCES = (0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
+DISTANCES = (0.00015, 0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
 LAW_UNITS = {'width': 'rad/s', 'ramp': 'rad/s', 'distance': 'rad'}
 # Minimum width relative to the speed noise: below, a law follows the noise.
 _NOISE_WIDTHS = 1.0
@@ -60,7 +60,7 @@ def direction(samples: JointSamples, path: FloatArray, qd: FloatArray,
     :param path: its denoised angle (M,), rad (`path_of`). :param qd: its speed (M,), rad/s.
     """
     if 'distance' in law:
-        return np.concatenate([presliding_state(path[run], law['distance'])
+        return np.concatenate([presliding_state(path[run], law['distance'], law.get('skew', 0.0))
                                for run in run_slices(samples)])
     return smooth_sign(qd, law)
 

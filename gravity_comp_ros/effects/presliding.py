@@ -12,7 +12,7 @@ _MAX_STEP_RATIO = 1.2
 _MIN_EVEN_SHARE = 0.05
 
 
-def presliding_state(path: FloatArray, distance: float) -> FloatArray:
+def presliding_state(path: FloatArray, distance: float, skew: float = 0.0) -> FloatArray:
     """
     Return the state z, from -1 to 1, of Dahl's element along a path (M,) in rad of one run.
 
@@ -21,6 +21,9 @@ def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     distance since then. The initial state is 0 and decays within a few distances.
 
     :param distance: rad.
+    :param skew: by how much the level is larger in the positive direction, less than 1. The
+        stiffness is the same in both, so the levels are skew + s and the distances
+        (1 + s skew) distance.
     """
     steps = np.diff(path, prepend=path[:1])
     travelled, direction = np.cumsum(np.abs(steps)), np.sign(steps)
@@ -30,13 +33,14 @@ def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     begin = np.append(0, np.flatnonzero(np.diff(direction, prepend=direction[:1])))
     end = np.append(begin[1:], len(path))
     at_begin = np.where(begin > 0, travelled[begin - 1], 0.0)
-    decay = np.exp((at_begin - travelled[end - 1]) / distance)
+    level, over = direction + skew * np.abs(direction), distance * (1.0 + skew * direction)
+    decay = np.exp((at_begin - travelled[end - 1]) / over[begin])
     states, state = [], 0.0
-    for sign, factor in zip(direction[begin].tolist(), decay.tolist()):
+    for final, factor in zip(level[begin].tolist(), decay.tolist()):
         states.append(state)
-        state = sign + (state - sign) * factor
+        state = final + (state - final) * factor
     initial, since = np.repeat(np.array([states, at_begin]), end - begin, axis=1)
-    return np.asarray(direction + (initial - direction) * np.exp((since - travelled) / distance))
+    return np.asarray(level + (initial - level) * np.exp((since - travelled) / over))
 
 
 def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:

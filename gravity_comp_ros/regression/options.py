@@ -55,7 +55,7 @@ class EngineOptions:
     max_rows: int = 6000
     cell_angle: float = 0.02
     block_seconds: float = 2.0
-    discrepancy: float = 3e-4
+    discrepancy: float = 1e-4
     floor: float = 1e-5
     min_scale: float = 0.1
     outlier: float = 4.0
