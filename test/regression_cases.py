@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
-from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State

@@ -16,7 +16,7 @@ from gravity_comp_ros.planning.sums import PlannedMotion, Sums
 from gravity_comp_ros.planning.targets import open_targets
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
-from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.shared import State
 import numpy as np

@@ -10,7 +10,8 @@ from bench.real_robots.cases import Case, Run
 from bench.real_robots.product import Outcome
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
-from gravity_comp_ros.regression.engine import Problem, regress, Regression
+from gravity_comp_ros.regression.engine import regress, Regression
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.start import start_chain
@@ -60,7 +61,7 @@ def predicted(result: Regression, samples: JointSamples, terms: Iterable[Term]) 
     motion = Motion.of(samples, shared.gravity(samples.q), shared.gradient,
                        getattr(shared, 'chain', None), getattr(shared, 'geometry', None))
     state = State(samples.q, samples.qd, motion.qdd)
-    total = shared.constant(state) + shared.columns(state) @ shared.point
+    total = shared.torque(state)
     for term in terms:
         columns = term.effect.columns(motion, term.joint_number, term.setting)
         torque = columns @ result.posterior.beta[result.posterior.at[term]]

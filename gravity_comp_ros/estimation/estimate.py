@@ -29,7 +29,8 @@ from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
-from gravity_comp_ros.regression.engine import Problem, regress, Regression
+from gravity_comp_ros.regression.engine import regress, Regression
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
 from gravity_comp_ros.models.kinematic.chain_starts import next_axes
-from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses
 import numpy as np
 

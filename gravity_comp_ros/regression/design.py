@@ -43,6 +43,12 @@ class Design:
         other.square = self.square - (other.y ** 2).sum(axis=1)
         return other
 
+    def with_prior(self, factor: FloatArray) -> Design:
+        """Return the same sums with prior standard deviations (P,) times a factor (P,)."""
+        other = copy(self)
+        other.prior_std = self.prior_std * factor
+        return other
+
     @property
     def n_rows(self) -> int:
         return self.y.shape[1]

@@ -80,8 +80,8 @@ class KnownAxes(Shared):
         return np.concatenate([np.zeros(2 + self.geometry.n_joints), self.values])
 
     @property
-    def is_linear(self) -> bool:
-        return False
+    def n_angles(self) -> int:
+        return 2 + self.geometry.n_joints
 
     def step_map(self) -> FloatArray:
         """
@@ -108,6 +108,10 @@ class KnownAxes(Shared):
             angles[:, :, 2:] = self.gradient(state.q)
         return np.concatenate([angles, described_columns(
             self.geometry, state.q, state.qd, state.qdd)], axis=2)
+
+    def torque(self, state: State) -> FloatArray:
+        return np.asarray(described_columns(self.geometry, state.q, state.qd, state.qdd)
+                          @ self.values)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)

@@ -10,6 +10,10 @@ with R rows, eta the discrepancy and s the torque scale of the joint. tau is the
 time of the residual. It is 1 while terms are selected, because the residual of an incomplete model
 is autocorrelated by what is missing; the scatter of a term's own scores replaces it (`gains`).
 The published covariance contains it.
+
+These weights are those of the evidence of a term: a model error could have its shape. It cannot
+have the shape of all columns at once, so coefficients are estimated with the weights of the noise
+alone, `white_precision`.
 """
 
 from __future__ import annotations
@@ -39,6 +43,11 @@ def precision_of(posterior: Posterior, scale: Scale, options: EngineOptions,
         variance = variance * times
     discrepancy = (options.discrepancy * scale.torque) ** 2 * posterior.design.n_rows
     return np.asarray(1.0 / (variance + discrepancy))
+
+
+def white_precision(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
+    """Return the weight (N,) of a squared residual of each joint by its noise alone."""
+    return np.asarray(noise_std(posterior, scale, options) ** -2.0)
 
 
 def correlation_times(posterior: Posterior) -> FloatArray:

@@ -44,9 +44,9 @@ class Shared(ABC):
         """Return the parameters (P,) at which the columns are linearised."""
 
     @property
-    def is_linear(self) -> bool:
-        """Return whether the torque is linear in the parameters."""
-        return True
+    def n_angles(self) -> int:
+        """Return the number of leading parameters that are angles, in which it is not linear."""
+        return 0
 
     @abstractmethod
     def prior_std(self, scale: Scale) -> FloatArray:
@@ -64,9 +64,9 @@ class Shared(ABC):
     def moved(self, parameters: FloatArray) -> Shared:
         """Return the same at other parameters (P,)."""
 
-    def constant(self, state: State) -> FloatArray:
-        """Return the torque (B, N) that the columns times the parameters omit at the point."""
-        return np.zeros_like(state.q)
+    def torque(self, state: State) -> FloatArray:
+        """Return the torque (B, N) in N·m at the point."""
+        return np.asarray(self.columns(state) @ self.point)
 
     def gradient(self, q: FloatArray) -> FloatArray:
         """Return d gravity_n / d q_j (B, N, N) in N·m/rad, by central differences."""

@@ -12,7 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, NuisanceDesign, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
-from gravity_comp_ros.regression.engine import Problem
+from gravity_comp_ros.regression.problem import Problem
 import numpy as np
 
 # Number of searches, starts of each, and poses that they use.

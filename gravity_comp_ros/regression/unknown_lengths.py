@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import motion_columns
+from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
@@ -26,6 +26,8 @@ import numpy as np
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
+# Rotation in rad of a finite difference.
+_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -34,14 +36,14 @@ class LengthPriors:
     Prior standard deviations of an arm without a description.
 
     `tilt` in rad of an axis about its present estimate; `moment` as a multiple of the largest
-    torque; `length` in m of a link; `inertia` in m, times the largest torque over g: a mass of
-    that weight at a third of a metre.
+    torque; `length` in m of a link; `inertia` in m, times the largest torque over g: the inertia
+    about a joint of the mass beyond it, at the reach of the arm.
     """
 
     tilt: float = 0.3
     moment: float = 2.0
-    length: float = 0.4
-    inertia: float = 0.1
+    length: float = 0.5
+    inertia: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +72,8 @@ class UnknownLengths(Shared):
                                self.inertias.ravel()])
 
     @property
-    def is_linear(self) -> bool:
-        return False
+    def n_angles(self) -> int:
+        return 2 * self.chain.n_joints
 
     def step_map(self) -> FloatArray:
         """Return the step of the chain per parameter, (4N, P)."""
@@ -91,17 +93,38 @@ class UnknownLengths(Shared):
         if not state.still:
             columns[:, :, 4 * n:] = motion_columns(
                 self.chain, state.q, state.qd, state.qdd)
+            columns[:, :, :2 * n] += self._motion_by_tilts(state)
         return columns
+
+    def torque(self, state: State) -> FloatArray:
+        return self.chain.torque(state.q) + self._motion(self.chain, state)
+
+    def _motion(self, chain: Chain, state: State) -> FloatArray:
+        if state.still or not (self.lengths.any() or self.inertias.any()):
+            return np.zeros_like(state.q)
+        return motion_torque(chain, self.lengths, self.inertias, state.q, state.qd, state.qdd)
+
+    def _motion_by_tilts(self, state: State) -> FloatArray:
+        """
+        Return d torque of motion / d tilts (B, N, 2N).
+
+        Some tilts do not change gravity, such as that about the vertical of the second axis; only
+        motion determines them. The moments are known from gravity, so that their derivative is
+        neglected.
+        """
+        n = self.chain.n_joints
+        result = np.zeros((len(state.q), n, 2 * n))
+        if not (self.lengths.any() or self.inertias.any()):
+            return result
+        torque = self._motion(self.chain, state)
+        for k in range(2 * n):
+            step = np.zeros(4 * n)
+            step[k] = _DIFFERENCE
+            result[:, :, k] = (self._motion(self.chain.moved(step), state) - torque) / _DIFFERENCE
+        return result
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)
-
-    def constant(self, state: State) -> FloatArray:
-        """Return gravity minus the columns of the moments times the moments."""
-        n = self.chain.n_joints
-        linear = self.chain.jacobian(state.q)[2 * n:]
-        return np.asarray(self.chain.torque(state.q)
-                          - np.tensordot(self.chain.moments.ravel(), linear, axes=1).T)
 
     def moved(self, parameters: FloatArray) -> UnknownLengths:
         n = self.chain.n_joints

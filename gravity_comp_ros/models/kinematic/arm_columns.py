@@ -64,6 +64,51 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
     return columns
 
 
+def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: FloatArray,
+                  qd: FloatArray, qdd: FloatArray) -> FloatArray:
+    """
+    Return the torque of motion (B, N) in N·m: `motion_columns` times lengths and inertias.
+
+    :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
+    """
+    n = chain.n_joints
+    kinematics = ForwardKinematics(chain.axes, q)
+    z = kinematics.frames[:, 2].transpose(0, 2, 1)
+    links = kinematics.rotated.transpose(0, 3, 2, 1)
+    spin, turn = _rates(z, qd, qdd)
+    moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
+    beyond = _suffix_sums(moments)
+    moved_beyond = _suffix_sums(np.einsum('nbxy,nby->nbx', turn, moments))
+    arms = np.einsum('nbxa,na->nbx', links[:n - 1], lengths)
+    accelerated = np.einsum('nbxy,nby->nbx', turn[:n - 1], arms)
+    # Moment about joint j: of link i itself for j <= i, of those beyond max(i, j - 1) for all i.
+    own = np.cross(beyond[1:], accelerated) + np.cross(arms, moved_beyond[1:])
+    own += np.stack([_inertia_moment(links[i], spin[i], turn[i], inertias[i])
+                     for i in range(n - 1)]) if n > 1 else 0.0
+    last = _inertia_moment(links[-1], spin[-1], turn[-1], inertias[-1])
+    outward = _suffix_sums(np.concatenate([own, last[None]]))
+    inward = np.cumsum(np.concatenate([0.0 * accelerated[:1], accelerated]), axis=0) if n > 1 \
+        else np.zeros_like(beyond)
+    return np.asarray(np.einsum('nbx,nbx->bn', z, outward + np.cross(beyond, inward)))
+
+
+def _inertia_moment(link: FloatArray, omega: FloatArray, turn: FloatArray,
+                    inertia: FloatArray) -> FloatArray:
+    """Return I alpha + omega x I omega in the base, (B, 3)."""
+    matrix = np.empty((3, 3))
+    for (x, y), value in zip(_PAIRS, inertia):
+        matrix[x, y] = matrix[y, x] = value
+    w = np.einsum('bxa,bx->ba', link, omega)
+    a = np.einsum('bxa,bx->ba', link, _alpha(turn))
+    return np.einsum('bxa,ba->bx', link, a @ matrix + np.cross(w, w @ matrix))
+
+
+def _alpha(turn: FloatArray) -> FloatArray:
+    """Return the angular acceleration (B, 3) in turn = [alpha]x + [omega]x^2."""
+    skewed = 0.5 * (turn - turn.transpose(0, 2, 1))  # [omega]x^2 is symmetric
+    return np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
+
+
 def _rates(z: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return each link's angular velocity (N, B, 3), and [alpha]x + [omega]x^2 (N, B, 3, 3)."""
     n, m = len(z), len(qd)
@@ -84,11 +129,9 @@ def _suffix_sums(values: FloatArray) -> FloatArray:
 
 def _inertia_columns(link: FloatArray, omega: FloatArray, turn: FloatArray) -> FloatArray:
     """Return I alpha + omega x I omega in the base (B, 6, 3) for each component of I."""
-    # In coordinates of the link. turn = [alpha]x + [omega]x^2, and [omega]x^2 is symmetric.
+    # In coordinates of the link.
     w = np.einsum('bxa,bx->ba', link, omega)
-    skewed = 0.5 * (turn - turn.transpose(0, 2, 1))
-    vector = np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
-    a = np.einsum('bxa,bx->ba', link, vector)
+    a = np.einsum('bxa,bx->ba', link, _alpha(turn))
     result = np.empty((len(w), 6, 3))
     for k, (x, y) in enumerate(_PAIRS):
         first, second = np.zeros_like(a), np.zeros_like(w)

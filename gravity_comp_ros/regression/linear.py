@@ -1,0 +1,140 @@
+"""
+Gauss-Newton on the posterior: linearise at the shared part, solve, and move.
+
+Angles have a prior about their present estimate. While a step does not lower the objective, that
+prior is made narrower and the step is solved again (K. Levenberg, A method for the solution of
+certain non-linear problems in least squares, 1944). The objective is that of squared residuals over
+the noise plus squared coefficients over their prior, minimal over the coefficients of the terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.noise import white_precision
+from gravity_comp_ros.regression.posterior import Posterior, solve
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.term import Term, total_std
+import numpy as np
+
+# Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
+_NARROWER, _NARROWEST = 0.25, 1e-4
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The problem linearised at a shared part, and the posterior of some terms there."""
+
+    problem: Problem
+    shared: Shared
+    factory: TermFactory
+    weights: FloatArray
+    posterior: Posterior
+
+    @classmethod
+    def at(cls, problem: Problem, shared: Shared, factory: TermFactory, terms: tuple[Term, ...],
+           weights: FloatArray, precision: FloatArray | None = None) -> Linear:
+        """Return the solution; without a precision the noise is that of its residual."""
+        design = _design(problem, shared, weights)
+        posterior = solve(design, terms,
+                          _first_precision(problem) if precision is None else precision)
+        if precision is None:
+            posterior = solve(design, terms,
+                              white_precision(posterior, problem.scale, problem.options))
+        return cls(problem, shared, factory, weights, posterior)
+
+    def moved(self, narrowed: float, renewed: bool = False) -> Linear:
+        """
+        Return the problem linearised at the present estimate, with the same terms.
+
+        :param narrowed: factor of the prior of the angles.
+        :param renewed: whether the noise is estimated again.
+        """
+        beta = self.with_narrow_angles(narrowed).beta
+        shared = self.shared.moved(beta[:len(self.shared.point)])
+        factory = self.problem.factory(shared)
+        terms = tuple(factory.again(term) for term in self.posterior.terms)
+        return Linear.at(self.problem, shared, factory, terms, self.weights,
+                         None if renewed else self.posterior.precision)
+
+    def with_narrow_angles(self, factor: float) -> Posterior:
+        """Return the posterior with the prior of the angles narrowed by a factor."""
+        if factor == 1.0 or not self.shared.n_angles:
+            return self.posterior
+        design = self.posterior.design.with_prior(np.concatenate([
+            np.full(self.shared.n_angles, factor),
+            np.ones(len(self.shared.point) - self.shared.n_angles)]))
+        return solve(design, self.posterior.terms, self.posterior.precision)
+
+    def at_point(self) -> Posterior:
+        """Return the posterior with the mean at the angles of the point, to which models refer."""
+        return replace(self.posterior, beta=self.with_narrow_angles(_NARROWEST ** 2).beta)
+
+    def objective(self, precision: FloatArray) -> float:
+        """Return the objective at the point, minimal over the coefficients of the terms."""
+        posterior, design = self.posterior, self.posterior.design
+        point, p = self.shared.point, len(self.shared.point)
+        information = np.diag(total_std(posterior.terms) ** -2.0)
+        score = np.zeros(len(information))
+        total = float(((point / design.prior_std) ** 2).sum())
+        for j, weight in enumerate(precision):
+            columns, own = posterior.columns(j), posterior.places(j)[p:] - p
+            gram, cross = design.gram[j][np.ix_(columns, columns)], design.cross[j][columns]
+            total += weight * float(design.square[j] - 2.0 * point @ cross[:p]
+                                    + point @ gram[:p, :p] @ point)
+            information[np.ix_(own, own)] += weight * gram[p:, p:]
+            score[own] += weight * (cross[p:] - gram[p:, :p] @ point)
+        return total - float(score @ np.linalg.solve(information, score)) if len(score) else total
+
+    def selected(self, posterior: Posterior) -> Linear:
+        """Return the solution with the terms of a posterior on the same columns."""
+        problem = self.problem
+        return replace(self, posterior=solve(posterior.design, posterior.terms, white_precision(
+            posterior, problem.scale, problem.options)))
+
+    def weighted(self, weights: FloatArray) -> Linear:
+        """Return the same with other weights (R, N) of the rows."""
+        return Linear.at(self.problem, self.shared, self.factory, self.posterior.terms, weights,
+                          self.posterior.precision)
+
+
+def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]:
+    """
+    Return the fit after a few steps with the same terms, their number, and if they converged.
+
+    :param renewed: whether the noise is estimated again in each step.
+    """
+    options, narrowed = fit.problem.options, 1.0
+    for step in range(options.steps):
+        p = len(fit.shared.point)
+        change = np.abs(fit.posterior.beta[:p] - fit.shared.point)
+        std = np.sqrt(np.maximum(np.diag(fit.posterior.covariance)[:p], 1e-300))
+        if float((change / std).max(initial=0.0)) <= options.converged:
+            return fit, step, True
+        following = fit.moved(narrowed, renewed)
+        if not fit.shared.n_angles:
+            return following, step + 1, True
+        precision = fit.posterior.precision
+        before = fit.objective(precision)
+        while following.objective(precision) > before and narrowed > _NARROWEST:
+            narrowed *= _NARROWER
+            following = fit.moved(narrowed, renewed)
+        fit, narrowed = following, min(1.0, narrowed / _NARROWER)
+    return fit, options.steps, False
+
+
+def _first_precision(problem: Problem) -> FloatArray:
+    return np.asarray(1.0 / (np.var(problem.y, axis=0) + (1e-3 * problem.scale.torque) ** 2))
+
+
+def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
+    """Return the linearised problem: the target is the torque that the columns explain."""
+    columns, y = problem.states.mean(shared.columns), problem.y
+    if shared.n_angles:
+        y = y - problem.states.mean(shared.torque) + columns @ shared.point
+    return Design(problem.rows, y, columns, shared.prior_std(problem.scale), weights)
+
+

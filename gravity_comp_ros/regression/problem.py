@@ -1,0 +1,56 @@
+"""A problem: samples with their motion, rows and scales, the same for every linearisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.rows import Rows, rows_of
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.states import States, states_of
+from gravity_comp_ros.regression.term import Term
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Samples with their motion, rows and scales; the same for every linearisation."""
+
+    samples: JointSamples
+    motion: Motion
+    rows: Rows
+    states: States
+    scale: Scale
+    y: FloatArray
+    options: EngineOptions
+    terms: dict[object, Term] = field(default_factory=dict)  # those that do not depend on gravity
+
+    @classmethod
+    def of(cls, samples: JointSamples, use: BoolArray | None = None,
+           options: EngineOptions = EngineOptions()) -> Problem:
+        """
+        Return the problem of samples.
+
+        :param use: mask (M,) of the samples to fit; None for all.
+        :raises FitError: if there are none.
+        """
+        rows = rows_of(samples, options, use)
+        motion = Motion.of(samples, np.zeros_like(samples.q), _no_gradient)
+        states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
+        return cls(samples, motion, rows, states, Scale.of(samples, options),
+                   rows.mean(samples.tau), options)
+
+    def factory(self, shared: Shared) -> TermFactory:
+        """Return the factory of terms on this motion with the gravity of a shared part."""
+        motion = self.motion.with_gravity(shared.gravity(self.samples.q), shared.gradient,
+                                          getattr(shared, 'chain', None),
+                                          getattr(shared, 'geometry', None))
+        return TermFactory(motion, self.rows, self.scale, self.terms)
+
+
+def _no_gradient(q: FloatArray) -> FloatArray:
+    raise NotImplementedError('the gravity of this motion is not known yet')
