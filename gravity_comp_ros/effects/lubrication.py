@@ -21,7 +21,7 @@ _ABOVE_WIDTH = 2.0
 _BELOW_TOP = 0.7
 _STRIBECK_SPEEDS = 4
 # Distances in rad over which its direction reverses, if it persists at rest.
-_DISTANCES = (0.0007, 0.003)
+_DISTANCES = (0.0001, 0.0004, 0.0015)
 # Exponents of the speed between 0, Coulomb friction, and 1, viscous friction.
 _POWERS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
 # Minimum ratio of speeds: below, a power of the speed is nearly linear.

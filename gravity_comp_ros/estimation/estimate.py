@@ -276,18 +276,7 @@ class _Work:
 
 def is_white(regression: Regression, limit: float) -> bool:
     """Return whether every joint's residual is close to the white noise of its torque."""
-    return bool((regression.noise <= limit * white_noise(regression.problem)).all())
-
-
-def white_noise(problem: Problem) -> FloatArray:
-    """Return the standard deviation (N,) in N·m of the white noise of a row."""
-    samples, rows = problem.samples, problem.rows
-    within = samples.runs[2:] == samples.runs[:-2]
-    if not within.any():
-        return np.full(samples.n_joints, noise.floor(samples.tau))
-    each = noise.of_second_differences(samples.tau, within)
-    return np.maximum(each / np.sqrt(np.median(rows.count)),
-                      problem.options.discrepancy * problem.scale.torque)
+    return bool((regression.noise <= limit * regression.problem.white_noise).all())
 
 
 def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:

@@ -112,8 +112,8 @@ def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
              Pool(design, range(design.n_joints), candidates.of_arm))
     posterior = solve(design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, problem.options))
-    return Search(design, candidates, pools, fit.factory, problem.scale, problem.options,
-                  posterior, forced, log)
+    return Search(design, candidates, pools, fit.factory, problem.scale, problem.white_noise,
+                  problem.options, posterior, forced, log)
 
 
 def _residual(posterior: Posterior) -> FloatArray:

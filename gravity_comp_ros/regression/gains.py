@@ -26,7 +26,8 @@ from scipy.special import log_ndtr
 
 # Share of a column below which the others explain it already, whatever its coefficient.
 _EXPLAINED = 3e-3
-# Number of settings of an effect, the best at kappa = 1, whose gain is computed.
+# Number of settings of an effect with the same nonlinear parameters, the best at kappa = 1, whose
+# gain is computed.
 _SETTINGS = 2
 
 
@@ -148,12 +149,13 @@ class Ranking:
 
     def _best_settings(self) -> list[int]:
         """Return the candidates above the least gain, the best settings of each effect."""
-        order, seen = [], Counter[Key]()
+        order, seen = [], Counter[tuple[Key, tuple[str, ...]]]()
         for k in np.argsort(-self.bounds):
             if self.bounds[k] <= self.least:
                 break
-            seen[self.terms[k].key] += 1
-            if seen[self.terms[k].key] <= _SETTINGS:
+            kind = self.terms[k].key, tuple(self.terms[k].setting)
+            seen[kind] += 1
+            if seen[kind] <= _SETTINGS:
                 order.append(int(k))
         return order
 

@@ -21,6 +21,8 @@ from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
 
 _POSES = 60
+# Rotation in rad of a finite difference.
+_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -105,9 +107,20 @@ class KnownAxes(Shared):
         if self.values.any():
             angles[:, :, :2] = ForwardKinematics(chain.axes, state.q).axis_columns(
                 chain.moments)[:2].transpose(2, 1, 0)
-            angles[:, :, 2:] = self.gradient(state.q)
+            angles[:, :, 2:] = self._by_zero_angles(state)
         return np.concatenate([angles, described_columns(
             self.geometry, state.q, state.qd, state.qdd)], axis=2)
+
+    def _by_zero_angles(self, state: State) -> FloatArray:
+        """Return d torque / d zero angles (B, N, N) by differences; motion is part of it."""
+        n, torque = state.q.shape[1], self.torque(state)
+        result = np.empty((len(state.q), n, n))
+        for joint in range(n):
+            q = state.q.copy()
+            q[:, joint] += _DIFFERENCE
+            result[:, :, joint] = (
+                self.torque(State(q, state.qd, state.qdd)) - torque) / _DIFFERENCE
+        return result
 
     def torque(self, state: State) -> FloatArray:
         return np.asarray(described_columns(self.geometry, state.q, state.qd, state.qdd)

@@ -21,8 +21,10 @@ from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
 
+# Factor of the prior that keeps the angles.
+_FIXED = 1e-6
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
-_NARROWER, _NARROWEST = 0.25, 1e-4
+_NARROWER, _NARROWEST = 1.0 / 16.0, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -60,6 +62,13 @@ class Linear:
         return Linear.at(self.problem, shared, factory, terms, self.weights,
                          None if renewed else self.posterior.precision)
 
+    def renewed(self) -> Linear:
+        """Return the solution with a renewed shared part (`Shared.renewed`)."""
+        shared = self.shared.renewed()
+        return self if shared is self.shared else Linear.at(
+            self.problem, shared, self.factory, self.posterior.terms, self.weights,
+            self.posterior.precision)
+
     def with_narrow_angles(self, factor: float) -> Posterior:
         """Return the posterior with the prior of the angles narrowed by a factor."""
         if factor == 1.0 or not self.shared.n_angles:
@@ -71,7 +80,7 @@ class Linear:
 
     def at_point(self) -> Posterior:
         """Return the posterior with the mean at the angles of the point, to which models refer."""
-        return replace(self.posterior, beta=self.with_narrow_angles(_NARROWEST ** 2).beta)
+        return replace(self.posterior, beta=self.with_narrow_angles(_FIXED).beta)
 
     def objective(self, precision: FloatArray) -> float:
         """Return the objective at the point, minimal over the coefficients of the terms."""
@@ -108,20 +117,19 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     :param renewed: whether the noise is estimated again in each step.
     """
     options, narrowed = fit.problem.options, 1.0
+    fit = fit.renewed()
     for step in range(options.steps):
-        p = len(fit.shared.point)
-        change = np.abs(fit.posterior.beta[:p] - fit.shared.point)
-        std = np.sqrt(np.maximum(np.diag(fit.posterior.covariance)[:p], 1e-300))
-        if float((change / std).max(initial=0.0)) <= options.converged:
-            return fit, step, True
         following = fit.moved(narrowed, renewed)
         if not fit.shared.n_angles:
             return following, step + 1, True
         precision = fit.posterior.precision
-        before = fit.objective(precision)
-        while following.objective(precision) > before and narrowed > _NARROWEST:
+        before, after = (each.objective(precision) for each in (fit, following))
+        while after > before and narrowed > _NARROWEST:
             narrowed *= _NARROWER
             following = fit.moved(narrowed, renewed)
+            after = following.objective(precision)
+        if after > (1.0 - options.converged) * before:
+            return following if after < before else fit, step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False
 

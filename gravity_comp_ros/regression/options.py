@@ -44,7 +44,10 @@ class EngineOptions:
 
     - `max_rounds`: rounds of additions, exchanges and removals at one noise.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
-    - `converged`: largest Gauss-Newton step, in posterior standard deviations, that ends them.
+    - `converged`: share by which a Gauss-Newton step must lower the objective; one in a thousand
+      changes the residual by 0.05 %.
+    - `coloured`: ratio of a joint's residual to its white noise above which pairs of terms are
+      tried; below, nothing is missing that they could explain.
     - `starts`: alternatives from which the terms of a joint are selected again.
     - `halvings`: halvings of the step in which a nonlinear setting is refined.
 
@@ -66,7 +69,8 @@ class EngineOptions:
     max_rounds: int = 20
     passes: int = 3
     steps: int = 8
-    converged: float = 0.1
+    converged: float = 1e-3
+    coloured: float = 1.3
     starts: int = 5
     halvings: int = 6
 

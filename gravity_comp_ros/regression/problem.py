@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models import noise
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import Rows, rows_of
@@ -43,6 +45,17 @@ class Problem:
         states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
         return cls(samples, motion, rows, states, Scale.of(samples, options),
                    rows.mean(samples.tau), options)
+
+    @cached_property
+    def white_noise(self) -> FloatArray:
+        """Return the standard deviation (N,) in N·m of the white noise of a row's torque."""
+        samples = self.samples
+        within = samples.runs[2:] == samples.runs[:-2]
+        if not within.any():
+            return np.full(samples.n_joints, noise.floor(samples.tau))
+        each = noise.of_second_differences(samples.tau, within)
+        return np.maximum(each / np.sqrt(np.median(self.rows.count)),
+                          self.options.discrepancy * self.scale.torque)
 
     def factory(self, shared: Shared) -> TermFactory:
         """Return the factory of terms on this motion with the gravity of a shared part."""

@@ -14,7 +14,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, Ranking
-from gravity_comp_ros.regression.noise import precision_of
+from gravity_comp_ros.regression.noise import noise_std, precision_of
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.scale import Scale
@@ -46,6 +46,7 @@ class Search:
     pools: tuple[Pool, ...]  # one for each joint, then that of several joints
     factory: TermFactory
     scale: Scale
+    white_noise: FloatArray  # (N,) standard deviation of a row, N·m
     options: EngineOptions
     posterior: Posterior
     forced: frozenset[Key] = frozenset()
@@ -196,7 +197,27 @@ class Search:
 
     def _exchange(self) -> bool:
         """Exchange terms between joints, merge equal ones, or select a joint again."""
-        return self._between_joints() or self._merge() or self._again()
+        return self._between_joints() or self._merge() or self._pair() or self._again()
+
+    def _pair(self) -> bool:
+        """
+        Add two terms to a joint whose residual is not white, of which none helps alone.
+
+        Friction that falls and then rises with speed is such a pair.
+        """
+        terms, least = self.terms, -np.inf
+        coloured = (noise_std(self.posterior, self.scale, self.options)
+                    > self.options.coloured * self.white_noise)
+        for joint in np.flatnonzero(coloured):
+            chosen: dict[Key, Term] = {}
+            for _, term in self._ranking(self.posterior, self.pools[joint], terms, least):
+                chosen.setdefault(term.key, term)
+            for term in chosen.values():
+                trial = self._solved((*terms, term))
+                partner = next(iter(self._ranking(trial, self.pools[joint], trial.terms)), None)
+                if partner is not None and self._accept((*trial.terms, partner[1]), 'pair'):
+                    return True
+        return False
 
     def alternatives(self, term: Term) -> list[tuple[float, Term]]:
         """Return other terms on any joint that could replace one: evidence and term, sorted."""

@@ -64,6 +64,10 @@ class Shared(ABC):
     def moved(self, parameters: FloatArray) -> Shared:
         """Return the same at other parameters (P,)."""
 
+    def renewed(self) -> Shared:
+        """Return the same with what is constant in a linearised problem at the estimate."""
+        return self
+
     def torque(self, state: State) -> FloatArray:
         """Return the torque (B, N) in N·m at the point."""
         return np.asarray(self.columns(state) @ self.point)

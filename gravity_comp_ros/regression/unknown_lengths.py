@@ -52,18 +52,21 @@ class UnknownLengths(Shared):
     A chain with unknown lengths: 2N tilts, 2N moments, 3(N - 1) lengths, 6N inertias.
 
     `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
+    `carried` (N, 2) are the moments in the torque of motion. They are renewed between linearised
+    problems (`renewed`): the product of moments and lengths would not be linear.
     """
 
     chain: Chain
     lengths: FloatArray
     inertias: FloatArray
+    carried: FloatArray
     priors: LengthPriors = LengthPriors()
 
     @classmethod
     def of(cls, chain: Chain) -> UnknownLengths:
         """Return a chain with lengths and inertias of 0, the mean of their prior."""
         n = chain.n_joints
-        return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)))
+        return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)), chain.moments)
 
     @property
     def point(self) -> FloatArray:
@@ -92,7 +95,7 @@ class UnknownLengths(Shared):
         columns[:, :, :4 * n] = self.chain.jacobian(state.q).transpose(2, 1, 0)
         if not state.still:
             columns[:, :, 4 * n:] = motion_columns(
-                self.chain, state.q, state.qd, state.qdd)
+                Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
             columns[:, :, :2 * n] += self._motion_by_tilts(state)
         return columns
 
@@ -102,15 +105,18 @@ class UnknownLengths(Shared):
     def _motion(self, chain: Chain, state: State) -> FloatArray:
         if state.still or not (self.lengths.any() or self.inertias.any()):
             return np.zeros_like(state.q)
-        return motion_torque(chain, self.lengths, self.inertias, state.q, state.qd, state.qdd)
+        return motion_torque(Chain(chain.axes, self.carried), self.lengths, self.inertias,
+                             state.q, state.qd, state.qdd)
+
+    def renewed(self) -> UnknownLengths:
+        return replace(self, carried=self.chain.moments)
 
     def _motion_by_tilts(self, state: State) -> FloatArray:
         """
         Return d torque of motion / d tilts (B, N, 2N).
 
         Some tilts do not change gravity, such as that about the vertical of the second axis; only
-        motion determines them. The moments are known from gravity, so that their derivative is
-        neglected.
+        motion determines them.
         """
         n = self.chain.n_joints
         result = np.zeros((len(state.q), n, 2 * n))
