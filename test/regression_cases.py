@@ -81,7 +81,7 @@ def linear_problem(samples: JointSamples, shared: Shared,
     """Return a problem with its design at the shared part, and a factory of terms."""
     problem = Problem.of(samples, options=options)
     motion = problem.motion.with_gravity(shared.gravity(samples.q), shared.gradient)
-    columns = problem.rows.mean_of(lambda k: shared.columns(problem.state(k)))
+    columns = problem.states.mean(shared.columns)
     weights = np.repeat(problem.rows.weights[:, None], samples.n_joints, axis=1)
     design = Design(problem.rows, problem.y, columns, shared.prior_std(problem.scale), weights)
     return problem, design, TermFactory(motion, problem.rows, problem.scale)

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.regression.engine import huber_weights, Problem, regress
+from gravity_comp_ros.regression.engine import huber_weights, regress
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from gravity_comp_ros.effects.friction import ViscousFriction

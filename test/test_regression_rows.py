@@ -87,7 +87,6 @@ def test_columns_in_batches_are_the_means_of_all(seed, runs, seconds):
     rows = rows_of(samples, EngineOptions(row_seconds=seconds), use)
     values = rng.normal(size=(samples.n_samples, 2, 3))
     mean = rows.mean(values)
-    np.testing.assert_allclose(rows.mean_of(lambda k: values[k]), mean, atol=1e-12)
     np.testing.assert_allclose(np.einsum('r,rnk->nk', rows.count.astype(float), mean),
                                values[use].sum(axis=0), atol=1e-8)
     # A block, and a fold of ten seconds, has rows of one run.

@@ -68,13 +68,8 @@ def augmented(arm):
         moments[k - 1] += along
         inertias[k - 1] += spread(lengths[k - 1], along)
     chain = Chain(geometry.rotations, STANDARD_GRAVITY * moments[:, :2])
-    return UnknownLengths(chain, lengths[:-1],
+    return UnknownLengths.of(chain, lengths[:-1],
                           np.array([[inertia[a] for a in PAIRS] for inertia in inertias]))
-
-
-def torque(shared, state):
-    """Return the torque (B, N) of a shared part at its point."""
-    return shared.columns(state) @ shared.point + shared.constant(state)
 
 
 @each_arm
@@ -82,7 +77,7 @@ def test_dynamics_of_known_lengths_are_those_of_pinocchio(arm):
     arm = arm()
     shared, state = augmented(arm), state_of(arm.n_joints)
     np.testing.assert_allclose(shared.gravity(state.q), gravity_torque(arm, state.q), atol=1e-8)
-    np.testing.assert_allclose(torque(shared, state),
+    np.testing.assert_allclose(shared.torque(state),
                                inverse_dynamics(arm, state.q, state.qd, state.qdd), atol=1e-8)
 
 
@@ -95,7 +90,7 @@ def test_two_links_in_a_vertical_plane_by_hand():
                   g * np.array([[(m1 + m2) * l1, 0.0], [m2 * l2, 0.0]]))
     inertias = np.zeros((2, 6))
     inertias[:, 2] = (m1 + m2) * l1 ** 2, m2 * l2 ** 2
-    shared, state = UnknownLengths(chain, np.array([[l1, 0.0, 0.0]]), inertias), state_of(2, 3)
+    shared, state = UnknownLengths.of(chain, np.array([[l1, 0.0, 0.0]]), inertias), state_of(2, 3)
     (q1, q2), (v1, v2), (a1, a2) = state.q.T, state.qd.T, state.qdd.T
     c2, s2 = np.cos(q2), np.sin(q2)
     both = m2 * l2 * g * np.cos(q1 + q2)
@@ -104,20 +99,18 @@ def test_two_links_in_a_vertical_plane_by_hand():
             + (m1 + m2) * l1 * g * np.cos(q1))
     tau2 = (m2 * l1 * l2 * c2 * a1 + m2 * l1 * l2 * s2 * v1 ** 2 + both
             + m2 * l2 ** 2 * (a1 + a2))
-    np.testing.assert_allclose(torque(shared, state), np.column_stack([tau1, tau2]), atol=1e-12)
+    np.testing.assert_allclose(shared.torque(state), np.column_stack([tau1, tau2]), atol=1e-12)
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(1, 6), st.integers(0, 1000))
 def test_columns_of_unknown_lengths_are_the_derivatives_of_their_torque(n, seed):
-    shared, rest = augmented(serial_arm(n, seed)), still(state_of(n, seed))
+    shared = augmented(serial_arm(n, seed))
     state, columns, step = state_of(n, seed), shared.columns(state_of(n, seed)), 1e-5
     for k, direction in enumerate(np.eye(len(shared.point))):
         ahead, behind = (shared.moved(shared.point + s * step * direction) for s in (1.0, -1.0))
-        # Steps of axes and moments are those of gravity; lengths and inertias add motion.
-        at = rest if k < 4 * n else state
-        slope = (torque(ahead, at) - torque(behind, at)) / (2.0 * step)
-        np.testing.assert_allclose(columns[:, :, k], slope, atol=1e-5)
+        slope = (ahead.torque(state) - behind.torque(state)) / (2.0 * step)
+        np.testing.assert_allclose(columns[:, :, k], slope, atol=2e-5)
 
 
 def test_one_step_does_not_rotate_an_axis_by_more_than_its_limit():
@@ -140,7 +133,7 @@ def described(arm):
 def test_dynamics_on_known_axes_are_those_of_pinocchio(arm):
     arm = arm()
     shared, state = described(arm), state_of(arm.n_joints, 1)
-    np.testing.assert_allclose(torque(shared, state),
+    np.testing.assert_allclose(shared.torque(state),
                                inverse_dynamics(arm, state.q, state.qd, state.qdd), atol=1e-7)
     np.testing.assert_allclose(shared.gravity(state.q), gravity_torque(arm, state.q), atol=1e-7)
 
@@ -190,7 +183,7 @@ def test_the_step_of_the_chain_reproduces_changes_of_gravity(arm, make):
              Expansion(np.array([2]), np.array([1.5]))))])
 def test_dictionary_columns_are_those_of_the_torque(shared):
     state = state_of(2)
-    np.testing.assert_allclose(torque(shared, state), shared.gravity(state.q), atol=1e-12)
+    np.testing.assert_allclose(shared.torque(state), shared.gravity(state.q), atol=1e-12)
     moved = shared.moved(2.0 * shared.point)
     np.testing.assert_allclose(moved.gravity(state.q), 2.0 * shared.gravity(state.q), atol=1e-12)
     ahead, behind = (shared.gravity(state.q + s * np.array([1e-6, 0.0])) for s in (1.0, -1.0))

@@ -63,9 +63,12 @@ class UnknownLengths(Shared):
     priors: LengthPriors = LengthPriors()
 
     @classmethod
-    def of(cls, chain: Chain) -> UnknownLengths:
-        """Return a chain with lengths and inertias of 0, the mean of their prior."""
+    def of(cls, chain: Chain, lengths: FloatArray | None = None,
+           inertias: FloatArray | None = None) -> UnknownLengths:
+        """Return a chain with lengths and inertias of 0, the mean of their prior, by default."""
         n = chain.n_joints
+        if lengths is not None and inertias is not None:
+            return cls(chain, lengths, inertias, chain.moments)
         return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)), chain.moments)
 
     @property
