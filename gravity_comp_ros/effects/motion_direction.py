@@ -42,6 +42,16 @@ def law_of(setting: Mapping[str, float]) -> dict[str, float]:
     return {name: setting[name] for name in LAW_UNITS if name in setting}
 
 
+def speed_law(setting: Mapping[str, float], width: float) -> dict[str, float]:
+    """
+    Return the law of a setting if it depends on speed alone, else one that vanishes at rest.
+
+    :param width: of the other law, rad/s.
+    """
+    return {name: value for name, value in law_of(setting).items() if name != 'distance'} or {
+        'width': width}
+
+
 def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:
     """Return the setting with a smaller and a larger parameter of its law."""
     (name, value), = law_of(setting).items()

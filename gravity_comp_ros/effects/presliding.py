@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
@@ -10,6 +13,33 @@ _NOISE_WIDTHS = 3.0
 # Maximum ratio of time steps in an evenly spaced window, and minimum share of such windows.
 _MAX_STEP_RATIO = 1.2
 _MIN_EVEN_SHARE = 0.05
+# Minimum motion, as a share of the distance, that counts as a step of a live element. Encoder
+# noise at rest is smaller; it would otherwise erase the state.
+_MIN_STEP = 0.1
+
+
+class LiveElement:
+    """
+    Dahl's element angle by angle, as a control loop reads them.
+
+    :param distance: rad.
+    """
+
+    def __init__(self, distance: float) -> None:
+        self._distance = distance
+        self._angle: float | None = None
+        self._state = 0.0
+
+    def state(self, angle: float) -> float:
+        """Return the state, from -1 to 1, at an angle in rad; angles are in order of time."""
+        if self._angle is None:
+            self._angle = angle
+        moved = angle - self._angle
+        state = _built_up(self._state, math.copysign(1.0, moved),
+                          math.exp(-abs(moved) / self._distance))
+        if abs(moved) >= _MIN_STEP * self._distance:
+            self._angle, self._state = angle, state
+        return state
 
 
 def presliding_state(path: FloatArray, distance: float) -> FloatArray:
@@ -34,9 +64,14 @@ def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     states, state = [], 0.0
     for sign, factor in zip(direction[begin].tolist(), decay.tolist()):
         states.append(state)
-        state = sign + (state - sign) * factor
+        state = _built_up(state, sign, factor)
     initial, since = np.repeat(np.array([states, at_begin]), end - begin, axis=1)
-    return np.asarray(direction + (initial - direction) * np.exp((since - travelled) / distance))
+    return np.asarray(_built_up(initial, direction, np.exp((since - travelled) / distance)))
+
+
+def _built_up(state: Any, direction: Any, decay: Any) -> Any:
+    """Return the state after a motion in one direction; `decay` is exp(-travel / distance)."""
+    return direction + (state - direction) * decay
 
 
 def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
