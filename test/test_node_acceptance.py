@@ -10,7 +10,9 @@ from broken_effort import intermittent_brake, KINDS
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.chain_of_model import as_chain
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -19,7 +21,7 @@ from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.hypotheses import Hypotheses
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.jobs import as_chain, outliers_of_change, run_fit
+from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
 import numpy as np
 import pytest
 

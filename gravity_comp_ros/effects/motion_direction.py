@@ -25,6 +25,9 @@ DISTANCES = (0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
 LAW_UNITS = {'width': 'rad/s', 'ramp': 'rad/s', 'distance': 'rad'}
 # Minimum width relative to the speed noise: below, a law follows the noise.
 _NOISE_WIDTHS = 1.0
+# Minimum speed in rad/s with a certain direction, the accuracy of encoders and drives, and the
+# same in standard deviations of the speed noise.
+_MIN_SPEED, _CERTAIN = 0.002, 3.0
 # Factor of a refined law.
 _REFINED = 1.5
 
@@ -77,6 +80,11 @@ def smooth_sign(qd: FloatArray, law: Mapping[str, float]) -> FloatArray:
     if 'ramp' in law:
         return np.clip(qd / law['ramp'], -1.0, 1.0)
     return np.asarray(np.tanh(qd / law['width']))
+
+
+def min_speeds(noise: FloatArray) -> FloatArray:
+    """Return the speed above which a direction is certain, for a noise of speeds, rad/s."""
+    return np.maximum(_MIN_SPEED, _CERTAIN * noise)
 
 
 def path_of(samples: JointSamples, q: FloatArray) -> FloatArray:
