@@ -36,7 +36,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.slow_samples import friction_size, moving_rms, TYPICAL_SPEED
+from gravity_comp_ros.node.slow_samples import friction_size, moving_rms, rms, TYPICAL_SPEED
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.
@@ -147,6 +147,10 @@ class Hypotheses:
         hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
         return self.explain(self.body, _FORCE_STD * np.tile(hats, self._noise.size) * torque)
 
+    def loaded_joints(self) -> list[int]:
+        """Return the joints whose torque exceeds the noise; others have no gain to test."""
+        return np.flatnonzero(rms(self.before) > self._noise).tolist()
+
     def gain(self, joint: int) -> Explanation:
         """Return the fit of another gain of one joint, and a constant torque of it."""
         return self.explain(self._fault([joint]))
@@ -242,17 +246,17 @@ def _friction_columns(samples: JointSamples, friction: FloatArray, model: Gravit
                       noise: FloatArray) -> FloatArray:
     """Return columns (3N, N, M) of friction and offset that may have changed."""
     m, n = samples.q.shape
-    dry, sliding = friction_size(model)
+    sizes = friction_size(model)
     laws = {effect.joint: speed_law(effect.setting, _WIDTH) for effect in (
         *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
         # Includes a torque at rest.
-        size = max(float(dry[k]), float(np.abs(friction[:, k]).max(initial=0.0)))
+        size = max(float(sizes[k]), float(np.abs(friction[:, k]).max(initial=0.0)))
         qd = samples.qd[:, k]
         columns[k, :, k] = [
             (noise[k] + _FRICTION_STD * size) * smooth_sign(qd, laws.get(name, {'width': _WIDTH})),
-            qd * (noise[k] + _FRICTION_STD * float(sliding[k])) / TYPICAL_SPEED,
+            (noise[k] + _FRICTION_STD * size) * qd / TYPICAL_SPEED,
             np.full(m, noise[k] + _OFFSET_STD * size)]
     return columns.reshape(3 * n, n, m)
 

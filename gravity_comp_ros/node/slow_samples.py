@@ -14,7 +14,6 @@ from functools import lru_cache
 
 from gravity_comp_ros.data.acceleration import AccelerationOptions, RecentVelocity
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.effects.predict import torque_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -43,29 +42,21 @@ def residual_noise(model: GravityModel) -> FloatArray:
 @lru_cache(maxsize=8)
 def expected_residual(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,), N·m, of that residual plus the drift of friction."""
-    return np.hypot(residual_noise(model), DRIFT * friction_size(model)[0])
+    return np.hypot(residual_noise(model), DRIFT * friction_size(model))
 
 
 @lru_cache(maxsize=8)
-def friction_size(model: GravityModel) -> tuple[FloatArray, FloatArray]:
-    """
-    Return the friction (N,) in N·m of a model in slow motion through its trained range.
-
-    The first is that of effects with a direction of motion, dry friction; the second that of the
-    others, which grows with speed and is given at `TYPICAL_SPEED`.
-    """
-    coverage, count = model.coverage, 1 + _SWEEP
-    share = np.linspace(0.0, 1.0, count)[:, None]
+def friction_size(model: GravityModel) -> FloatArray:
+    """Return the RMS friction (N,) in N·m of a model over a sweep through its trained range."""
+    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + _SWEEP)[:, None]
     q = coverage.q_min + share * (coverage.q_max - coverage.q_min)
-    sweep = JointSamples.single_run(model.joints, np.arange(count), q,
+    sweep = JointSamples.single_run(model.joints, np.arange(len(q)), q,
                                     np.full_like(q, TYPICAL_SPEED), np.zeros_like(q))
     known = {name for name, effect in all_effects().items() if effect.family == FRICTION}
     friction = [effect for effect in (*model.applied.effects, *model.fitted.effects)
                 if effect.name in known]
-    dry = [effect for effect in friction if law_of(effect.setting)]
-    rest = [effect for effect in friction if not law_of(effect.setting)]
     # The first sample has no direction yet where friction depends on the path.
-    return (rms(torque_of(model, dry, sweep)[1:]), rms(torque_of(model, rest, sweep)[1:]))
+    return rms(torque_of(model, friction, sweep)[1:])
 
 
 def rms(values: FloatArray) -> FloatArray:
