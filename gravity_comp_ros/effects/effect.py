@@ -89,6 +89,8 @@ class Effect(ABC):
       number.
     - `expectation`: prior expectation, which determines the evidence required.
     - `is_static`: whether it holds the arm at rest, as gravity does.
+    - `resembles_gravity`: whether it depends on the pose as gravity may, so that little motion
+      does not separate both.
     - `needs`: what its torque at a moment depends on. One that does not need the history is
       computed in a control loop, from a motion of one sample.
     - `is_compensable`: whether its torque may be sent to the drives (docs/node.md).
@@ -120,6 +122,7 @@ class Effect(ABC):
     per_joint: bool = True
     expectation: Expectation = Expectation.RARE
     is_static: bool = False
+    resembles_gravity: bool = False
     needs: Needs = Needs.HISTORY
     is_compensable: bool = False
     uses_gravity: bool = True

@@ -53,6 +53,7 @@ class JointSpring(Effect):
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
     is_static = True
+    resembles_gravity = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
@@ -131,6 +132,7 @@ class CableStiffness(Effect):
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': ''}
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -185,6 +187,7 @@ class EndStop(Effect):
               'contact)')
     setting_units = {'start': 'rad', 'side': ''}
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -242,6 +245,7 @@ class JointFlexibility(Effect):
               'Systems, Measurement and Control 109, 1987')
     scope = 'arm'
     is_static = True
+    resembles_gravity = True
     size = 0.02
     why_not_negative = 'the link would deflect against its load'
     largest = 0.01

@@ -54,6 +54,7 @@ class TorqueGain(Effect):
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
               '136, 2014')
     is_static = True
+    resembles_gravity = True
     largest = 1.0
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 

@@ -117,6 +117,7 @@ class ToolForce(Effect):
     scope = 'arm'
     per_joint = False
     is_static = True
+    resembles_gravity = True
     size = 0.03
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:

@@ -13,9 +13,9 @@ _NOISE_WIDTHS = 3.0
 # Maximum ratio of time steps in an evenly spaced window, and minimum share of such windows.
 _MAX_STEP_RATIO = 1.2
 _MIN_EVEN_SHARE = 0.05
-# Minimum motion, as a share of the distance, that counts as a step of a live element. Encoder
+# Minimum motion, as a share of the distance, that counts as a reversal of a live element. Encoder
 # noise at rest is smaller; it would otherwise erase the state.
-_MIN_STEP = 0.1
+_MIN_REVERSAL = 0.1
 
 
 class LiveElement:
@@ -27,18 +27,19 @@ class LiveElement:
 
     def __init__(self, distance: float) -> None:
         self._distance = distance
+        # The last angle in the present direction, and the state there.
         self._angle: float | None = None
-        self._state = 0.0
+        self._direction = self._state = 0.0
 
     def state(self, angle: float) -> float:
         """Return the state, from -1 to 1, at an angle in rad; angles are in order of time."""
         if self._angle is None:
             self._angle = angle
         moved = angle - self._angle
-        state = _built_up(self._state, math.copysign(1.0, moved),
-                          math.exp(-abs(moved) / self._distance))
-        if abs(moved) >= _MIN_STEP * self._distance:
-            self._angle, self._state = angle, state
+        direction = math.copysign(1.0, moved)
+        state: float = _built_up(self._state, direction, math.exp(-abs(moved) / self._distance))
+        if direction == self._direction or abs(moved) >= _MIN_REVERSAL * self._distance:
+            self._angle, self._direction, self._state = angle, direction, state
         return state
 
 

@@ -7,8 +7,8 @@ leaves the decision about a result to `acceptance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 import time
 
@@ -18,15 +18,15 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
-from gravity_comp_ros.effects.request import Request, requests
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS
-from gravity_comp_ros.estimation.fit import fit, key_of, result_of
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
+from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.models.applied_effects import target
@@ -49,9 +49,10 @@ import numpy as np
 MIN_FULL_FIT_SAMPLES = 100
 # Kind of a fit, as in replies and diagnostics.
 CHANGE, FULL_FIT = 'change of the old model', 'full fit'
-# Margin of the held-out error by which a full fit must beat a change of the old model. On about
-# thirty held-out samples a model that was wrong at other poses was better by a tenth.
-_FULL_FIT_MARGIN = 0.25
+# Margin of the held-out error by which a sparse potential must beat a chain, and a full fit a
+# change of the old model. On about thirty held-out samples a model that was wrong at other poses
+# was better by a tenth.
+_SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 # Factor of the noise of earlier epochs where gravity is fitted jointly with new effects.
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
@@ -216,15 +217,14 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
 
 
 def _converged(model: GravityModel, job: FitJob) -> Check:
-    options = FitOptions(model.formulation,
-                         geometry=job.geometry if model.geometry is not None else None)
+    options = _options(job, model.formulation)
     why = convergence_objection(model, job.train, residual_noise(model),
-                                lambda part: fit(part, options).model)
+                                lambda part: full_fit(replace(job, train=part), options))
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
 def _without_outliers(job: FitJob, chain: GravityModel | None
-                      ) -> tuple[FitJob, Mapping[str, int], GravityModel | None]:
+                      ) -> tuple[FitJob, Mapping[str, int], Candidate | None]:
     """
     Return the job without outliers, their number per joint, and the model that identified them.
 
@@ -238,13 +238,13 @@ def _without_outliers(job: FitJob, chain: GravityModel | None
         is_outlier = outliers_of_change(gravity, chain)
     else:
         try:
-            model = full_fit(replace(job, effects=()))
+            how, model = next(_full_fits(replace(job, effects=())))
         except (FitError, DataError):
             return job, {}, None
         samples = concatenate((job.train, job.held_out))
         is_outlier = outliers_of_fit(np.concatenate(
             predicted(model, job).residuals(job.train, job.held_out)), samples)
-        first = None if job.effects else model
+        first = None if job.effects else (how, model)
     if not is_outlier.any():
         return job, {}, first
     keep: BoolArray = ~np.asarray(is_outlier.any(axis=1))
@@ -283,14 +283,15 @@ def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, 
     """
     Return the first candidate unless a later one has a smaller held-out error by a margin.
 
-    A change of the old model extrapolates best.
+    A change of the old model extrapolates best, then a chain, then a potential. The margins
+    exceed the statistical uncertainty of the error.
     """
     (how, model), *others = candidates
     best = predicted(model, job)
     for name, other in others:
         prediction = predicted(other, job)
-        if compare(prediction, best, job.train, job.held_out,
-                   margin=_FULL_FIT_MARGIN).is_better:
+        margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN
+        if compare(prediction, best, job.train, job.held_out, margin=margin).is_better:
             how, model, best = name, other, prediction
     return how, model, best
 
@@ -305,8 +306,8 @@ def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
 
 
 def _candidates(job: FitJob, chain: GravityModel | None,
-                full: GravityModel | None) -> Iterator[Candidate]:
-    """Yield the candidate models; `full` is the full fit where it exists already."""
+                first: Candidate | None) -> Iterator[Candidate]:
+    """Yield the candidate models; `first` is the first full fit where it exists already."""
     base = chain or job.base
     if base is not None and (base.energy is None or base.joints != job.train.names):
         base = None
@@ -320,56 +321,59 @@ def _candidates(job: FitJob, chain: GravityModel | None,
                            f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
                            'moving slowly')
     if base is None:
-        yield FULL_FIT, full or full_fit(job)
+        yield from _full_fits(job, first)
         return
     samples = replace(job.train, tau=job.train.tau - effect_torque(base, job.train))
     yield CHANGE, update(base, samples, geometry=base.geometry).model
     if len(job.train) >= MIN_FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
-            yield FULL_FIT, full or full_fit(job)
+            yield from _full_fits(job, first)
 
 
-def full_fit(job: FitJob) -> GravityModel:
+def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidate]:
+    """
+    Yield models fitted to the samples alone, of the formulation of the job.
+
+    With `auto` these are the chain, which may fail, and the potential.
+    """
+    formulations = ('chain', 'potential') if job.formulation == 'auto' else (job.formulation,)
+    for formulation in formulations:
+        how = f'{FULL_FIT}, {formulation}'
+        with suppress(FitError, DataError) if formulation != formulations[-1] else nullcontext():
+            yield first if first is not None and first[0] == how else (
+                how, full_fit(job, _options(job, formulation)))
+
+
+def _options(job: FitJob, formulation: str) -> FitOptions:
+    """Return the options of a full fit, with known axes if it uses them."""
+    known = formulation == 'chain' and job.geometry is not None \
+        and job.geometry.joints == job.train.names
+    return FitOptions(formulation, geometry=job.geometry if known else None)
+
+
+def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
     """
     Return a model fitted to the training samples alone, with the requested effects.
+
+    Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
+    gravity, and what holds the arm must not be assigned to another effect.
 
     :raises FitError: if there are too few samples.
     :raises DataError: if the samples do not excite a requested effect.
     """
-    known = job.formulation in ('auto', 'chain') and job.geometry is not None \
-        and job.geometry.joints == job.train.names
-    options = FitOptions(job.formulation, geometry=job.geometry if known else None)
     # Without a request the effects of the model in use are predicted again.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
-    model = _with_effects(job.train, options, requests(targets, job.train.names))
+    requested = requests(targets, job.train.names)
+    names = {request.effect.name for request in requested}
+    tested = [effect for effect in all_effects().values()
+              if not effect.resembles_gravity or effect.name in names]
+    model = requested_fit(job.train, requested, options, tested).model
     if job.base is None or job.base.joints != model.joints:
         return model
     # Distances learned from earlier payloads stay valid.
     return replace(model, payload_path=payload_path(job.base, model))
-
-
-def _with_effects(samples: JointSamples, options: FitOptions,
-                  requested: Sequence[Request]) -> GravityModel:
-    """Return a model that predicts effects; those that a fit does not find are forced."""
-    result = fit(samples, options)
-    if not requested:
-        return result.model
-    untestable = result.estimate.regression.candidates.untestable
-    found = {effect.target for effect in (*result.model.applied.effects,
-                                          *result.model.fitted.effects)}
-    predicted, is_forced = [], False
-    for request in requested:
-        reason = untestable.get(key_of(request.target, samples.names))
-        if request.target in found or reason is None:
-            predicted.append(request.target)
-            is_forced |= request.target not in found and request.target != DYNAMICS
-        elif request.named:
-            raise DataError(f'{request.target} cannot be fitted: {reason}')
-    if is_forced:
-        return fit(samples, options, old=result.model, effects=predicted).model
-    return result_of(result.estimate, options, predicted).model
 
 
 def predicted(model: GravityModel, job: FitJob) -> Prediction:
