@@ -87,11 +87,11 @@ def test_columns_by_hand(motion, name, setting, columns):
 
 
 def test_lubricated_friction_by_hand(motion):
-    """With the narrowest direction that the noise of the speed allows."""
-    d = np.tanh(QD[:, 0] / max(0.002, motion.speed_noise[0]))
-    stribeck = known_effect('stribeck_friction').columns(motion, 0, {'speed': 0.05})
+    law = {'width': 0.004}
+    d = np.tanh(QD[:, 0] / 0.004)
+    stribeck = known_effect('stribeck_friction').columns(motion, 0, {'speed': 0.05, **law})
     np.testing.assert_allclose(stribeck[:, 0], d * np.exp(-(QD[:, 0] / 0.05) ** 2))
-    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5})
+    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5, **law})
     np.testing.assert_allclose(degressive[:, 0], d * np.sqrt(np.abs(QD[:, 0])))
 
 

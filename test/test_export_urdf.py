@@ -144,9 +144,9 @@ def test_only_numbers_of_mass_and_origin_change_byte_for_byte():
     model = GravityModel.from_energy(('a',), 'potential', Expansion(np.array([1, 2]), energy),
                                      np.array([0.01]), Coverage([-2.0], [2.0], 100), {})
     model = replace(model, applied=Applied(
-        (AppliedEffect('coulomb_friction', 'a', {}, {'F_c': Value(0.25, 'N·m', (0.2, 0.3))}),
-         AppliedEffect('torque_offset', 'a', {}, {'b': Value(0.1, 'N·m', (0.0, 0.2))})),
-        {'width': np.array([0.01])}))
+        (AppliedEffect('coulomb_friction', 'a', {'width': 0.01},
+                       {'F_c': Value(0.25, 'N·m', (0.2, 0.3))}),
+         AppliedEffect('torque_offset', 'a', {}, {'b': Value(0.1, 'N·m', (0.0, 0.2))}))))
     changed = changed_urdf(text.encode(), model)
     link = changed.links['l']
     np.testing.assert_allclose(link.mass * np.array(link.centre), [0.3, 0.0, 0.6], atol=1e-3)

@@ -85,6 +85,7 @@ class ChangeEffect(Effect):
 
     setting_units = UNITS
     is_static = True
+    resembles_gravity = True
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return change_points(motion)

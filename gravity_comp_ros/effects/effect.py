@@ -37,6 +37,14 @@ class Sizes:
     columns: FloatArray
 
 
+class Needs(StrEnum):
+    """What the torque of an effect at a moment depends on."""
+
+    SPEED = 'pose, speed and direction of motion'
+    ACCELERATION = 'acceleration as well'
+    HISTORY = 'time, or samples before or after'
+
+
 class Expectation(StrEnum):
     """Prior expectation of an effect: common in joints, or rare."""
 
@@ -81,10 +89,15 @@ class Effect(ABC):
       number.
     - `expectation`: prior expectation, which determines the evidence required.
     - `is_static`: whether it holds the arm at rest, as gravity does.
+    - `resembles_gravity`: whether it depends on the pose as gravity may, so that little motion
+      does not separate both.
+    - `needs`: what its torque at a moment depends on. One that does not need the history is
+      computed in a control loop, from a motion of one sample.
+    - `is_compensable`: whether its torque may be sent to the drives (docs/node.md).
     - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
       once.
-    - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is not
-      selected.
+    - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is
+      not selected.
     - `setting_units`: the unit of each nonlinear parameter, '' for none.
     - `corrects`: effects of which the joint must have one, because this one corrects it.
     - `size`: prior RMS of its torque, as a share of the joint's torque scale.
@@ -109,6 +122,9 @@ class Effect(ABC):
     per_joint: bool = True
     expectation: Expectation = Expectation.RARE
     is_static: bool = False
+    resembles_gravity: bool = False
+    needs: Needs = Needs.HISTORY
+    is_compensable: bool = False
     uses_gravity: bool = True
     is_shared: bool = False
     setting_units: Mapping[str, str] = {}

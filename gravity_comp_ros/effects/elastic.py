@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -47,9 +48,12 @@ class JointSpring(Effect):
     experiment = _WHOLE_RANGE
     signature = 'position'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
     is_static = True
+    resembles_gravity = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
@@ -122,10 +126,13 @@ class CableStiffness(Effect):
     experiment = f'{_WHOLE_RANGE}; if possible, once with the cables removed'
     signature = 'position'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': ''}
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -175,10 +182,12 @@ class EndStop(Effect):
                   'in different postures of the other joints')
     signature = 'position'
     uses_gravity = False
+    needs = Needs.SPEED
     source = ('B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral compliant '
               'contact)')
     setting_units = {'start': 'rad', 'side': ''}
     is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -194,8 +203,8 @@ class EndStop(Effect):
         low, span = _range(motion, joint)
         end = low + span if setting['side'] > 0 else low
         depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
-        return [{**setting, 'start': end + factor * depth} for factor in (1.3 ** -step, 1.3 ** step)
-                if abs(factor * depth) <= deepest]
+        return [{**setting, 'start': end + factor * depth}
+                for factor in (1.3 ** -step, 1.3 ** step) if abs(factor * depth) <= deepest]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([5.0 * sizes.torque])
@@ -231,10 +240,12 @@ class JointFlexibility(Effect):
                   'link, measured with an inclinometer, with that of the encoder, with and '
                   'without a known load')
     signature = 'load'
+    needs = Needs.SPEED
     source = ('M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic '
               'Systems, Measurement and Control 109, 1987')
     scope = 'arm'
     is_static = True
+    resembles_gravity = True
     size = 0.02
     why_not_negative = 'the link would deflect against its load'
     largest = 0.01

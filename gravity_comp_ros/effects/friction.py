@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import LAW_UNITS, law_of, laws, refined_laws
 import numpy as np
@@ -54,6 +54,8 @@ class CoulombFriction(DirectionEffect):
     experiment = _THREE_SPEEDS
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
               'models and friction compensation, European Journal of Control 4, 1998')
     expectation = Expectation.COMMON
@@ -78,6 +80,8 @@ class ViscousFriction(Effect):
     experiment = _THREE_SPEEDS
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
               'Control 4, 1998')
     expectation = Expectation.COMMON
@@ -113,6 +117,7 @@ class AsymmetricFriction(DirectionEffect):
                   'positions')
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
     source = ('B. Armstrong-Hélouvry et al., A survey of models, analysis tools and compensation '
               'methods for the control of machines with friction, Automatica 30, 1994')
     setting_units = {'skew': '', **LAW_UNITS}
@@ -151,6 +156,8 @@ class LoadDependentFriction(DirectionEffect):
     experiment = ('move joint {joint} back and forth over a short range in a pose with high load '
                   'and in one without load')
     signature = 'load'
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
@@ -184,6 +191,7 @@ class CoupledFriction(DirectionEffect):
                   'direction at equal speed, both in opposite directions, and each alone')
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
     source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
               'Penton, 2002 (kinematic coupling between wrist motors)')
     setting_units = {'partner': 'joint number', 'sign': '', **LAW_UNITS}

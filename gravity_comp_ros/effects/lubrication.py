@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, refined_laws, WIDTHS
@@ -45,6 +45,8 @@ class StribeckFriction(Effect):
                   'lowest steady speed of the drive to ten times that speed')
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
     setting_units = {'speed': 'rad/s', **LAW_UNITS}
@@ -108,19 +110,21 @@ class DegressiveFriction(Effect):
                   'twice the previous one')
     signature = 'speed'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('S. Wolf, M. Iskandar, Extending a dynamic friction model with nonlinear viscous '
               'and thermal dependency for a motor and harmonic drive gear, ICRA 2018')
-    setting_units = {'power': ''}
+    setting_units = {'power': '', **LAW_UNITS}
     corrects = ('coulomb_friction', 'viscous_friction')
     why_not_negative = 'this friction increases with speed'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         speed = np.abs(motion.samples.qd[:, joint])
-        direction = motion.direction(joint, _narrowest(motion, joint))
+        direction = motion.direction(joint, law_of(setting))
         return (direction * speed ** setting['power'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{'power': power} for power in _POWERS]
+        return [{'power': power, **_narrowest(motion, joint)} for power in _POWERS]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):

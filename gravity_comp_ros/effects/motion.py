@@ -7,15 +7,12 @@ from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion_direction import direction, path_of, speed_noise
+from gravity_comp_ros.effects.motion_direction import direction, min_speeds, path_of, speed_noise
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
 Gradient = Callable[[FloatArray], FloatArray]
-# Minimum speed in rad/s with a certain direction, the accuracy of encoders and drives, and the
-# same in standard deviations of the speed noise.
-_MIN_SPEED, _NOISE_WIDTHS = 0.002, 3.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ class Motion:
 
     def min_speed(self, joint: int) -> float:
         """Return the speed in rad/s above which the direction of a joint is certain."""
-        return max(_MIN_SPEED, _NOISE_WIDTHS * float(self.speed_noise[joint]))
+        return float(min_speeds(self.speed_noise[joint]))
 
     def direction(self, joint: int, law: Mapping[str, float]) -> FloatArray:
         """Return the direction of a joint's friction, (M,), from -1 to 1 (`motion_direction`)."""

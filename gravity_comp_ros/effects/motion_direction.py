@@ -25,6 +25,9 @@ DISTANCES = (0.00015, 0.0003, 0.0007, 0.0015, 0.003, 0.006, 0.02)  # rad
 LAW_UNITS = {'width': 'rad/s', 'ramp': 'rad/s', 'distance': 'rad'}
 # Minimum width relative to the speed noise: below, a law follows the noise.
 _NOISE_WIDTHS = 1.0
+# Minimum speed in rad/s with a certain direction, the accuracy of encoders and drives, and the
+# same in standard deviations of the speed noise.
+_MIN_SPEED, _CERTAIN = 0.002, 3.0
 _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
 # Factor of a refined law, and by how much it may lie outside of the grid.
 _REFINED, _BEYOND = 1.5, 4.0
@@ -41,6 +44,16 @@ def laws(speed_noise: float) -> list[dict[str, float]]:
 def law_of(setting: Mapping[str, float]) -> dict[str, float]:
     """Return the law among the nonlinear parameters of an effect."""
     return {name: setting[name] for name in LAW_UNITS if name in setting}
+
+
+def speed_law(setting: Mapping[str, float], width: float) -> dict[str, float]:
+    """
+    Return the law of a setting if it depends on speed alone, else one that vanishes at rest.
+
+    :param width: of the other law, rad/s.
+    """
+    return {name: value for name, value in law_of(setting).items() if name != 'distance'} or {
+        'width': width}
 
 
 def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:
@@ -70,6 +83,11 @@ def smooth_sign(qd: FloatArray, law: Mapping[str, float]) -> FloatArray:
     if 'ramp' in law:
         return np.clip(qd / law['ramp'], -1.0, 1.0)
     return np.asarray(np.tanh(qd / law['width']))
+
+
+def min_speeds(noise: FloatArray) -> FloatArray:
+    """Return the speed above which a direction is certain, for a noise of speeds, rad/s."""
+    return np.maximum(_MIN_SPEED, _CERTAIN * noise)
 
 
 def path_of(samples: JointSamples, q: FloatArray) -> FloatArray:

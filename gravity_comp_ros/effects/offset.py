@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.clock import origin_of, since
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -27,6 +27,8 @@ class TorqueOffset(Effect):
     experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
     uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method for '
               'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
               'Technology 21, 2013')
@@ -47,10 +49,12 @@ class TorqueGain(Effect):
     experiment = ('attach a known mass to the arm and compare the change of the torque of joint '
                   '{joint} with weight times lever arm')
     signature = 'load'
+    needs = Needs.SPEED
     source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
               '136, 2014')
     is_static = True
+    resembles_gravity = True
     largest = 1.0
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 

@@ -15,7 +15,8 @@ from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.change_points import ChangeEffect, change_factor, change_points
-from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.sparse import dictionary
@@ -110,11 +111,13 @@ class ToolForce(Effect):
     experiment = 'remove hoses and cables from the tool and record the same motion again'
     signature = 'position of the last joints'
     uses_gravity = False
+    needs = Needs.SPEED
     source = ('R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
               'in effects/payload.py')
     scope = 'arm'
     per_joint = False
     is_static = True
+    resembles_gravity = True
     size = 0.03
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:

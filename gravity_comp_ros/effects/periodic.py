@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -38,6 +39,7 @@ class TorqueRipple(Effect):
                   'with at least ten samples per period')
     signature = 'position'
     uses_gravity = False
+    needs = Needs.SPEED
     source = ('P. S. Gandhi, F. H. Ghorbel, J. Dabney, Modeling, identification, and '
               'compensation of friction in harmonic drives, CDC 2002')
     setting_units = {'k': '1/rad', 'harmonics': ''}

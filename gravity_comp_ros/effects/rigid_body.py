@@ -10,7 +10,8 @@ and Automation 6, 1990); without one in the lengths between the axes and the ine
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.arm_columns import described_columns, motion_columns
 import numpy as np
@@ -36,6 +37,7 @@ class RigidBodyDynamics(Effect):
     confounders = ()
     experiment = 'move several joints at once, at two speeds'
     signature = 'acceleration'
+    needs = Needs.ACCELERATION
     source = ('M. Gautier, W. Khalil, IEEE Trans. Robotics and Automation 6, 1990; '
               'J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977')
     scope = 'arm'

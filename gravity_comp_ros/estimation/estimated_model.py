@@ -69,13 +69,15 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
     shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
     used = problem.samples.select(problem.rows.samples)
     model = _gravity(shared, posterior, joints, Coverage.of(used), estimate.formulation)
-    predicted, fitted = [], []
+    predicted: list[AppliedEffect] = []
+    fitted: list[AppliedEffect] = []
     for term in posterior.terms:
         effect = _applied(estimate, posterior, term, joints)
         chosen = switches.is_predicted(estimate, term, effect.target)
         (predicted if chosen else fitted).append(effect)
-    if DYNAMICS in switches.predicted and isinstance(shared, (KnownAxes, UnknownLengths)):
-        predicted.append(_dynamics(estimate, shared, posterior))
+    if isinstance(shared, (KnownAxes, UnknownLengths)) and _moves(estimate, shared):
+        dynamics = _dynamics(estimate, shared, posterior)
+        (predicted if DYNAMICS in switches.predicted else fitted).append(dynamics)
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
     return with_residuals(model, estimate, used) if with_noise else model
 
@@ -86,17 +88,14 @@ def with_residuals(model: GravityModel, estimate: Estimate,
     problem = estimate.regression.problem
     samples, rows = problem.samples, problem.rows.samples
     error = (samples.tau - predict_torque(model, samples))[rows]
-    rest = error - fitted_torque(model, samples)[rows] - _motion_torque(model, estimate)[rows]
+    rest = error - fitted_torque(model, samples)[rows]
     return replace(model, noise=_rms(error), residual_std=_rms(rest))
 
 
-def _motion_torque(model: GravityModel, estimate: Estimate) -> FloatArray:
-    """Return the torque of motion (M, N) in N·m that the model does not predict."""
-    problem, shared = estimate.regression.problem, estimate.regression.shared
-    if model.applied.has(DYNAMICS, None) or not isinstance(shared, (KnownAxes, UnknownLengths)):
-        return np.zeros_like(problem.samples.q)
-    effect, motion = all_effects()[DYNAMICS], estimate.regression.motion
-    return np.asarray(effect.columns(motion, 0, {}) @ motion_parameters(shared, shared.point))
+def _moves(estimate: Estimate, shared: KnownAxes | UnknownLengths) -> bool:
+    """Return whether the motion has accelerations, from which dynamics are estimated."""
+    motion = replace(estimate.regression.motion, chain=shared.chain)
+    return all_effects()[DYNAMICS].untestable(motion, 0) is None
 
 
 def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray) -> FloatArray:
@@ -115,8 +114,7 @@ def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], cove
         model = GravityModel.from_energy(
             joints, formulation, expand(chain), none, coverage, {}, chain,
             ChainUncertainty(chain, steps @ covariance @ steps.T))
-        known = isinstance(shared, KnownAxes)
-        return replace(model, geometry=shared.geometry) if known else model
+        return replace(model, geometry=shared.geometry) if isinstance(shared, KnownAxes) else model
     if isinstance(shared, Energy):
         return GravityModel.from_energy(
             joints, formulation, shared.energy, none, coverage, {},

@@ -165,7 +165,8 @@ def fitted_sentence(model: GravityModel) -> str | None:
         joints.setdefault(effect.name, set()).add(effect.joint)
     if not joints:
         return None
-    parts = [f'{name} on {counted(len(where), "joint")}' for name, where in joints.items()]
+    parts = [name if None in where else f'{name} on {counted(len(where), "joint")}'
+             for name, where in joints.items()]
     listed = parts[0] if len(parts) == 1 else ', '.join(parts[:-1]) + ' and ' + parts[-1]
     return f'fitted jointly with gravity and not predicted: {listed}'
 

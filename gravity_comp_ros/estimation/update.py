@@ -26,6 +26,7 @@ from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
 from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -105,7 +106,8 @@ def update(model: GravityModel, samples: JointSamples,
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None) -> UpdateResult:
     # Friction and offsets identified before the change are kept.
-    nominal = None if model.applied.has(DYNAMICS, None) else geometry
+    with_dynamics = any(effects.has(DYNAMICS, None) for effects in (model.applied, model.fitted))
+    nominal = None if with_dynamics else geometry
     samples = replace(measured, tau=measured.tau - fitted_torque(model, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     reversal = sigma ** 2 / (sigma ** 2 + reversal_std(model, measured) ** 2)
@@ -174,8 +176,20 @@ def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
         geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
     residual = None if model.residual_std is None else model.residual_std[order]
-    return replace(base, applied=model.applied, history=model.history, fitted=model.fitted,
+    applied, fitted = effects_on_axes(model)
+    return replace(base, applied=applied, history=model.history, fitted=fitted,
                    residual_std=residual, geometry=geometry)
+
+
+def effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
+    """
+    Return the predicted and the fitted effects of a model whose gravity is put on known axes.
+
+    Dynamics with lengths between axes have no coefficients there; a nominal arm replaces them.
+    """
+    if model.geometry is not None:
+        return model.applied, model.fitted
+    return model.applied.without({DYNAMICS}), model.fitted.without({DYNAMICS})
 
 
 def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
