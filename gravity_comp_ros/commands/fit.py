@@ -16,7 +16,7 @@ from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import FitDetails, fitted_sentence
-from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted

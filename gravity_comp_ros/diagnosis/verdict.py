@@ -42,7 +42,7 @@ class Evidence:
         return self.estimated.regression.problem.samples.names
 
     def errors(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return the held-out residuals (U, N) without and with an effect, all others predicted."""
+        """Return held-out residuals (U, N) without and with an effect, all others predicted."""
         every = {*self.predicted, *self.torques.effects} - {DYNAMICS}
         return (self.torques.residual(every - {name}), self.torques.residual(every | {name}))
 
@@ -148,8 +148,8 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
 
 
 def _block_sums(evidence: Evidence, residual: FloatArray) -> FloatArray:
-    return np.stack([np.bincount(evidence.torques.block, column ** 2)
-                     for column in residual.T], axis=1) + 1e-300
+    return np.asarray(np.stack([np.bincount(evidence.torques.block, column ** 2)
+                                for column in residual.T], axis=1) + 1e-300)
 
 
 def p_of(gain: float) -> float:

@@ -83,8 +83,8 @@ class Effect(ABC):
     - `is_static`: whether it holds the arm at rest, as gravity does.
     - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
       once.
-    - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is not
-      selected.
+    - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is
+      not selected.
     - `setting_units`: the unit of each nonlinear parameter, '' for none.
     - `corrects`: effects of which the joint must have one, because this one corrects it.
     - `size`: prior RMS of its torque, as a share of the joint's torque scale.

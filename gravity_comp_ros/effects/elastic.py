@@ -194,8 +194,8 @@ class EndStop(Effect):
         low, span = _range(motion, joint)
         end = low + span if setting['side'] > 0 else low
         depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
-        return [{**setting, 'start': end + factor * depth} for factor in (1.3 ** -step, 1.3 ** step)
-                if abs(factor * depth) <= deepest]
+        return [{**setting, 'start': end + factor * depth}
+                for factor in (1.3 ** -step, 1.3 ** step) if abs(factor * depth) <= deepest]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([5.0 * sizes.torque])

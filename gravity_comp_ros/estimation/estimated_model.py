@@ -69,7 +69,8 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
     shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
     used = problem.samples.select(problem.rows.samples)
     model = _gravity(shared, posterior, joints, Coverage.of(used), estimate.formulation)
-    predicted, fitted = [], []
+    predicted: list[AppliedEffect] = []
+    fitted: list[AppliedEffect] = []
     for term in posterior.terms:
         effect = _applied(estimate, posterior, term, joints)
         chosen = switches.is_predicted(estimate, term, effect.target)
@@ -115,8 +116,7 @@ def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], cove
         model = GravityModel.from_energy(
             joints, formulation, expand(chain), none, coverage, {}, chain,
             ChainUncertainty(chain, steps @ covariance @ steps.T))
-        known = isinstance(shared, KnownAxes)
-        return replace(model, geometry=shared.geometry) if known else model
+        return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
     if isinstance(shared, Energy):
         return GravityModel.from_energy(
             joints, formulation, shared.energy, none, coverage, {},

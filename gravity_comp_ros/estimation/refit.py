@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -158,7 +158,7 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     if new:
         _check_not_worse(errors, options)
     fitted = model_of(estimated, Switches((*old, *new)))
-    provenance = {key: value for key, value in model.provenance.items()}
+    provenance = dict(model.provenance)
     p = _p_value(torques, before, after) if new else 1.0
     return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
                  errors, p, p < options.max_p, int(wanted.sum()),
@@ -236,9 +236,10 @@ def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> floa
     return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * old.shape[1]).p for n in changed))
 
 
-def _sums(residual: FloatArray, block: FloatArray) -> FloatArray:
+def _sums(residual: FloatArray, block: IntArray) -> FloatArray:
     """Return the sums of squares of each block, (B, N)."""
-    return np.stack([np.bincount(block, column ** 2) for column in residual.T], axis=1) + 1e-300
+    return np.asarray(np.stack([np.bincount(block, column ** 2) for column in residual.T],
+                               axis=1) + 1e-300)
 
 
 def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:
