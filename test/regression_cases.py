@@ -14,7 +14,7 @@ from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
-from gravity_comp_ros.effects.registry import known_effect
+from gravity_comp_ros.effects.request import known_effect
 import numpy as np
 from serial_arms import planar_2r
 

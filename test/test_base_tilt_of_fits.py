@@ -6,7 +6,7 @@ from bench.planning.scenes import known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.acceleration import accelerations
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (

@@ -2,7 +2,8 @@
 
 from bench.cases import generated
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
 from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve

@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np

@@ -13,7 +13,8 @@ from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.diagnosis.nuisance import nuisance_torque
 from gravity_comp_ros.effects.arm_dynamics import chain_dynamics
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand

@@ -4,7 +4,8 @@ from bench.estimator.fast_motion import recorded, worst
 from bench.planning.scenes import known_axes
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.simulation.arms import iiwa7
 import numpy as np

@@ -1,7 +1,8 @@
 """Offsets of a fit that starts from a chain without: only if they reduce the residual."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.formulation_choice import choose
 from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.nuisance import OFFSET

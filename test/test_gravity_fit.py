@@ -4,7 +4,8 @@ import json
 
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.errors import FitError, OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import admm, dictionary
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt

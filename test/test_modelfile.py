@@ -8,7 +8,8 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import ModelFileError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models import model_file
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model

@@ -6,7 +6,8 @@ from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms, motions

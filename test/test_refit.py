@@ -10,7 +10,8 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Step

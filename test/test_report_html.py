@@ -14,7 +14,8 @@ from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
 from gravity_comp_ros.diagnosis.structure_check import StructureViolation
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag

@@ -11,7 +11,8 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes
 from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.errors import DataError, ModelFileError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import identifiable, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model

@@ -14,7 +14,8 @@ from gravity_comp_ros.effects.arm_dynamics import (
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms

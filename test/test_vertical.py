@@ -7,7 +7,8 @@ from bench.planning.scenes import known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.vertical import (
     base_tilt_angle, MAX_FITTED_TILT, with_estimated_vertical)

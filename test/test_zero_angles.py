@@ -6,7 +6,8 @@ from bench.estimator.mounted import tilted
 from bench.planning.scenes import known_axes
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.zero_angles import (
     same_axes, with_zero_angles, zero_angle_differences)

@@ -24,7 +24,8 @@ from bench.estimator.builds import fit_on_axes, NOISE, true_axes
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel

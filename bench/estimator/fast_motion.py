@@ -20,7 +20,8 @@ import time
 from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque

@@ -21,7 +21,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.arm_dynamics import first_moments
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import regressor

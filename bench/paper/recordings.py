@@ -18,7 +18,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.recordings.bag import read_bag
