@@ -19,6 +19,8 @@ from serial_arms import geometry_of
 
 ARMS = ('pendulum', 'six_axis', 'iiwa7')
 RATE, DURATION, NOISE = 20.0, 100.0, 0.05
+# Start of the session of all runs on a clock, s.
+START = 1.6e9
 
 
 @cache
@@ -68,9 +70,9 @@ def motion_on(name, samples):
 
 
 def samples_of(arm, motions, tau):
-    """Return one run for each motion; `tau` is called with arm and motion."""
+    """Return one run for each motion, in one session; `tau` is called with arm and motion."""
     return concatenate([JointSamples.single_run(arm.joints, m.t, m.q, m.qd, tau(arm, m),
-                                                f'run {k + 1}')
+                                                f'run {k + 1}', START + 1.2 * DURATION * k)
                         for k, m in enumerate(motions)])
 
 

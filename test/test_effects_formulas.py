@@ -87,11 +87,12 @@ def test_columns_by_hand(motion, name, setting, columns):
 
 
 def test_lubricated_friction_by_hand(motion):
-    """With the narrowest direction that the noise of the speed allows."""
-    d = np.tanh(QD[:, 0] / max(0.002, motion.speed_noise[0]))
-    stribeck = known_effect('stribeck_friction').columns(motion, 0, {'speed': 0.05})
+    d = np.tanh(QD[:, 0] / 0.01)
+    stribeck = known_effect('stribeck_friction').columns(motion, 0,
+                                                         {'speed': 0.05, 'width': 0.01})
     np.testing.assert_allclose(stribeck[:, 0], d * np.exp(-(QD[:, 0] / 0.05) ** 2))
-    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5})
+    degressive = known_effect('degressive_friction').columns(motion, 0,
+                                                             {'power': 0.5, 'width': 0.01})
     np.testing.assert_allclose(degressive[:, 0], d * np.sqrt(np.abs(QD[:, 0])))
 
 
@@ -274,6 +275,6 @@ def test_a_spring_over_a_short_range_is_no_crank():
         motion = Motion(samples, q, q, lambda q: q[:, :, None])
         assert ('travels' in (spring.untestable(motion, 0) or '')) == (not orders)
         if orders:
-            found = spring.settings(motion, 0)
-            assert [s['overtones'] for s in found] == orders
-            assert found[0]['centre'] == pytest.approx(0.3, abs=0.01)
+            settings = spring.settings(motion, 0)
+            assert [s['overtones'] for s in settings] == orders
+            assert settings[0]['centre'] == pytest.approx(0.3, abs=0.01)

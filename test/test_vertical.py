@@ -93,7 +93,7 @@ def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
     result = fit(moved(arm), FitOptions(geometry=AXES))
     assert worst(result.model, arm) < 0.1
     assert np.degrees(result.report.base_tilt) == pytest.approx(angle, abs=1.0)
-    assert result.report.to_json()['chain']['base_tilt'] == result.report.base_tilt
+    assert result.report.to_json()['base_tilt'] == result.report.base_tilt
     first = result.report.warnings[0]
     assert 'tilted by' in first and ('ceiling' in first) == (angle > 135.0)
     assert base_tilt_angle(result.model.geometry.rotations, AXES.rotations) > MAX_FITTED_TILT

@@ -146,7 +146,7 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all ways to an estimate share."""
+    """Data that all ways to an estimate share."""
 
     problem: Problem
     options: FitOptions
@@ -294,8 +294,8 @@ def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:
     squares = np.zeros(len(sigma))
     fold = regression.problem.rows.fold
     for k in np.unique(fold):
-        left = leave_out(regression.posterior, fold == k)
-        squares += [float((left.residual(j) ** 2).sum()) for j in range(len(sigma))]
+        without = leave_out(regression.posterior, fold == k)
+        squares += [float((without.residual(j) ** 2).sum()) for j in range(len(sigma))]
     return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
 
 

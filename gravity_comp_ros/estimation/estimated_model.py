@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficients
-from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
+from gravity_comp_ros.effects.predict import fitted_torque, predict_torque, torque_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
@@ -46,8 +47,8 @@ class Switches:
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
-    least = regression.problem.options.min_unabsorbed
-    return term.effect.is_static and regression.unabsorbed[term.key] < least
+    limit = regression.problem.options.min_unabsorbed
+    return term.effect.is_static and regression.unabsorbed[term.key] < limit
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:
@@ -75,29 +76,28 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
         effect = _applied(estimate, posterior, term, joints)
         chosen = switches.is_predicted(estimate, term, effect.target)
         (predicted if chosen else fitted).append(effect)
-    if DYNAMICS in switches.predicted and isinstance(shared, (KnownAxes, UnknownLengths)):
+    if DYNAMICS in switches.predicted and has_dynamics(shared):
         predicted.append(_dynamics(estimate, shared, posterior))
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
-    return with_residuals(model, estimate, used) if with_noise else model
+    return with_residuals(model, estimate, shared, posterior) if with_noise else model
 
 
-def with_residuals(model: GravityModel, estimate: Estimate,
-                   used: JointSamples) -> GravityModel:
+def with_residuals(model: GravityModel, estimate: Estimate, shared: Shared,
+                   posterior: Posterior) -> GravityModel:
     """Return a model with the RMS of its prediction's error, and of the residual of all terms."""
     problem = estimate.regression.problem
     samples, rows = problem.samples, problem.rows.samples
     error = (samples.tau - predict_torque(model, samples))[rows]
-    rest = error - fitted_torque(model, samples)[rows] - _motion_torque(model, estimate)[rows]
+    rest = error - fitted_torque(model, samples)[rows]
+    if has_dynamics(shared) and not model.applied.has(DYNAMICS, None):
+        motion = [_dynamics(estimate, shared, posterior)]
+        rest = rest - torque_of(model, motion, samples)[rows]
     return replace(model, noise=_rms(error), residual_std=_rms(rest))
 
 
-def _motion_torque(model: GravityModel, estimate: Estimate) -> FloatArray:
-    """Return the torque of motion (M, N) in N·m that the model does not predict."""
-    problem, shared = estimate.regression.problem, estimate.regression.shared
-    if model.applied.has(DYNAMICS, None) or not isinstance(shared, (KnownAxes, UnknownLengths)):
-        return np.zeros_like(problem.samples.q)
-    effect, motion = all_effects()[DYNAMICS], estimate.regression.motion
-    return np.asarray(effect.columns(motion, 0, {}) @ motion_parameters(shared, shared.point))
+def has_dynamics(shared: Shared) -> TypeGuard[KnownAxes | UnknownLengths]:
+    """Return whether the shared part contains the dynamics of the arm."""
+    return isinstance(shared, (KnownAxes, UnknownLengths))
 
 
 def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray) -> FloatArray:
@@ -111,7 +111,7 @@ def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], cove
              formulation: str) -> GravityModel:
     p = len(shared.point)
     covariance, none = posterior.covariance[:p, :p], np.zeros(len(joints))
-    if isinstance(shared, (KnownAxes, UnknownLengths)):
+    if has_dynamics(shared):
         chain, steps = shared.chain, shared.step_map()
         model = GravityModel.from_energy(
             joints, formulation, expand(chain), none, coverage, {}, chain,
