@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from bench.cases.pauses import Pause, with_pauses
@@ -70,9 +71,9 @@ def motion_on(name, samples):
 
 
 def samples_of(arm, motions, tau):
-    """Return one run for each motion, in one session; `tau` is called with arm and motion."""
+    """Return one run for each motion; `tau` is called with arm and motion."""
     return concatenate([JointSamples.single_run(arm.joints, m.t, m.q, m.qd, tau(arm, m),
-                                                f'run {k + 1}', START + 1.2 * DURATION * k)
+                                                f'run {k + 1}')
                         for k, m in enumerate(motions)])
 
 
@@ -98,6 +99,14 @@ def clean_samples(name, runs=3):
 def clean_motion(name, runs=3):
     """Return the motion of `clean_samples` with the exact gravity."""
     return motion_on(name, clean_samples(name, runs))
+
+
+@cache
+def session_motion(name):
+    """Return the same with stamps on one clock, so that its runs are one session."""
+    motion = clean_motion(name)
+    starts = tuple(START + 1.2 * DURATION * k for k in range(motion.samples.n_runs))
+    return replace(motion, samples=replace(motion.samples, starts=starts), memo={})
 
 
 def base_columns(motion, joint):

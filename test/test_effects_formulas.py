@@ -91,8 +91,8 @@ def test_lubricated_friction_by_hand(motion):
     stribeck = known_effect('stribeck_friction').columns(motion, 0,
                                                          {'speed': 0.05, 'width': 0.01})
     np.testing.assert_allclose(stribeck[:, 0], d * np.exp(-(QD[:, 0] / 0.05) ** 2))
-    degressive = known_effect('degressive_friction').columns(motion, 0,
-                                                             {'power': 0.5, 'width': 0.01})
+    d = np.tanh(QD[:, 0] / max(0.002, motion.speed_noise[0]))
+    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5})
     np.testing.assert_allclose(degressive[:, 0], d * np.sqrt(np.abs(QD[:, 0])))
 
 

@@ -104,8 +104,9 @@ def test_no_spectrum_of_short_runs_or_joints_at_rest():
     assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
 
 
-def _finding(effect, joint):
-    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
+def _finding(effect, joint, **setting):
+    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '',
+                   setting=setting)
 
 
 def test_friction_gives_the_line_of_its_added_variable_plot():
@@ -113,13 +114,14 @@ def test_friction_gives_the_line_of_its_added_variable_plot():
     model = fit(samples).model
     rows = np.arange(0, samples.n_samples, 3)
     motion = motion_of(model, samples)
-    friction = _finding('coulomb_friction', 'shoulder')
+    friction = _finding('coulomb_friction', 'shoulder', width=0.005)
     viscous = _finding('viscous_friction', 'shoulder')
     plot = added_variable(motion, model, friction, [viscous], rows)
     assert plot.joint == 'shoulder' and plot.x.shape == rows.shape
     # The explained torque has the size of the friction, with a small residual.
     assert plot.share > 0.85 and 0.2 * COULOMB < plot.x.std() < COULOMB
-    nothing = added_variable(motion, model, _finding('coulomb_friction', 'elbow'), [], rows)
+    absent = _finding('coulomb_friction', 'elbow', width=0.005)
+    nothing = added_variable(motion, model, absent, [], rows)
     assert nothing.share < 0.1
 
 

@@ -30,6 +30,7 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import Problem, regress, Regression
+from gravity_comp_ros.regression.gains import gain_of
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions
@@ -233,13 +234,21 @@ class _Work:
         return Torques(torques), tuple(fits)
 
     def regress(self, shared: Shared, start: Iterable[Term] = ()) -> Regression:
-        """Return the regression from a start, with the terms of the old model."""
+        """
+        Return the regression from a start, with the terms of the old model and the forced ones.
+
+        A forced term that the search does not find is added at its best setting.
+        """
         terms = tuple(start)
         if not terms and self.old is not None:
             terms = self._terms_of(shared, (*self.old.applied.effects, *self.old.fitted.effects))
-        missing = self.forced - {term.key for term in terms}
-        terms = (*terms, *self._forced_terms(shared, missing))
-        return regress(self.problem, shared, self.effects, terms, self.forced)
+        present = self.forced & {term.key for term in terms}
+        first = regress(self.problem, shared, self.effects, terms, present)
+        missing = self._forced_terms(first, self.forced - {term.key for term in first.terms})
+        if not missing:
+            return first
+        return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
+                       self.forced)
 
     def _factory(self, shared: Shared) -> TermFactory:
         motion = self.problem.motion.with_gravity(
@@ -261,15 +270,16 @@ class _Work:
                 terms.append(factory.term(effect, joint, one.setting, count))
         return tuple(terms)
 
-    def _forced_terms(self, shared: Shared, keys: Iterable[Key]) -> tuple[Term, ...]:
-        """Return terms of forced effects at one of their settings; the search refines it."""
-        factory, terms, known = self._factory(shared), [], all_effects()
+    def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
+        """Return terms of forced effects at the settings with the largest gains."""
+        factory, terms, known = self._factory(first.shared), [], all_effects()
         for name, joint in sorted(keys, key=str):
             effect = known[name]
             if not effect.is_shared:
                 settings = effect.settings(factory.motion, joint or 0)
-                terms.append(factory.term(effect, joint, settings[len(settings) // 2],
-                                          len(settings)))
+                terms.append(max((factory.term(effect, joint, setting, len(settings))
+                                  for setting in settings),
+                                 key=lambda term: gain_of(first.posterior, term)))
         return tuple(terms)
 
 

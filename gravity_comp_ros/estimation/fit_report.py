@@ -19,8 +19,8 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
 
-# Minimum zero-angle offset, in rad, that is reported.
-_MIN_ZERO_ANGLE = np.radians(0.3)
+# Minimum zero-angle offset and tilt of the base, in rad, that are reported.
+_MIN_ANGLE = np.radians(0.3)
 # Minimum tilt of the base, in rad, of an arm that counts as mounted upside down.
 _UPSIDE_DOWN = np.radians(135.0)
 # Standard deviation of the torque over the whole range, as a share of the largest torque, above
@@ -109,9 +109,10 @@ def build_report(model: GravityModel, estimate: Estimate, described: Geometry | 
     known, tilt, zeros = model.geometry is not None, 0.0, {}
     if known and described is not None and model.chain is not None:
         tilt = base_tilt_angle(described.rotations, model.chain.axes)
+        tilt = tilt if tilt > _MIN_ANGLE else 0.0
         zeros = dict(zip(used.names[1:], zero_angle_differences(
             described.rotations, model.chain.axes)[1:].tolist()))
-        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ZERO_ANGLE}
+        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ANGLE}
     anywhere = _std_over_poses(model)
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
