@@ -8,6 +8,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.robust import outliers
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -113,12 +114,28 @@ def test_an_update_keeps_friction(result):
     assert list(updated.report.rmse.values()) == pytest.approx(errors.tolist())
 
 
-def test_a_brake_engagement_hardly_changes_gravity(samples):
+def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
     tau = samples.tau.copy()
     tau[200:210, 3] += 25.0
     tau[77, 1] -= 80.0
     fitted = fit(replace(samples, tau=tau))
     assert gravity_error(fitted.model) < 0.2
+    spoilt = fitted.report.outliers
+    assert spoilt['iiwa_joint_4'].n == 10 and spoilt['iiwa_joint_2'].n >= 1
+    assert spoilt['iiwa_joint_4'].first == pytest.approx(samples.t[200])
+    assert any('outliers that hardly count: 10 samples of iiwa_joint_4' in line
+               for line in fitted.report.warnings)
+
+
+def test_outliers_of_two_runs_are_reported_with_both(samples):
+    half = samples.n_samples // 2
+    residual = np.random.default_rng(0).normal(size=samples.tau.shape)
+    residual[[200, half + 10], 3] = 100.0
+    t = np.concatenate([samples.t[:half], samples.t[:samples.n_samples - half]])
+    two = JointSamples(samples.names, t, samples.q, samples.qd, samples.tau,
+                       (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
+    text = str(outliers(two, np.ones(len(two), dtype=int), residual)['iiwa_joint_4'])
+    assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
 
 
 def test_velocities_that_contradict_positions_are_replaced(samples):

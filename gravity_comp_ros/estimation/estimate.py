@@ -216,17 +216,13 @@ class _Work:
         self.report('ADMM', 0.0)
         shared, fits = self._support(formulation, self.problem.y)
         first = self.regress(shared)
-        residual = np.stack([first.posterior.residual(j) / np.maximum(
-            first.posterior.design.root[j], 1e-9) for j in range(self.problem.y.shape[1])], axis=1)
-        shared, fits = self._support(formulation, _gravity_of(first) + residual)
+        shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
         """Return the columns that ADMM selects from a gravity torque (R, N)."""
-        mean, samples = self.problem.rows.mean, self.problem.samples
-        rows = JointSamples(samples.names, self.problem.rows.t, mean(samples.q),
-                            mean(samples.qd), torque, self.problem.rows.run, samples.run_labels)
+        rows = samples_of_rows(self.problem, torque)
         if formulation == 'potential':
             energy, fits = fit_potential(rows, self.options.sparse)
             return Energy(energy), tuple(fits)
@@ -281,6 +277,21 @@ class _Work:
                                   for setting in settings),
                                  key=lambda term: gain_of(first.posterior, term)))
         return tuple(terms)
+
+
+def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:
+    """Return the means over rows as samples, with a torque (R, N) in N·m."""
+    samples, rows = problem.samples, problem.rows
+    return JointSamples(samples.names, rows.t, rows.mean(samples.q), rows.mean(samples.qd),
+                        torque, rows.run, samples.run_labels)
+
+
+def residual_of(regression: Regression) -> FloatArray:
+    """Return the residual of all terms, (R, N) in N·m."""
+    posterior = regression.posterior
+    parts = [posterior.residual(j) / np.maximum(posterior.design.root[j], 1e-9)
+             for j in range(posterior.design.n_joints)]
+    return np.stack(parts, axis=1)
 
 
 def is_white(regression: Regression, limit: float) -> bool:
