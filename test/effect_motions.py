@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from bench.cases.pauses import Pause, with_pauses
@@ -19,6 +20,8 @@ from serial_arms import geometry_of
 
 ARMS = ('pendulum', 'six_axis', 'iiwa7')
 RATE, DURATION, NOISE = 20.0, 100.0, 0.05
+# Start of the session of all runs on a clock, s.
+START = 1.6e9
 
 
 @cache
@@ -96,6 +99,14 @@ def clean_samples(name, runs=3):
 def clean_motion(name, runs=3):
     """Return the motion of `clean_samples` with the exact gravity."""
     return motion_on(name, clean_samples(name, runs))
+
+
+@cache
+def session_motion(name):
+    """Return the same with stamps on one clock, so that its runs are one session."""
+    motion = clean_motion(name)
+    starts = tuple(START + 1.2 * DURATION * k for k in range(motion.samples.n_runs))
+    return replace(motion, samples=replace(motion.samples, starts=starts), memo={})
 
 
 def base_columns(motion, joint):

@@ -274,6 +274,6 @@ def test_a_spring_over_a_short_range_is_no_crank():
         motion = Motion(samples, q, q, lambda q: q[:, :, None])
         assert ('travels' in (spring.untestable(motion, 0) or '')) == (not orders)
         if orders:
-            found = spring.settings(motion, 0)
-            assert [s['overtones'] for s in found] == orders
-            assert found[0]['centre'] == pytest.approx(0.3, abs=0.01)
+            settings = spring.settings(motion, 0)
+            assert [s['overtones'] for s in settings] == orders
+            assert settings[0]['centre'] == pytest.approx(0.3, abs=0.01)

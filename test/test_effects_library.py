@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from effect_motions import ARMS, base_columns, clean_motion, least_squares, NOISE
+from effect_motions import (
+    ARMS, base_columns, clean_motion, least_squares, NOISE, session_motion)
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Sizes
 from gravity_comp_ros.effects.offset import TorqueOffset
@@ -102,7 +103,7 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
 
 
 def test_all_effects_are_testable_on_an_exciting_motion():
-    motion = clean_motion('iiwa7')
+    motion = session_motion('iiwa7')
     blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
     assert blind == set()
 
@@ -182,7 +183,7 @@ def reordered(motion, order):
 @each_effect
 def test_columns_of_a_part_of_a_motion_are_those_of_the_whole(effect):
     # Coefficients of one recording must have the same meaning on another.
-    motion = clean_motion('six_axis')
+    motion = session_motion('six_axis')
     joint, settings = list(cases(effect, motion))[-1]
     last = motion.samples.runs == 2
     part = part_of(motion, last, motion.samples.run(2))

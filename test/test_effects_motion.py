@@ -47,7 +47,7 @@ def test_the_gradient_of_a_motion_is_computed_once_and_follows_gravity():
     assert once.gradient is once.gradient and calls == [len(motion.samples)]
     again = once.with_gravity(2.0 * motion.gravity, gradient)
     assert again.gradient[0, 0, 0] == 2.0 and again.chain is None
-    # What does not depend on gravity is kept.
+    # Results that do not depend on gravity are kept.
     assert again.direction(0, {'width': 0.01}) is once.direction(0, {'width': 0.01})
 
 
@@ -125,17 +125,17 @@ def back_and_forth(noise, seed=0):
 
 
 def best_law(samples, residual, joint=0):
-    """Return the law that explains a residual best, refined, and the standard deviation left."""
+    """Return the law that explains a residual best, refined, and the remaining deviation."""
     motion = Motion.of(samples, 0 * samples.q, lambda q: q[:, :, None])
 
-    def left(law):
+    def remaining(law):
         d = motion.direction(joint, law)
         return float((residual - d * (d @ residual) / (d @ d)).std())
 
-    best = min(laws(float(motion.speed_noise[joint])), key=left)
+    best = min(laws(float(motion.speed_noise[joint])), key=remaining)
     for step in (1.0, 0.5, 0.25):
-        best = min((best, *refined_laws(best, step)), key=left)
-    return best, left(best)
+        best = min((best, *refined_laws(best, step)), key=remaining)
+    return best, remaining(best)
 
 
 @pytest.mark.parametrize('width', [0.006, 0.015])
@@ -158,19 +158,19 @@ def test_a_ramp_is_distinguished_from_a_smooth_sign(seed):
 def test_friction_that_persists_at_rest_is_distinguished(distance):
     samples, q, v, noise = back_and_forth(5e-4)
     bristles = friction_torque(samples.t, q, v, LuGre(1.0, presliding=distance, damping=0.0))
-    law, left = best_law(samples, bristles + 0.1 * noise)
+    law, remaining = best_law(samples, bristles + 0.1 * noise)
     assert law == {'distance': pytest.approx(distance, rel=0.35)}
-    assert left < 0.11
+    assert remaining < 0.11
     assert 'distance' not in best_law(samples, np.tanh(v / 0.002) + 0.1 * noise)[0]
 
 
 def test_laws_are_not_narrower_than_the_noise_of_the_speed():
     for noise in (0.0, 4e-3, 0.02, 0.5):
-        found = laws(noise)
-        assert min(law.get('width', np.inf) for law in found) >= noise
-        assert min((law['ramp'] for law in found if 'ramp' in law), default=1.0) >= noise
-        assert any('width' in law for law in found)
-        assert sum('distance' in law for law in found) == 6
+        grid = laws(noise)
+        assert min(law.get('width', np.inf) for law in grid) >= noise
+        assert min((law['ramp'] for law in grid if 'ramp' in law), default=1.0) >= noise
+        assert any('width' in law for law in grid)
+        assert sum('distance' in law for law in grid) == 6
 
 
 def test_a_refined_law_keeps_the_other_settings():

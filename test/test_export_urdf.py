@@ -9,7 +9,8 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.link_places import described_arm
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.nearest_masses import Links, nearest_masses, NearestOptions
 from gravity_comp_ros.export.urdf_file import changed_urdf
 from gravity_comp_ros.export.xml_edit import XmlEdit

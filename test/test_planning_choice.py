@@ -98,11 +98,11 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
 def test_the_evidence_of_the_recordings_is_that_of_the_engine(effect):
     sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
     design = estimated().regression.posterior.design
-    found = [_log_evidence(sums, terms, sums.recorded, sums.score[None])[0] for terms in (
+    evidence = [_log_evidence(sums, terms, sums.recorded, sums.score[None])[0] for terms in (
         (*question.base, question.term), question.base)]
     engine = [solve(design, terms, sums.weights).log_evidence for terms in (
         (*question.base, question.term), question.base)]
-    assert found[0] - found[1] == pytest.approx(engine[0] - engine[1], rel=1e-4, abs=1e-3)
+    assert evidence[0] - evidence[1] == pytest.approx(engine[0] - engine[1], rel=1e-4, abs=1e-3)
 
 
 def test_the_utility_is_the_mean_evidence_of_drawn_results():
@@ -116,8 +116,8 @@ def test_the_utility_is_the_mean_evidence_of_drawn_results():
     mean = (options.min_gain + options.margin - question.term.log_odds) * np.expm1(utility)
     assert mean == pytest.approx(drawn.mean(), abs=4.0 * drawn.std() / np.sqrt(len(drawn)))
     # An alternative never raises it.
-    least = Criterion(sums, (question,), None).utilities(sums.recorded + added)[0, 0]
-    assert question.alternatives and least <= utility + 1e-9
+    smallest = Criterion(sums, (question,), None).utilities(sums.recorded + added)[0, 0]
+    assert question.alternatives and smallest <= utility + 1e-9
 
 
 def test_more_motion_identifies_more():
@@ -126,7 +126,7 @@ def test_more_motion_identifies_more():
     added = sums.added([path, path + path])
     after = [sums.recorded, *(sums.recorded + added)]
     shares = [unabsorbed(sums, question, a) for a in after]
-    assert shares[0] < 0.02 < min(shares[1:])
+    assert shares[0] < 0.15 < min(shares[1:])
     places = sums.with_shared((*question.base, question.term))
     stds = [np.sqrt(coefficients(sums, places, a, sums.score)[1][-1, -1]) for a in after]
     assert stds[2] < stds[1] < 0.5 * stds[0]

@@ -260,7 +260,8 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(paths, tmp_path)
     try:
         one = sessions.attach('', object())
         polled(sessions, lambda: one.session.diagnosis is not None)
-        uncertainty, = (text for text in one.session.stage.warnings if 'another chain' in text)
+        uncertainty, = (text for text in one.session.stage.warnings
+                        if 'away from the trained poses' in text)
         assert uncertainty in html.unescape(status_html(one))
         one.add(('torque_drift:elbow',))
         polled(sessions, lambda: one.error or (

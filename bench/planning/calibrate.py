@@ -77,12 +77,13 @@ def run(scene: Scene) -> dict[str, Any]:
         expected = planned.expectations[0]
         ways = {'planned': played(planned.trajectory),
                 'random': random_slow(old, limits, scene.seed)}
-        found = {way: _is_resolved(concatenate([old, sized.later(motion)]), options, model, target)
-                 for way, motion in ways.items()}
+        resolved = {
+            way: _is_resolved(concatenate([old, sized.later(motion)]), options, model, target)
+            for way, motion in ways.items()}
     except GravityCompError as problem:
         return {**result, 'error': str(problem)}
     return {**result, 'size': sized.drawn, 'plan_seconds': seconds,
-            'expected': expected.to_json(), 'found': found,
+            'expected': expected.to_json(), 'found': resolved,
             'before': _is_resolved(old, options, model, target)}
 
 

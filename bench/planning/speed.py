@@ -1,5 +1,5 @@
 """
-Processor time of plans for a seven-axis arm, in s, beside that of the estimate.
+Processor time of plans for a seven-axis arm, in s, and that of the estimate.
 
     python -m bench.planning.speed
 """

@@ -16,7 +16,7 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.collision import collision_check

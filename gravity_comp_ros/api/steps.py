@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 from gravity_comp_ros.api.axes import KnownAxes
-from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.gated import apply_gate
+from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import degrees
 import time
 
@@ -16,7 +16,7 @@ from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import FitDetails, fitted_sentence
-from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
@@ -65,16 +65,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: FitResult,
           held_out: Comparison | None, seconds: float) -> None:
-    terminal.say(*reading.lines(fitted), *arm.axes.notes,
+    terminal.say(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
                  f'joint order: {arm.order.source}')
     if fitted.holdout:
-        terminal.say(_holdout_sentence(fitted, fitted.holdout))
+        terminal.say(_holdout_sentence(fitted, fitted.holdout, result.report.n_samples))
     terminal.show('', _joint_table(result, held_out), terminal.safe(_solver_sentence(result)))
-    nuisance = fitted_sentence(result.model)
-    if nuisance:
-        terminal.show(terminal.safe(f'{nuisance} (`gravity_comp diagnose` identifies them)'),
-                      'RMSE is the error of gravity alone; the remaining error is with the '
-                      'nuisance terms')
+    effects = fitted_sentence(result.model)
+    if effects:
+        terminal.show(terminal.safe(f'{effects} (`gravity_comp diagnose` identifies them)'))
+    terminal.show('RMSE is the error of the prediction; the remaining error is that with all '
+                  'fitted terms')
     choice = result.report.choice
     terminal.say(f'{choice.formulation} was chosen: {choice.why}')
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
@@ -102,13 +102,20 @@ def _show_next_step(args: argparse.Namespace) -> None:
                        next_step.command('diagnose', args, model=args.output))
 
 
-def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
+def _unthinned(recording: Recording) -> Recording:
+    """Return the recording as it is fitted: slow samples at any rate."""
+    if recording.gate is None:
+        return recording
+    return replace(recording, gate=replace(recording.gate, rate_hz=None))
+
+
+def _holdout_sentence(fitted: Recording, holdout: Holdout, n_fitted: int) -> str:
     if fitted.n_runs > 1:
         what = ', '.join(fitted.reports[block.run].path.name for block in holdout.blocks)
     else:
         what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in holdout.blocks)
     return (f'held out: {what} ({holdout.n_samples} samples); '
-            f'{fitted.slow.n_samples} are fitted')
+            f'{n_fitted} are fitted')
 
 
 def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:

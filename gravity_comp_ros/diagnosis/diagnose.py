@@ -17,7 +17,7 @@ from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.unexplained import unexplained
 from gravity_comp_ros.diagnosis.verdict import Evidence, finding_of, finding_of_dynamics
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.estimation.estimate import estimate, Estimate, white_noise
+from gravity_comp_ros.estimation.estimate import Estimate, estimate
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.held_out import held_out_torques
 from gravity_comp_ros.estimation.refit import fit_options_of
@@ -71,7 +71,7 @@ def conclude(estimated: Estimate, model: GravityModel | None,
 
 @dataclass(frozen=True, eq=False)
 class _Conclusion:
-    """What all findings of an estimate share; `given` are the targets that the model predicts."""
+    """Data that all findings share; `given` are the targets that the model predicts."""
 
     estimated: Estimate
     evidence: Evidence
@@ -85,7 +85,7 @@ class _Conclusion:
         regression = estimated.regression
         absorbed = {target_of(term, regression.problem.samples.names)
                     for term in regression.terms if is_absorbed(estimated, term)}
-        # What gravity absorbs nearly whole is predicted, but remains a finding.
+        # A term that gravity absorbs nearly whole is predicted, but remains a finding.
         rows = regression.problem.rows.n_rows
         evidence = Evidence(estimated, held_out_torques(estimated), given | absorbed,
                             rows / correlation_times(regression.posterior), options)
@@ -125,7 +125,7 @@ class _Conclusion:
 def _white(estimated: Estimate) -> FloatArray:
     """Return the white noise (N,) of a sample, N·m."""
     problem = estimated.regression.problem
-    return white_noise(problem) * np.sqrt(np.median(problem.rows.count))
+    return problem.white_noise * np.sqrt(np.median(problem.rows.count))
 
 
 def _summary(findings: list[Finding], before: float, after: float) -> str:

@@ -40,7 +40,8 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
     torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
-    `runs_better` the share of runs that it improves, `gain` its log evidence in nats. `rivals` are alternative explanations.
+    `runs_better` the share of runs that it improves, `gain` its log evidence in nats. `rivals` are
+    alternative explanations.
     `next_step` is the motion that resolves an open finding, '' for an effect to add. `verdict`
     is a `Verdict`, which compares and prints as its text.
     """

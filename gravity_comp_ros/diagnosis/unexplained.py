@@ -61,6 +61,6 @@ def _bumps(q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class _NoEffect:
-    """Stands for the effect of a term that is none."""
+    """The effect of a term that is no effect of the library."""
 
     name, why_not_negative, corrects = 'unexplained', '', ()

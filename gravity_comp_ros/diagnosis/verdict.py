@@ -12,12 +12,10 @@ from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
-    DYNAMICS, motion_parameters, target_of, values_of)
+    DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.term import Term
-from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 from scipy import special
 
@@ -41,10 +39,10 @@ class Evidence:
     def joints(self) -> tuple[str, ...]:
         return self.estimated.regression.problem.samples.names
 
-    def errors(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return the held-out residuals (U, N) without and with an effect, all others predicted."""
+    def without_and_with(self, name: str) -> tuple[set[str], set[str]]:
+        """Return the predicted targets without and with an effect, all others predicted."""
         every = {*self.predicted, *self.torques.effects} - {DYNAMICS}
-        return (self.torques.residual(every - {name}), self.torques.residual(every | {name}))
+        return every - {name}, every | {name}
 
     def acts_on(self, name: str, joint: str | None) -> int:
         """Return the number of the joint whose error an effect changes most."""
@@ -65,7 +63,8 @@ class _HeldOut:
     @classmethod
     def of(cls, evidence: Evidence, name: str, joint: str | None) -> _HeldOut:
         n = evidence.acts_on(name, joint)
-        without, with_it = (part[:, n] for part in evidence.errors(name))
+        without, with_it = (evidence.torques.residual(targets)[:, n]
+                            for targets in evidence.without_and_with(name))
         span = max(float(np.ptp(evidence.torques.tau[:, n])), 1e-12)
         run = evidence.torques.run
         better = [float((with_it[run == k] ** 2).sum()) < float((without[run == k] ** 2).sum())
@@ -83,20 +82,20 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     values, std = regression.posterior.beta[regression.posterior.at[term]], \
         regression.posterior.std(term)
     held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
-    rivals = tuple(_named(name, number, term, evidence.joints)
+    others = tuple(_named(name, number, term, evidence.joints)
                    for name, number in regression.alternatives[term.key])
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
-    verdict, why = _verdict(evidence, term, gain, unabsorbed, values, std, held_out, rivals)
+    verdict, why = _verdict(evidence, term, gain, unabsorbed, values, std, held_out, others)
     sizes = _sizes(values_of(listed, values, std)) \
         if unabsorbed >= regression.problem.options.min_unabsorbed else {}
-    return Finding(joint, term.name, verdict, rivals, sizes, held_out.before, held_out.after,
+    return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
                    1.0 - unabsorbed, held_out.runs_better, why, _next_step(term, verdict, joint),
                    gain, p_of(gain - term.log_odds), dict(term.setting))
 
 
 def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, values: FloatArray,
              std: FloatArray, held_out: _HeldOut,
-             rivals: tuple[str, ...]) -> tuple[Verdict, str]:
+             others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
     options, engine = evidence.options, evidence.estimated.regression.problem.options
     if unabsorbed < engine.min_unabsorbed:
@@ -110,8 +109,8 @@ def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, val
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if (np.abs(values) < 1.96 * std).all():
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
-    if rivals:
-        return Verdict.AMBIGUOUS, f'{", ".join(rivals)} would explain as much'
+    if others:
+        return Verdict.AMBIGUOUS, f'{", ".join(others)} would explain as much'
     joints = range(len(evidence.joints)) if term.joint is None else [term.joint]
     size = float(max(evidence.n_effective[n] for n in joints))
     if size < options.min_effective:
@@ -128,7 +127,7 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     regression = evidence.estimated.regression
     shared, posterior = regression.shared, regression.posterior
     if DYNAMICS in given or DYNAMICS not in evidence.torques.effects \
-            or not isinstance(shared, (KnownAxes, UnknownLengths)):
+            or not has_dynamics(shared):
         return None
     held_out = _HeldOut.of(evidence, DYNAMICS, None)
     if held_out.after >= (1.0 - evidence.options.min_reduction) * held_out.before:
@@ -139,17 +138,12 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     listed = effect.coefficients_of(regression.motion, 0, {})
     sizes = values_of(listed, motion_parameters(shared, posterior.beta[:p]),
                       motion_parameters(shared, std))
-    old, new = (_block_sums(evidence, part) for part in evidence.errors(DYNAMICS))
+    old, new = map(evidence.torques.block_sums, evidence.without_and_with(DYNAMICS))
     gain = float(0.5 * len(old) * np.log(old.mean(axis=0) / new.mean(axis=0)).sum())
     established = gain >= evidence.options.established
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
                    _sizes(sizes), held_out.before, held_out.after, 0.0, held_out.runs_better,
                    '' if established else 'few blocks of time show it', '', gain, p_of(gain))
-
-
-def _block_sums(evidence: Evidence, residual: FloatArray) -> FloatArray:
-    return np.stack([np.bincount(evidence.torques.block, column ** 2)
-                     for column in residual.T], axis=1) + 1e-300
 
 
 def p_of(gain: float) -> float:

@@ -35,9 +35,9 @@ def origin_of(samples: JointSamples) -> float:
 
 def since(samples: JointSamples, origin: float) -> FloatArray:
     """
-    Return the time of each sample since an origin, (M,) in s; since its session begins without one.
+    Return the time of each sample since an origin, (M,) in s.
 
-    Samples before the origin are at 0.
+    Without an origin it is the time since its session begins. Samples before the origin are at 0.
     """
     if origin == 0.0:
         return session_time(samples)

@@ -104,24 +104,5 @@ def insufficient_load(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def insufficient_postures(motion: Motion, joint: int) -> str | None:
-    """
-    Return the reason if the other joints are at rest while a joint moves.
-
-    Gravity then absorbs any torque that depends on the angle of the joint: only its gravity
-    torque changes with the posture of the others.
-    """
-    q = motion.samples.q
-    if q.shape[1] == 1 or not len(q):
-        return None
-    others = np.delete(q, joint, axis=1)
-    low, high = np.quantile(q[:, joint], (_ENDS / 2, 1.0 - _ENDS / 2))
-    for end in (q[:, joint] <= low, q[:, joint] >= high):
-        if np.ptp(others[end], axis=0).max() < _SAME_POSTURE:
-            return ('the other joints stand still while this joint moves, so that a torque that '
-                    'depends on its angle cannot be distinguished from gravity')
-    return None
-
-
 def _enough(mask: BoolArray) -> bool:
     return bool(mask.mean() >= _MIN_SHARE and mask.sum() >= _MIN_SAMPLES)

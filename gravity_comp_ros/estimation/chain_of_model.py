@@ -17,10 +17,13 @@ from gravity_comp_ros.estimation.payload_estimate import on_known_axes
 from gravity_comp_ros.estimation.update import effects_on_axes
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
+from gravity_comp_ros.regression.engine import regress
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.start import start_chain
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
 # Number of poses drawn from the trained range for a chain, and of those with the smallest
@@ -78,13 +81,17 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
         model.joints, np.arange(len(q)), q, np.zeros_like(q),
         torque + noise * rng.standard_normal(q.shape))
     try:
-        result = fit_chain(samples)
+        problem = Problem.of(samples)
+        result = regress(problem, UnknownLengths.of(start_chain(problem)), ())
     except (FitError, DataError, np.linalg.LinAlgError):
         return None
-    error = np.sqrt(((result.chain.torque(q) - torque) ** 2).mean(axis=0))
+    shared = result.shared
+    assert isinstance(shared, UnknownLengths)
+    error = np.sqrt(((shared.chain.torque(q) - torque) ** 2).mean(axis=0))
     if (error > _MAX_ERROR * noise).any():
         return None
-    return _chain_model(model, result.chain, result.covariance)
+    steps, p = shared.step_map(), len(shared.point)
+    return _chain_model(model, shared.chain, steps @ result.posterior.covariance[:p, :p] @ steps.T)
 
 
 def _chain_model(model: GravityModel, chain: Chain, covariance: FloatArray,

@@ -30,10 +30,10 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
-from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.gains import gain_of
 from gravity_comp_ros.regression.known_axes import KnownAxes
-from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.start import start_chain
 from gravity_comp_ros.regression.term import Key, Term
@@ -147,7 +147,7 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all ways to an estimate share."""
+    """Data that all ways to an estimate share."""
 
     problem: Problem
     options: FitOptions
@@ -216,17 +216,13 @@ class _Work:
         self.report('ADMM', 0.0)
         shared, fits = self._support(formulation, self.problem.y)
         first = self.regress(shared)
-        residual = np.stack([first.posterior.residual(j) / np.maximum(
-            first.posterior.design.root[j], 1e-9) for j in range(self.problem.y.shape[1])], axis=1)
-        shared, fits = self._support(formulation, _gravity_of(first) + residual)
+        shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
         """Return the columns that ADMM selects from a gravity torque (R, N)."""
-        mean, samples = self.problem.rows.mean, self.problem.samples
-        rows = JointSamples(samples.names, self.problem.rows.t, mean(samples.q),
-                            mean(samples.qd), torque, self.problem.rows.run, samples.run_labels)
+        rows = samples_of_rows(self.problem, torque)
         if formulation == 'potential':
             energy, fits = fit_potential(rows, self.options.sparse)
             return Energy(energy), tuple(fits)
@@ -234,13 +230,21 @@ class _Work:
         return Torques(torques), tuple(fits)
 
     def regress(self, shared: Shared, start: Iterable[Term] = ()) -> Regression:
-        """Return the regression from a start, with the terms of the old model."""
+        """
+        Return the regression from a start, with the terms of the old model and the forced ones.
+
+        A forced term that the search does not find is added at its best setting.
+        """
         terms = tuple(start)
         if not terms and self.old is not None:
             terms = self._terms_of(shared, (*self.old.applied.effects, *self.old.fitted.effects))
-        missing = self.forced - {term.key for term in terms}
-        terms = (*terms, *self._forced_terms(shared, missing))
-        return regress(self.problem, shared, self.effects, terms, self.forced)
+        present = self.forced & {term.key for term in terms}
+        first = regress(self.problem, shared, self.effects, terms, present)
+        missing = self._forced_terms(first, self.forced - {term.key for term in first.terms})
+        if not missing:
+            return first
+        return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
+                       self.forced)
 
     def _factory(self, shared: Shared) -> TermFactory:
         motion = self.problem.motion.with_gravity(
@@ -262,16 +266,32 @@ class _Work:
                 terms.append(factory.term(effect, joint, one.setting, count))
         return tuple(terms)
 
-    def _forced_terms(self, shared: Shared, keys: Iterable[Key]) -> tuple[Term, ...]:
-        """Return terms of forced effects at one of their settings; the search refines it."""
-        factory, terms, known = self._factory(shared), [], all_effects()
+    def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
+        """Return terms of forced effects at the settings with the largest gains."""
+        factory, terms, known = self._factory(first.shared), [], all_effects()
         for name, joint in sorted(keys, key=str):
             effect = known[name]
             if not effect.is_shared:
                 settings = effect.settings(factory.motion, joint or 0)
-                terms.append(factory.term(effect, joint, settings[len(settings) // 2],
-                                          len(settings)))
+                terms.append(max((factory.term(effect, joint, setting, len(settings))
+                                  for setting in settings),
+                                 key=lambda term: gain_of(first.posterior, term)))
         return tuple(terms)
+
+
+def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:
+    """Return the means over rows as samples, with a torque (R, N) in N·m."""
+    samples, rows = problem.samples, problem.rows
+    return JointSamples(samples.names, rows.t, rows.mean(samples.q), rows.mean(samples.qd),
+                        torque, rows.run, samples.run_labels)
+
+
+def residual_of(regression: Regression) -> FloatArray:
+    """Return the residual of all terms, (R, N) in N·m."""
+    posterior = regression.posterior
+    parts = [posterior.residual(j) / np.maximum(posterior.design.root[j], 1e-9)
+             for j in range(posterior.design.n_joints)]
+    return np.stack(parts, axis=1)
 
 
 def is_white(regression: Regression, limit: float) -> bool:
@@ -284,8 +304,8 @@ def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:
     squares = np.zeros(len(sigma))
     fold = regression.problem.rows.fold
     for k in np.unique(fold):
-        left = leave_out(regression.posterior, fold == k)
-        squares += [float((left.residual(j) ** 2).sum()) for j in range(len(sigma))]
+        without = regression.without(fold == k)
+        squares += [float((without.residual(j) ** 2).sum()) for j in range(len(sigma))]
     return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficients
-from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
+from gravity_comp_ros.effects.predict import fitted_torque, predict_torque, torque_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
@@ -46,8 +47,8 @@ class Switches:
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
-    least = regression.problem.options.min_unabsorbed
-    return term.effect.is_static and regression.unabsorbed[term.key] < least
+    limit = regression.problem.options.min_unabsorbed
+    return term.effect.is_static and regression.unabsorbed[term.key] < limit
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:
@@ -75,15 +76,14 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
         effect = _applied(estimate, posterior, term, joints)
         chosen = switches.is_predicted(estimate, term, effect.target)
         (predicted if chosen else fitted).append(effect)
-    if isinstance(shared, (KnownAxes, UnknownLengths)) and _moves(estimate, shared):
+    if has_dynamics(shared) and _moves(estimate, shared):
         dynamics = _dynamics(estimate, shared, posterior)
         (predicted if DYNAMICS in switches.predicted else fitted).append(dynamics)
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
-    return with_residuals(model, estimate, used) if with_noise else model
+    return with_residuals(model, estimate) if with_noise else model
 
 
-def with_residuals(model: GravityModel, estimate: Estimate,
-                   used: JointSamples) -> GravityModel:
+def with_residuals(model: GravityModel, estimate: Estimate) -> GravityModel:
     """Return a model with the RMS of its prediction's error, and of the residual of all terms."""
     problem = estimate.regression.problem
     samples, rows = problem.samples, problem.rows.samples
@@ -98,6 +98,11 @@ def _moves(estimate: Estimate, shared: KnownAxes | UnknownLengths) -> bool:
     return all_effects()[DYNAMICS].untestable(motion, 0) is None
 
 
+def has_dynamics(shared: Shared) -> TypeGuard[KnownAxes | UnknownLengths]:
+    """Return whether the shared part contains the dynamics of the arm."""
+    return isinstance(shared, (KnownAxes, UnknownLengths))
+
+
 def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray) -> FloatArray:
     """Return the parameters of motion among those of the shared part, in the effect's order."""
     if isinstance(shared, KnownAxes):
@@ -109,12 +114,12 @@ def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], cove
              formulation: str) -> GravityModel:
     p = len(shared.point)
     covariance, none = posterior.covariance[:p, :p], np.zeros(len(joints))
-    if isinstance(shared, (KnownAxes, UnknownLengths)):
+    if has_dynamics(shared):
         chain, steps = shared.chain, shared.step_map()
         model = GravityModel.from_energy(
             joints, formulation, expand(chain), none, coverage, {}, chain,
             ChainUncertainty(chain, steps @ covariance @ steps.T))
-        return replace(model, geometry=shared.geometry) if isinstance(shared, KnownAxes) else model
+        return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
     if isinstance(shared, Energy):
         return GravityModel.from_energy(
             joints, formulation, shared.energy, none, coverage, {},

@@ -72,7 +72,7 @@ def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str]
               warning: str = '') -> FitResult:
     """Return the model of an estimate, which predicts some effects, with its report."""
     model = model_of(estimated, Switches(effects))
-    report = build_report(model, estimated, options.geometry, warning)
+    report = build_report(model, estimated, options, warning)
     model = replace(model, provenance={'options': options.to_json(), 'report': report.to_json()})
     converged = estimated.regression.converged and all(
         each.lasso.converged for each in estimated.fits)

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gravity_comp_ros.estimation.estimate import Estimate, is_white
+from gravity_comp_ros.estimation.estimate import (
+    Estimate, FitOptions, is_white, residual_of, samples_of_rows)
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
+from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
 from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -19,8 +20,8 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
 
-# Minimum zero-angle offset, in rad, that is reported.
-_MIN_ZERO_ANGLE = np.radians(0.3)
+# Minimum zero-angle offset and tilt of the base, in rad, that are reported.
+_MIN_ANGLE = np.radians(0.3)
 # Minimum tilt of the base, in rad, of an arm that counts as mounted upside down.
 _UPSIDE_DOWN = np.radians(135.0)
 # Standard deviation of the torque over the whole range, as a share of the largest torque, above
@@ -58,7 +59,7 @@ class FitDetails:
     are the L1 problems. The axes are known (`known_axes`) or estimated. `base_tilt` in rad is the
     angle of the fitted vertical to that of known axes; `zero_angles` in rad by joint is the true
     minus the reported angle. `std_over_poses` in N·m is the prediction std over the whole joint
-    range, empty without an uncertainty.
+    range, empty without an uncertainty. `outliers` by joint hardly count in the fit.
     """
 
     formulation: str
@@ -79,6 +80,7 @@ class FitDetails:
     base_tilt: float
     zero_angles: Mapping[str, float]
     std_over_poses: Mapping[str, float]
+    outliers: Mapping[str, Outliers]
 
     def to_json(self) -> dict[str, Any]:
         """Return the report for a model's provenance and for `fit --json`."""
@@ -91,42 +93,48 @@ class FitDetails:
             'dropped_joints': list(self.dropped_joints), 'warnings': list(self.warnings),
             'white': self.white, 'steps': self.steps, 'known_axes': self.known_axes,
             'base_tilt': self.base_tilt, 'zero_angles': dict(self.zero_angles),
-            'std_anywhere': dict(self.std_over_poses)}
+            'std_anywhere': dict(self.std_over_poses),
+            'outliers': {name: asdict(each) for name, each in self.outliers.items()}}
 
 
-def build_report(model: GravityModel, estimate: Estimate, described: Geometry | None = None,
+def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
                  warning: str = '') -> FitDetails:
     """
     Return the report of a fit.
 
-    :param described: the axes of the description, on its own vertical.
+    :param options: of the fit, with the axes of the description on its own vertical.
     :param warning: the first of the warnings.
     """
     regression = estimate.regression
     problem = regression.problem
     used = problem.samples.select(problem.rows.samples)
     dropped = tuple(name for name, still in zip(used.names, at_rest(used.q)) if still)
-    known, tilt, zeros = model.geometry is not None, 0.0, {}
+    known, tilt, zeros, described = model.geometry is not None, 0.0, {}, options.geometry
     if known and described is not None and model.chain is not None:
         tilt = base_tilt_angle(described.rotations, model.chain.axes)
+        tilt = tilt if tilt > _MIN_ANGLE else 0.0
         zeros = dict(zip(used.names[1:], zero_angle_differences(
             described.rotations, model.chain.axes)[1:].tolist()))
-        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ZERO_ANGLE}
+        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ANGLE}
     anywhere = _std_over_poses(model)
+    spoilt = outliers(samples_of_rows(problem, problem.y), problem.rows.count,
+                      residual_of(regression))
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(model.joints, values.tolist()))
 
     lines = [warning, estimate.warning, *_tilt_warning(tilt), *_zero_angle_warning(zeros),
-             *_warnings(model, estimate, dropped), *_uncertainty(model, anywhere, estimate)]
+             *_outlier_warnings(spoilt), *_warnings(model, estimate, dropped),
+             *_uncertainty(model, anywhere, estimate)]
     return FitDetails(
         model.formulation,
         FormulationChoice(estimate.formulation, estimate.why, estimate.held_out,
                           estimate.warning),
         used.n_samples, used.n_runs, problem.rows.n_rows, by_joint(model.n_features()),
         by_joint(model.noise), by_joint(model.noise_with_nuisance), model.fitted, estimate.fits,
-        dropped, tuple(line for line in lines if line), is_white(regression, 2.0),
-        regression.steps, known, tilt, zeros, by_joint(anywhere) if anywhere.size else {})
+        dropped, tuple(line for line in lines if line), is_white(regression, options.white),
+        regression.steps, known, tilt, zeros, by_joint(anywhere) if anywhere.size else {},
+        spoilt)
 
 
 def _std_over_poses(model: GravityModel) -> NDArray[np.float64]:
@@ -179,6 +187,11 @@ def _solver_json(fit: SparseFit) -> dict[str, Any]:
             'ties': fit.n_averaged, 'inflation': fit.inflation,
             'converged': solution.converged,
             **asdict(solution.certificate)}
+
+
+def _outlier_warnings(spoilt: Mapping[str, Outliers]) -> list[str]:
+    return [f'outliers that hardly count: {counted(each.n, "sample")} of {name}, {each}'
+            for name, each in spoilt.items()]
 
 
 def _warnings(model: GravityModel, estimate: Estimate, dropped: tuple[str, ...]) -> list[str]:

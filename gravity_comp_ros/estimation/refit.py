@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -148,21 +148,21 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     new, skipped = _new_targets(samples, model, effects)
     if effects and not new:
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
-    wanted = options.usable(samples, use)
+    usable = options.usable(samples, use)
     old = [effect.target for effect in model.applied.effects]
     forced = frozenset(key_of(name, model.joints) for name in (*old, *new) if name != DYNAMICS)
-    estimated = estimate(samples, fit_options_of(model), wanted, model, forced, None, progress)
+    estimated = estimate(samples, fit_options_of(model), usable, model, forced, None, progress)
     torques = held_out_torques(estimated)
     before, after = _predicted(estimated, old), _predicted(estimated, (*old, *new))
     errors = _errors(torques, before, after, model.joints)
     if new:
         _check_not_worse(errors, options)
     fitted = model_of(estimated, Switches((*old, *new)))
-    provenance = {key: value for key, value in model.provenance.items()}
+    provenance = dict(model.provenance)
     p = _p_value(torques, before, after) if new else 1.0
     return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
-                 errors, p, p < options.max_p, int(wanted.sum()),
-                 bool(wanted.sum() == (len(samples) if use is None else use.sum())), skipped,
+                 errors, p, p < options.max_p, int(usable.sum()),
+                 bool(usable.sum() == (len(samples) if use is None else use.sum())), skipped,
                  _implausible(fitted, new))
 
 
@@ -226,7 +226,7 @@ def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> floa
     The smaller one of the whole arm and of single joints, with a Bonferroni correction for both
     and for all joints: the noise of other joints would hide an effect on one joint.
     """
-    old, new = (_sums(torques.residual(names), torques.block) for names in (before, after))
+    old, new = torques.block_sums(before), torques.block_sums(after)
     changed = np.flatnonzero((old != new).any(axis=0))
     if not len(changed) or len(old) < 3:
         return 1.0
@@ -234,11 +234,6 @@ def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> floa
     whole = gain((old / scale).sum(axis=1, keepdims=True),
                  (new / scale).sum(axis=1, keepdims=True), 2).p
     return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * old.shape[1]).p for n in changed))
-
-
-def _sums(residual: FloatArray, block: FloatArray) -> FloatArray:
-    """Return the sums of squares of each block, (B, N)."""
-    return np.stack([np.bincount(block, column ** 2) for column in residual.T], axis=1) + 1e-300
 
 
 def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:

@@ -124,18 +124,19 @@ class Criterion:
                                for k in range(0, len(a), _BATCH)])
 
     def _utilities(self, a: FloatArray) -> FloatArray:
-        found = []
+        utilities = []
         if self.questions:
             marginal = _eliminated(a, self._common, self._open, self.sums.std)
             number = np.full(len(self.sums.std), -1)
             number[self._open] = np.arange(len(self._open))
-            found = [np.log1p(np.maximum(self._separation(marginal, number, q), 0.0)
+            utilities = [np.log1p(np.maximum(self._separation(marginal, number, q), 0.0)
                               / self._needed(q)) for q in self.questions]
         if self.gravity is not None:
             joints = list(self.gravity.joints)
             std = self.gravity.std_after(self.sums, a)[:, joints]
-            found.append(np.log(self.gravity.std[joints] / np.maximum(std, 1e-12)).mean(axis=1))
-        return np.stack(found, axis=1)
+            ratio = self.gravity.std[joints] / np.maximum(std, 1e-12)
+            utilities.append(np.log(ratio).mean(axis=1))
+        return np.stack(utilities, axis=1)
 
     def _needed(self, question: Question) -> float:
         """Return the nats that resolve a target."""
@@ -150,16 +151,16 @@ class Criterion:
         base = number[places(tuple(t for t in question.base if number[self.sums.at[t][0]] >= 0))]
         others = [number[places((other,))] for other in question.alternatives]
         kept = np.concatenate([own, *others])
-        left, size = _eliminated(marginal, base, kept, std), std[kept]
+        information, size = _eliminated(marginal, base, kept, std), std[kept]
         target = np.arange(len(own))
-        gain = least = _expected_evidence(left, target, target, question.moment, size)
+        gain = smallest = _expected_evidence(information, target, target, question.moment, size)
         start = len(own)
         for other in others:
             here = np.arange(start, start + len(other))
-            least = np.minimum(least, gain - _expected_evidence(
-                left, here, target, question.moment, size))
+            smallest = np.minimum(smallest, gain - _expected_evidence(
+                information, here, target, question.moment, size))
             start += len(other)
-        return least
+        return smallest
 
 
 def _expected_evidence(information: FloatArray, here: IntArray, target: IntArray,
@@ -187,10 +188,11 @@ def _eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) 
 
 
 def unabsorbed(sums: Sums, question: Question, a: FloatArray) -> float:
-    """Return the share of a term's squared torque that its base leaves with sums (L, L)."""
+    """Return the share of a term's torque (RMS) that its base leaves with sums (L, L)."""
     own, base = sums.at[question.term], sums.with_shared(question.base)
-    left = _eliminated(a[None], base, own, sums.std)[0]
-    return float(np.trace(left) / max(np.trace(a[np.ix_(own, own)]), 1e-300))
+    information = _eliminated(a[None], base, own, sums.std)[0]
+    share = np.trace(information) / max(np.trace(a[np.ix_(own, own)]), 1e-300)
+    return float(np.sqrt(max(share, 0.0)))
 
 
 def coefficients(sums: Sums, places: IntArray, a: FloatArray, b: FloatArray

@@ -38,7 +38,7 @@ class Expectation:
     is half the 95 % interval of each coefficient after the motion, by symbol, with its unit.
     `assumed` are estimates of the coefficients if `size_is_measured`, else the standard deviations
     of their prior. `untestable` gives the reason why the effect is not identified after the
-    motion, '' if it is. `unabsorbed` is the share of its squared torque that the other terms
+    motion, '' if it is. `unabsorbed` is the share of its torque (RMS) that the other terms
     leave.
     """
 

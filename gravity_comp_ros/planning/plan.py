@@ -109,11 +109,12 @@ class _Task:
         limits = regression.problem.options.min_gain, regression.problem.options.margin
         after = evidence_after(sums, question, added)
         before = evidence_after(sums, question, 0.0 * added)
-        unseen = term.key in regression.candidates.untestable
+        unseen = (term.key in regression.candidates.untestable or unabsorbed(
+            sums, question, sums.recorded) < regression.problem.options.min_unabsorbed)
         places = sums.with_shared((*question.base, term))
         _, covariance = coefficients(sums, places, sums.recorded + added, sums.score)
         std = np.sqrt(np.diag(covariance)[-term.n_columns:])
-        left = unabsorbed(sums, question, sums.recorded + added)
+        share = unabsorbed(sums, question, sums.recorded + added)
         listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
         # A coefficient that the other terms absorb is not published.
         widths = {c.symbol: (_Z95 * float(s) if not reason else np.inf, c.unit)
@@ -125,7 +126,7 @@ class _Task:
             '' if after.closest is None else after.closest.name,
             {c.symbol: float(x) for c, x in zip(listed, size)}, question.is_measured,
             float(np.median(after.gain)), float(np.median(before.separation)),
-            float(np.median(after.separation)), reason, left)
+            float(np.median(after.separation)), reason, share)
 
     def gravity_expectations(self, added: FloatArray) -> tuple[GravityExpectation, ...]:
         """Return the standard deviations of the uncertain joints before and after the motion."""

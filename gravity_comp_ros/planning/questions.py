@@ -102,7 +102,7 @@ class _Maker:
         term = self._terms(key, self._setting_found(target))[0]
         named = {self._key(text, key[1]) for text in target.alternatives}
         named |= set(self.regression.alternatives.get(key, ()))
-        named |= {found for found, others in self.regression.alternatives.items()
+        named |= {one for one, others in self.regression.alternatives.items()
                   if key in others}
         base = self._base(term, named)
         keys = {t.key for t in base}
@@ -153,9 +153,9 @@ class _Maker:
 
         :raises _NotExcitedError: if no motion within the limits excites it.
         """
-        found = [t for t in self.regression.terms if t.key == key]
-        if found:
-            return found
+        present = [t for t in self.regression.terms if t.key == key]
+        if present:
+            return present
         if (key, not setting) not in self.memo:
             grid = self._settings(key)
             picked = dict.fromkeys(round(place * (len(grid) - 1)) for place in _PLACES)

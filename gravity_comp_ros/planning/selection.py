@@ -96,7 +96,7 @@ class Selector:
         return float(self._criterion.utilities(self._sums(chosen)[None]).sum())
 
     def _gains(self, chosen: Sequence[int], more: Sequence[int]) -> FloatArray:
-        """Return the gains (C,) of parts beside chosen ones."""
+        """Return the gains (C,) of parts in addition to chosen ones."""
         after = self._criterion.utilities(self._sums(chosen) + self._added[list(more)])
         return np.asarray(after.sum(axis=1) - self._utility(chosen))
 
@@ -214,14 +214,14 @@ def untestable(criterion: Criterion, path: Sequence[Segment], after: FloatArray)
     :param after: the sums (L, L) of both.
     """
     sums, reasons = criterion.sums, []
-    least = sums.planned.regression.problem.options.min_unabsorbed
+    limit = sums.planned.regression.problem.options.min_unabsorbed
     both = sums.planned.joined(path) if criterion.questions else None
     for question in criterion.questions:
         assert both is not None
         term = question.term
         reason = term.effect.untestable(both, term.joint_number) or ''
-        left = unabsorbed(sums, question, after)
-        if not reason and left < least:
-            reason = f'the other terms absorb all but {left:.1%} of its torque'
+        share = unabsorbed(sums, question, after)
+        if not reason and share < limit:
+            reason = f'the other terms absorb all but {share:.1%} of its torque'
         reasons.append(reason)
     return reasons

@@ -141,8 +141,8 @@ class Sums:
         for k, (start, end) in enumerate(zip(edges, edges[1:])):
             for j, (acting, places) in enumerate(by_joint):
                 columns = [own[t][start:end] for t in acting]
-                x = np.concatenate([shared[start:end, j], *(c[:, j] if c.ndim == 3 else c
-                                                    for c in columns)], axis=1)
+                x = np.concatenate([shared[start:end, j], *(
+                    c[:, j] if c.ndim == 3 else c for c in columns)], axis=1)
                 total[k][np.ix_(places, places)] += self.weights[j] * (x.T @ x)
         return total
 

@@ -39,7 +39,7 @@ def open_targets(regression: Regression, diagnosis: Diagnosis | None = None) -> 
     Without a diagnosis a term of the regression is open if it is ambiguous, or if no coefficient
     differs from 0.
     """
-    found = _open_terms(regression) if diagnosis is None else [
+    candidates = _open_terms(regression) if diagnosis is None else [
         Target(f.effect, f.joint, f.rivals) for f in diagnosis.findings
         if f.verdict in OPEN and f.effect in all_effects()]
     names, scale = regression.problem.samples.names, regression.problem.scale.torque
@@ -47,24 +47,24 @@ def open_targets(regression: Regression, diagnosis: Diagnosis | None = None) -> 
                   if joint is not None and all_effects()[name].expectation is Expectation.COMMON
                   and excitation.travel(regression.motion, joint) > excitation.STILL]
     untestable.sort(key=lambda key: -float(scale[key[1] or 0]))
-    found += [Target(name, names[joint]) for name, joint in untestable if joint is not None]
+    candidates += [Target(name, names[joint]) for name, joint in untestable if joint is not None]
     once: dict[str, Target] = {}
-    for target in found:
+    for target in candidates:
         if not all_effects()[target.effect].is_shared:
             once.setdefault(target.name, target)
     return list(once.values())[:MAX_TARGETS]
 
 
 def _open_terms(regression: Regression) -> list[Target]:
-    posterior, least = regression.posterior, regression.problem.options.min_unabsorbed
-    found = []
+    posterior, limit = regression.posterior, regression.problem.options.min_unabsorbed
+    terms = []
     for term in regression.terms:
         mean, std = posterior.beta[posterior.at[term]], posterior.std(term)
         uncertain = bool((np.abs(mean) < _Z95 * std).all())
         others = regression.alternatives[term.key]
-        if others or uncertain or regression.unabsorbed[term.key] < least:
-            found.append(_target(regression, term.key, others))
-    return found
+        if others or uncertain or regression.unabsorbed[term.key] < limit:
+            terms.append(_target(regression, term.key, others))
+    return terms
 
 
 def _target(regression: Regression, key: Key, others: Iterable[Key]) -> Target:

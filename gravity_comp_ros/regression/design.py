@@ -11,6 +11,9 @@ from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.term import Term
 import numpy as np
 
+# Factor of a prior that keeps a parameter at its present value.
+FIXED = 1e-6
+
 
 class Design:
     """
@@ -43,10 +46,11 @@ class Design:
         other.square = self.square - (other.y ** 2).sum(axis=1)
         return other
 
-    def with_prior(self, factor: FloatArray) -> Design:
-        """Return the same sums with prior standard deviations (P,) times a factor (P,)."""
+    def with_narrow(self, n_angles: int, factor: float = FIXED) -> Design:
+        """Return the same sums with the prior of the first parameters narrowed by a factor."""
         other = copy(self)
-        other.prior_std = self.prior_std * factor
+        other.prior_std = self.prior_std.copy()
+        other.prior_std[:n_angles] *= factor
         return other
 
     @property

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of, common_terms
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.gains import gain, score_of
+from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
 from gravity_comp_ros.regression.noise import correlation_times, noise_std, precision_of
 from gravity_comp_ros.regression.options import EngineOptions
@@ -37,6 +38,7 @@ class Regression:
     problem: Problem
     shared: Shared
     posterior: Posterior
+    white_precision: FloatArray
     candidates: Candidates
     motion: Motion
     alternatives: Mapping[Key, tuple[Key, ...]]
@@ -48,6 +50,14 @@ class Regression:
     @property
     def terms(self) -> tuple[Term, ...]:
         return self.posterior.terms
+
+    def without(self, rows: BoolArray) -> Posterior:
+        """
+        Return the posterior of the rows outside of a mask (R,), at the same angles.
+
+        A linear step of an angle that few rows determine would be too long.
+        """
+        return leave_out(self.posterior, rows, self.white_precision, self.shared.n_angles)
 
     @property
     def noise(self) -> FloatArray:
@@ -90,7 +100,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     published = solve(posterior.design, posterior.terms, precision_of(
         posterior, problem.scale, options, correlation_times(posterior)))
     published = replace(published, beta=fit.at_point().beta)
-    return Regression(problem, fit.shared, published, search.candidates, fit.factory.motion,
+    return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates, fit.factory.motion,
                       alternatives, gains, {key: s.unabsorbed for key, s in scores.items()}, steps,
                       converged)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import TermFactory
-from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.design import Design, FIXED
 from gravity_comp_ros.regression.noise import white_precision
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
@@ -21,8 +21,6 @@ from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
 
-# Factor of the prior that keeps the angles.
-_FIXED = 1e-6
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
 _NARROWER, _NARROWEST = 1.0 / 16.0, 1e-4
 
@@ -73,14 +71,12 @@ class Linear:
         """Return the posterior with the prior of the angles narrowed by a factor."""
         if factor == 1.0 or not self.shared.n_angles:
             return self.posterior
-        design = self.posterior.design.with_prior(np.concatenate([
-            np.full(self.shared.n_angles, factor),
-            np.ones(len(self.shared.point) - self.shared.n_angles)]))
+        design = self.posterior.design.with_narrow(self.shared.n_angles, factor)
         return solve(design, self.posterior.terms, self.posterior.precision)
 
     def at_point(self) -> Posterior:
         """Return the posterior with the mean at the angles of the point, to which models refer."""
-        return replace(self.posterior, beta=self.with_narrow_angles(_FIXED).beta)
+        return replace(self.posterior, beta=self.with_narrow_angles(FIXED).beta)
 
     def objective(self, precision: FloatArray) -> float:
         """Return the objective at the point, minimal over the coefficients of the terms."""

@@ -37,9 +37,6 @@ _DRAWS, _COMPARED = 16, 500
 # Limit of `structure` for white residuals. Global minima have -3 to -5 (fitting removed part of
 # the noise), local ones 1 to 30.
 STRUCTURE_LIMIT = 0.0
-# The same limit for a final fit of all samples with right angles. Of twelve recordings of Eq. (17)
-# with white noise alone the right chain has -2.8 to 0.8.
-FINAL_STRUCTURE_LIMIT = 1.0
 _MAX_REWEIGHTINGS = 2
 # Limit of the lag-1 autocorrelation of white noise, in standard deviations.
 _WHITE = 4.0

@@ -1,8 +1,7 @@
 """
 Fit of a chain with known axes, such as from a URDF: only its moments are free.
 
-A base tilt is added if it is more probable than a level base (as for right angles,
-`right_angles`).
+A base tilt is added if it is more probable than a level base.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ def solve_known(problem: ChainProblem, rotations: FloatArray) -> RightAngleSolut
     gain = 0.5 * (level.cost - tilted.cost)
     best = tilted if gain - price > _MIN_LOG_EVIDENCE else level
     n = problem.n_joints
-    return RightAngleSolution(drop_moments(problem, best), n * (2,), np.full(2 * n, TOLERANCE))
+    return RightAngleSolution(drop_moments(problem, best), np.full(2 * n, TOLERANCE))
 
 
 def _free(problem: ChainProblem, base: bool) -> BoolArray:
