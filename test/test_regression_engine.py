@@ -8,6 +8,7 @@ from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.engine import huber_weights, regress
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from hypothesis import given, settings, strategies as st
 import numpy as np

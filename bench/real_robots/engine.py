@@ -14,6 +14,7 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.start import start_chain
 from gravity_comp_ros.regression.term import Term

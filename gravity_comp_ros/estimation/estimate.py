@@ -17,7 +17,6 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
-from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain

@@ -8,7 +8,7 @@ from typing import TypeGuard
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficients
-from gravity_comp_ros.effects.predict import fitted_torque, predict_torque, torque_of
+from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value

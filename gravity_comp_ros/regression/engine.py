@@ -91,6 +91,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             break
         fit = fit.weighted(
             problem.rows.weights[:, None] * huber_weights(_residual(fit.posterior), options))
+    fit = fit.centred()
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))

@@ -4,7 +4,8 @@ Gauss-Newton on the posterior: linearise at the shared part, solve, and move.
 Angles have a prior about their present estimate. While a step does not lower the objective, that
 prior is made narrower and the step is solved again (K. Levenberg, A method for the solution of
 certain non-linear problems in least squares, 1944). The objective is that of squared residuals over
-the noise plus squared coefficients over their prior, minimal over the coefficients of the terms.
+the noise plus squared coefficients over their prior, minimal over all coefficients but the angles
+(G. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
 
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
-_NARROWER, _NARROWEST = 1.0 / 16.0, 1e-4
+_NARROWER, _NARROWEST = 0.25, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -58,7 +59,14 @@ class Linear:
         factory = self.problem.factory(shared)
         terms = tuple(factory.again(term) for term in self.posterior.terms)
         return Linear.at(self.problem, shared, factory, terms, self.weights,
-                         None if renewed else self.posterior.precision)
+                         None if renewed else self.posterior.precision).centred()
+
+    def centred(self) -> Linear:
+        """Return the same at the best linear parameters for the angles of the point."""
+        if not self.shared.n_angles:
+            return self
+        shared = self.shared.moved(self.with_narrow_angles(FIXED).beta[:len(self.shared.point)])
+        return replace(self, shared=shared, factory=self.problem.factory(shared))
 
     def renewed(self) -> Linear:
         """Return the solution with a renewed shared part (`Shared.renewed`)."""
@@ -79,20 +87,12 @@ class Linear:
         return replace(self.posterior, beta=self.with_narrow_angles(FIXED).beta)
 
     def objective(self, precision: FloatArray) -> float:
-        """Return the objective at the point, minimal over the coefficients of the terms."""
-        posterior, design = self.posterior, self.posterior.design
-        point, p = self.shared.point, len(self.shared.point)
-        information = np.diag(total_std(posterior.terms) ** -2.0)
-        score = np.zeros(len(information))
-        total = float(((point / design.prior_std) ** 2).sum())
-        for j, weight in enumerate(precision):
-            columns, own = posterior.columns(j), posterior.places(j)[p:] - p
-            gram, cross = design.gram[j][np.ix_(columns, columns)], design.cross[j][columns]
-            total += weight * float(design.square[j] - 2.0 * point @ cross[:p]
-                                    + point @ gram[:p, :p] @ point)
-            information[np.ix_(own, own)] += weight * gram[p:, p:]
-            score[own] += weight * (cross[p:] - gram[p:, :p] @ point)
-        return total - float(score @ np.linalg.solve(information, score)) if len(score) else total
+        """Return the objective at the angles of the point, minimal over all other coefficients."""
+        posterior = self.posterior
+        design = posterior.design.with_narrow(self.shared.n_angles)
+        fixed = solve(design, posterior.terms, precision)
+        std = np.concatenate([design.prior_std, total_std(posterior.terms)])
+        return float(precision @ fixed.squares + ((fixed.beta / std) ** 2).sum())
 
     def selected(self, posterior: Posterior) -> Linear:
         """Return the solution with the terms of a posterior on the same columns."""
@@ -124,7 +124,7 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
             narrowed *= _NARROWER
             following = fit.moved(narrowed, renewed)
             after = following.objective(precision)
-        if after > (1.0 - options.converged) * before:
+        if before - after < options.converged * before / fit.problem.y.size:
             return following if after < before else fit, step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False

@@ -44,8 +44,8 @@ class EngineOptions:
 
     - `max_rounds`: rounds of additions, exchanges and removals at one noise.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
-    - `converged`: share by which a Gauss-Newton step must lower the objective; one in a thousand
-      changes the residual by 0.05 %.
+    - `converged`: decrease of the objective, in units of its mean over rows and joints, at which
+      Gauss-Newton ends; 2 is one nat where all joints have white residuals.
     - `coloured`: ratio of a joint's residual to its white noise above which pairs of terms are
       tried; below, nothing is missing that they could explain.
     - `starts`: alternatives from which the terms of a joint are selected again.
@@ -68,8 +68,8 @@ class EngineOptions:
     min_unabsorbed: float = 0.02
     max_rounds: int = 20
     passes: int = 3
-    steps: int = 8
-    converged: float = 1e-3
+    steps: int = 10
+    converged: float = 2.0
     coloured: float = 1.3
     starts: int = 5
     halvings: int = 6
