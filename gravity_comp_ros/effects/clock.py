@@ -35,8 +35,9 @@ def origin_of(samples: JointSamples) -> float:
 
 def since(samples: JointSamples, origin: float) -> FloatArray:
     """
-    Return the time of each sample since an origin, (M,) in s; since its session begins without one.
+    Return the time of each sample since an origin, (M,) in s.
 
+    Without an origin it is the time since the session of the sample began.
     Samples before the origin are at 0.
     """
     if origin == 0.0:

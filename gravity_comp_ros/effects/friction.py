@@ -12,7 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import LAW_UNITS, law_of, laws, refined_laws
+from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, laws, refined_laws
 import numpy as np
 
 _THREE_SPEEDS = ('move joint {joint} back and forth over its range at three speeds, with the '

@@ -22,6 +22,7 @@ _MIN_DURATION = 300.0
 _MIN_TIME = 120.0
 _TIMES = 3
 
+
 class FrictionDrift(Effect):
     """Time constants from a tenth of the longest session to 1.5 times it are compared."""
 

@@ -9,7 +9,7 @@ comparing that with a fit.
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.change_points import ChangeEffect, change_factor
+from gravity_comp_ros.effects.change_points import change_factor, ChangeEffect
 from gravity_comp_ros.effects.effect import Coefficient, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics

@@ -34,9 +34,9 @@ _REFINED = 1.5
 
 def laws(speed_noise: float) -> list[dict[str, float]]:
     """Return the laws to compare on a joint whose speed has this noise, rad/s."""
-    least = _NOISE_WIDTHS * speed_noise
-    widths = [w for w in WIDTHS if w >= least] or [least]
-    return [*({'width': w} for w in widths), *({'ramp': w} for w in RAMPS if w >= least),
+    minimum = _NOISE_WIDTHS * speed_noise
+    widths = [w for w in WIDTHS if w >= minimum] or [minimum]
+    return [*({'width': w} for w in widths), *({'ramp': w} for w in RAMPS if w >= minimum),
             *({'distance': d} for d in DISTANCES)]
 
 

@@ -14,7 +14,7 @@ from itertools import product
 from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.change_points import ChangeEffect, change_factor, change_points
+from gravity_comp_ros.effects.change_points import change_factor, change_points, ChangeEffect
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion

@@ -46,8 +46,8 @@ class Switches:
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
-    least = regression.problem.options.min_unabsorbed
-    return term.effect.is_static and regression.unabsorbed[term.key] < least
+    minimum = regression.problem.options.min_unabsorbed
+    return term.effect.is_static and regression.unabsorbed[term.key] < minimum
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:
