@@ -114,7 +114,8 @@ def test_only_safe_effects_are_compensable():
                if one.is_compensable)
     assert compensable(['coulomb_friction:b', 'viscous_friction'], ('a', 'b')) == (
         'coulomb_friction:b', 'viscous_friction:a', 'viscous_friction:b')
-    for name in ('rigid_body_dynamics', 'time_delay:a', 'end_stop', 'torque_gain:b', 'torque_ripple:a'):
+    for name in ('rigid_body_dynamics', 'time_delay:a', 'end_stop', 'torque_gain:b',
+                 'torque_ripple:a'):
         with pytest.raises(OptionError, match='refused'):
             compensable([name], ('a', 'b'))
     with pytest.raises(OptionError, match='did you mean coulomb_friction'):

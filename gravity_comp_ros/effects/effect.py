@@ -38,7 +38,7 @@ class Sizes:
 
 
 class Needs(StrEnum):
-    """What the torque of an effect at a moment depends on."""
+    """Quantities from which the torque of an effect at a moment follows."""
 
     SPEED = 'pose, speed and direction of motion'
     ACCELERATION = 'acceleration as well'

@@ -22,21 +22,21 @@ def requested_fit(samples: JointSamples, requested: Sequence[Request], options: 
     :raises FitError: if there are too few samples.
     :raises DataError: if the samples do not excite a requested effect.
     """
-    found = estimate(samples, options, effects=tested)
-    predicted, is_new = _identified(found, requested)
+    estimated = estimate(samples, options, effects=tested)
+    predicted, is_new = _identified(estimated, requested)
     if is_new:
         keys = frozenset(key_of(name, samples.names) for name in predicted if name != DYNAMICS)
-        found = estimate(samples, options, forced=keys, effects=tested)
-    return result_of(found, options, predicted)
+        estimated = estimate(samples, options, forced=keys, effects=tested)
+    return result_of(estimated, options, predicted)
 
 
-def _identified(found: Estimate, requested: Sequence[Request]) -> tuple[list[str], bool]:
+def _identified(estimated: Estimate, requested: Sequence[Request]) -> tuple[list[str], bool]:
     """
-    Return the requested effects that the samples excite, and whether one of them was not found.
+    Return the requested effects that the samples excite, and whether one is not in the estimate.
 
     :raises DataError: if a joint was named, and the samples do not excite the effect there.
     """
-    regression = found.regression
+    regression = estimated.regression
     joints, untestable = regression.problem.samples.names, regression.candidates.untestable
     terms = {term.key for term in regression.terms}
     predicted, is_new = [], False

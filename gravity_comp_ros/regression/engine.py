@@ -101,17 +101,17 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     published = solve(posterior.design, posterior.terms, precision_of(
         posterior, problem.scale, options, correlation_times(posterior)))
     published = replace(published, beta=fit.at_point().beta)
-    return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates, fit.factory.motion,
-                      alternatives, gains, {key: s.unabsorbed for key, s in scores.items()}, steps,
-                      converged)
+    return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
+                      fit.factory.motion, alternatives, gains,
+                      {key: s.unabsorbed for key, s in scores.items()}, steps, converged)
 
 
 def _with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect],
                        weights: FloatArray) -> Shared:
     """Return the shared part that is estimated together with the effects common in joints."""
     factory = problem.factory(shared)
-    terms = common_terms(factory, effects)
-    return gauss_newton(Linear.at(problem, shared, factory, terms, weights), renewed=True)[0].shared
+    fit = Linear.at(problem, shared, factory, common_terms(factory, effects), weights)
+    return gauss_newton(fit, renewed=True)[0].shared
 
 
 def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],

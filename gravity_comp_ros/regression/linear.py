@@ -3,9 +3,9 @@ Gauss-Newton on the posterior: linearise at the shared part, solve, and move.
 
 Angles have a prior about their present estimate. While a step does not lower the objective, that
 prior is made narrower and the step is solved again (K. Levenberg, A method for the solution of
-certain non-linear problems in least squares, 1944). The objective is that of squared residuals over
-the noise plus squared coefficients over their prior, minimal over all coefficients but the angles
-(G. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
+certain non-linear problems in least squares, 1944). The objective is the sum of squared residuals
+over the noise and squared coefficients over their prior, minimal over all coefficients but the
+angles (G. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from __future__ import annotations

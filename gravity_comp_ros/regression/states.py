@@ -22,9 +22,7 @@ _BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """
-    C states of R rows: `state` (C, N), `count` (C,) samples of each, `first` (R,) of each row.
-    """
+    """C states of R rows: their `count` (C,) of samples, and the `first` (R,) of each row."""
 
     state: State
     count: IntArray

@@ -49,18 +49,13 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
     for i in range(n - 1):
         arms = links[i].transpose(0, 2, 1)                      # (B, axis, xyz)
         accelerated = np.einsum('bxy,bay->bax', turn[i], arms)
-        here = slice(3 * i, 3 * i + 3)
-        moment = np.cross(arms, moved_beyond[i + 1][:, None])
-        for j in range(n):
-            part = np.cross(beyond[max(j, i + 1)][:, None], accelerated)
-            if j <= i:
-                part = part + moment
-            columns[:, j, here] = np.einsum('bx,bax->ba', z[j], part)
+        part = np.cross(beyond[np.maximum(np.arange(n), i + 1)][:, :, None], accelerated)
+        part[:i + 1] += np.cross(arms, moved_beyond[i + 1][:, None])
+        columns[:, :, 3 * i:3 * i + 3] = np.einsum('jbx,jbax->bja', z, part)
     for i in range(n):
         at = 3 * (n - 1) + 6 * i
         torque = _inertia_columns(links[i], spin[i], turn[i])   # (B, 6, xyz)
-        for j in range(i + 1):
-            columns[:, j, at:at + 6] = np.einsum('bx,bkx->bk', z[j], torque)
+        columns[:, :i + 1, at:at + 6] = np.einsum('jbx,bkx->bjk', z[:i + 1], torque)
     return columns
 
 
@@ -131,15 +126,19 @@ def _inertia_columns(link: FloatArray, omega: FloatArray, turn: FloatArray) -> F
     """Return I alpha + omega x I omega in the base (B, 6, 3) for each component of I."""
     # In coordinates of the link.
     w = np.einsum('bxa,bx->ba', link, omega)
+<<<<<<< HEAD
     a = np.einsum('bxa,bx->ba', link, _alpha(turn))
     result = np.empty((len(w), 6, 3))
+=======
+    skewed = 0.5 * (turn - turn.transpose(0, 2, 1))
+    vector = np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
+    a = np.einsum('bxa,bx->ba', link, vector)
+    first, second = np.zeros((2, len(w), 6, 3))
+>>>>>>> node
     for k, (x, y) in enumerate(_PAIRS):
-        first, second = np.zeros_like(a), np.zeros_like(w)
-        first[:, x], second[:, x] = a[:, y], w[:, y]
-        if x != y:
-            first[:, y], second[:, y] = a[:, x], w[:, x]
-        result[:, k] = first + np.cross(w, second)
-    return np.einsum('bxa,bka->bkx', link, result)
+        first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
+        first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
+    return np.einsum('bxa,bka->bkx', link, first + np.cross(w[:, None], second))
 
 
 @dataclass(frozen=True, eq=False)
