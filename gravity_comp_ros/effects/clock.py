@@ -37,12 +37,7 @@ def since(samples: JointSamples, origin: float) -> FloatArray:
     """
     Return the time of each sample since an origin, (M,) in s.
 
-<<<<<<< HEAD
     Without an origin it is the time since its session begins. Samples before the origin are at 0.
-=======
-    Without an origin it is the time since the session of the sample began.
-    Samples before the origin are at 0.
->>>>>>> node
     """
     if origin == 0.0:
         return session_time(samples)

@@ -35,15 +35,9 @@ _REFINED, _BEYOND = 1.5, 4.0
 
 def laws(speed_noise: float) -> list[dict[str, float]]:
     """Return the laws to compare on a joint whose speed has this noise, rad/s."""
-<<<<<<< HEAD
     smallest = _NOISE_WIDTHS * speed_noise
     widths = [w for w in WIDTHS if w >= smallest] or [smallest]
     return [*({'width': w} for w in widths), *({'ramp': w} for w in RAMPS if w >= smallest),
-=======
-    minimum = _NOISE_WIDTHS * speed_noise
-    widths = [w for w in WIDTHS if w >= minimum] or [minimum]
-    return [*({'width': w} for w in widths), *({'ramp': w} for w in RAMPS if w >= minimum),
->>>>>>> node
             *({'distance': d} for d in DISTANCES)]
 
 

@@ -47,13 +47,8 @@ class Switches:
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
-<<<<<<< HEAD
     limit = regression.problem.options.min_unabsorbed
     return term.effect.is_static and regression.unabsorbed[term.key] < limit
-=======
-    minimum = regression.problem.options.min_unabsorbed
-    return term.effect.is_static and regression.unabsorbed[term.key] < minimum
->>>>>>> node
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:

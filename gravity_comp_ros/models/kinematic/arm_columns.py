@@ -126,15 +126,8 @@ def _inertia_columns(link: FloatArray, omega: FloatArray, turn: FloatArray) -> F
     """Return I alpha + omega x I omega in the base (B, 6, 3) for each component of I."""
     # In coordinates of the link.
     w = np.einsum('bxa,bx->ba', link, omega)
-<<<<<<< HEAD
     a = np.einsum('bxa,bx->ba', link, _alpha(turn))
-    result = np.empty((len(w), 6, 3))
-=======
-    skewed = 0.5 * (turn - turn.transpose(0, 2, 1))
-    vector = np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
-    a = np.einsum('bxa,bx->ba', link, vector)
     first, second = np.zeros((2, len(w), 6, 3))
->>>>>>> node
     for k, (x, y) in enumerate(_PAIRS):
         first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
         first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
