@@ -132,7 +132,7 @@ def test_axes_of_another_arm_are_rejected():
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
     samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
     result = fit(samples, FitOptions('chain', geometry=wrong))
-    assert not result.report.white and result.report.warnings
+    assert not result.report.known_axes and result.report.warnings
     model = fit(samples, FitOptions('chain')).model
     with pytest.raises(ModelMismatchError, match='do not reproduce the model'):
         update(model, recorded(arms.iiwa7(), LATER[:50], 1), geometry=wrong)

@@ -104,7 +104,6 @@ def test_slow_samples_are_fitted_by_default():
     samples = concatenate([SAMPLES, fast])
     slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
     assert added(MODEL, FRICTION[0], samples=samples).n_samples == slow < len(samples)
-    assert added(MODEL, 'rigid_body_dynamics', samples=samples).n_samples == len(samples)
     assert added(MODEL, FRICTION[0], samples=samples,
                  options=RefitOptions(slow=None)).n_samples == len(samples)
     few = added(MODEL, FRICTION[0], samples=samples, options=RefitOptions(0.1, force=True))

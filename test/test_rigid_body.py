@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
-from gravity_comp_ros.models.kinematic.rigid_body import identifiable, regressor
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.friction import Friction
@@ -52,26 +52,6 @@ def test_the_regressor_agrees_with_newton_euler(seed, n):
     assert whole == pytest.approx(arms.inverse_dynamics(arm, q, qd, qdd), abs=1e-9)
     motion = regressor(geometry, q, qd, qdd) @ theta
     assert motion == pytest.approx(of_motion(arm, q, qd, qdd), abs=1e-9)
-
-
-@pytest.mark.parametrize('seed', range(4))
-def test_inertias_moments_and_rotors_are_the_identifiable_parameters(seed):
-    arm = generated_arm(seed)
-    n, geometry = arm.n_joints, geometry_of(arm)
-    q, qd, qdd = drawn(n, 200, seed)
-    columns = regressor(geometry, q, qd, qdd).reshape(-1, 10 * n)
-    inertias, rotors = identifiable(geometry)
-    first = [10 * k + i for k in range(n) for i in (1, 2)]
-    kept = columns[:, [*first, *inertias]]
-    assert np.linalg.matrix_rank(kept) == np.linalg.matrix_rank(columns)
-    # The columns of the inertias are linearly independent.
-    own = columns[:, inertias]
-    assert np.linalg.matrix_rank(own) == len(inertias)
-    rotor_columns = np.zeros((len(q), n, len(rotors)))
-    for place, joint in enumerate(rotors):
-        rotor_columns[:, joint, place] = qdd[:, joint]
-    both = np.column_stack([columns, rotor_columns.reshape(len(columns), -1)])
-    assert np.linalg.matrix_rank(both) == np.linalg.matrix_rank(columns) + len(rotors)
 
 
 def gravity_of(arm, seed=0):

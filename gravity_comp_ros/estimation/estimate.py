@@ -139,9 +139,13 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     tested = tuple(all_effects().values()) if effects is None else tuple(effects)
     work = _Work(problem, options, old if old and old.joints == samples.names else None, forced,
                  tested, progress or (lambda word, share: None))
+    work.report('fit', 0.0)
     if options.formulation in ('potential', 'per_joint'):
-        return work.sparse(options.formulation, 'it was requested')
-    return work.chain_or_potential()
+        result = work.sparse(options.formulation, 'it was requested')
+    else:
+        result = work.chain_or_potential()
+    work.report('fit', 1.0)
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +189,6 @@ class _Work:
     def _chain(self) -> tuple[Regression, str]:
         """Return the chain, on described axes unless free ones fit much better."""
         geometry = self.options.geometry
-        self.report('fit', 0.0)
         if geometry is None:
             return self.regress(UnknownLengths.of(self._start())), ''
         samples = self.problem.samples.select(self.problem.rows.samples)
@@ -212,7 +215,7 @@ class _Work:
         The support is selected from the torque without the terms of a first regression, whose
         support was selected with generic friction.
         """
-        self.report('ADMM', 0.0)
+        self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, self.problem.y)
         first = self.regress(shared)
         shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))

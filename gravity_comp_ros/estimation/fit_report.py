@@ -20,8 +20,9 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
 
-# Minimum zero-angle offset and tilt of the base, in rad, that are reported.
-_MIN_ANGLE = np.radians(0.3)
+# Minimum zero-angle offset and tilt of the base, in rad, that are reported, and minimum
+# zero-angle offset in standard deviations.
+_MIN_ANGLE, _SIGNIFICANT = np.radians(0.3), 3.0
 # Minimum tilt of the base, in rad, of an arm that counts as mounted upside down.
 _UPSIDE_DOWN = np.radians(135.0)
 # Standard deviation of the torque over the whole range, as a share of the largest torque, above
@@ -115,7 +116,8 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
         tilt = tilt if tilt > _MIN_ANGLE else 0.0
         zeros = dict(zip(used.names[1:], zero_angle_differences(
             described.rotations, model.chain.axes)[1:].tolist()))
-        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ANGLE}
+        limits = _zero_angle_limits(estimate)
+        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > limits[name]}
     anywhere = _std_over_poses(model)
     spoilt = outliers(samples_of_rows(problem, problem.y), problem.rows.count,
                       residual_of(regression))
@@ -135,6 +137,16 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
         dropped, tuple(line for line in lines if line), is_white(regression, options.white),
         regression.steps, known, tilt, zeros, by_joint(anywhere) if anywhere.size else {},
         spoilt)
+
+
+def _zero_angle_limits(estimate: Estimate) -> Mapping[str, float]:
+    """Return the smallest zero-angle offset in rad of each joint that is reported."""
+    regression = estimate.regression
+    names = regression.problem.samples.names
+    # The tilt of the base is before the zero angles (`regression.known_axes`).
+    variance = np.diag(regression.posterior.covariance)[2:2 + len(names)]
+    limits = np.maximum(_MIN_ANGLE, _SIGNIFICANT * np.sqrt(np.maximum(variance, 0.0)))
+    return dict(zip(names, limits.tolist()))
 
 
 def _std_over_poses(model: GravityModel) -> NDArray[np.float64]:
@@ -207,8 +219,8 @@ def _warnings(model: GravityModel, estimate: Estimate, dropped: tuple[str, ...])
         lines.append(f'this motion does not separate {", ".join(absorbed)} from gravity: their '
                      f'sum with gravity is predicted. Move the other joints as well')
     if not estimate.regression.converged:
-        lines.append('the axes have not converged: record more poses, or name a robot '
-                     'description with --urdf')
+        lines.append('the axes have not converged: record more poses' + (
+            '' if model.geometry else ', or name a robot description with --urdf'))
     if not all(fit.lasso.converged for fit in estimate.fits):
         lines.append('ADMM did not reach its tolerance; its residuals are in the report')
     return lines

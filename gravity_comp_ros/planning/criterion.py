@@ -130,7 +130,7 @@ class Criterion:
             number = np.full(len(self.sums.std), -1)
             number[self._open] = np.arange(len(self._open))
             utilities = [np.log1p(np.maximum(self._separation(marginal, number, q), 0.0)
-                              / self._needed(q)) for q in self.questions]
+                                  / self._needed(q)) for q in self.questions]
         if self.gravity is not None:
             joints = list(self.gravity.joints)
             std = self.gravity.std_after(self.sums, a)[:, joints]
