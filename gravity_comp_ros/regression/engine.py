@@ -91,7 +91,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             break
         fit = fit.weighted(
             problem.rows.weights[:, None] * huber_weights(_residual(fit.posterior), options))
-    fit = fit.centred()
+    fit = _with_right_angles(fit).centred()
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
@@ -112,6 +112,20 @@ def _with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effec
     factory = problem.factory(shared)
     fit = Linear.at(problem, shared, factory, common_terms(factory, effects), weights)
     return gauss_newton(fit, renewed=True)[0].shared
+
+
+def _with_right_angles(fit: Linear) -> Linear:
+    """Return the fit with axes at right angles where that is more probable."""
+    problem, terms = fit.problem, fit.posterior.terms
+    posterior = solve(fit.posterior.design, terms, precision_of(
+        fit.posterior, problem.scale, problem.options))
+    p = len(fit.shared.point)
+    shared = fit.shared.right_angles(posterior.covariance[:p, :p])
+    if shared is fit.shared:
+        return fit
+    factory = problem.factory(shared)
+    return gauss_newton(Linear.at(problem, shared, factory, tuple(map(factory.again, terms)),
+                                  fit.weights, fit.posterior.precision))[0]
 
 
 def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],

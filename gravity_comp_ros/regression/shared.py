@@ -68,6 +68,10 @@ class Shared(ABC):
         """Return the same with what is constant in a linearised problem at the estimate."""
         return self
 
+    def right_angles(self, covariance: FloatArray) -> Shared:
+        """Return the same with unknown axes at the right angles that the data do not exclude."""
+        return self
+
     def torque(self, state: State) -> FloatArray:
         """Return the torque (B, N) in N·m at the point."""
         return np.asarray(self.columns(state) @ self.point)

@@ -10,6 +10,10 @@ is (J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977: augmented bodies)
 
 so that the torque of motion is linear in p_i and I_i for given axes and moments. Slow motion
 determines few of them; the others stay at their prior.
+
+Most axes are parallel or perpendicular to the one before, and the first to the vertical. A tilt is
+a change of that angle and one across it; `right_angles` compares both hypotheses for each axis by
+their evidence (the ratio of Savage and Dickey).
 """
 
 from __future__ import annotations
@@ -17,12 +21,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain import Chain, tilt
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
+from scipy.linalg import block_diag
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
@@ -35,12 +40,13 @@ class LengthPriors:
     """
     Prior standard deviations of an arm without a description.
 
-    `tilt` in rad of an axis about its present estimate; `moment` as a multiple of the largest
+    `tilt` in rad of an axis about its present estimate, `right` if it is at a right angle; `moment` as a multiple of the largest
     torque; `length` in m of a link; `inertia` in m, times the largest torque over g: the inertia
     about a joint of the mass beyond it, at the reach of the arm.
     """
 
     tilt: float = 0.3
+    right: float = 1e-3
     moment: float = 2.0
     length: float = 0.5
     inertia: float = 0.7
@@ -51,6 +57,9 @@ class UnknownLengths(Shared):
     """
     A chain with unknown lengths: 2N tilts, 2N moments, 3(N - 1) lengths, 6N inertias.
 
+    The tilts of an axis are those of `_turns`. `is_right` (2N,) are those that a right angle or a
+    parallel axis fixes.
+
     `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
     `carried` (N, 2) are the moments in the torque of motion. They are renewed between linearised
     problems (`renewed`): the product of moments and lengths would not be linear.
@@ -60,6 +69,7 @@ class UnknownLengths(Shared):
     lengths: FloatArray
     inertias: FloatArray
     carried: FloatArray
+    is_right: BoolArray
     priors: LengthPriors = LengthPriors()
 
     @classmethod
@@ -67,9 +77,9 @@ class UnknownLengths(Shared):
            inertias: FloatArray | None = None) -> UnknownLengths:
         """Return a chain with lengths and inertias of 0, the mean of their prior, by default."""
         n = chain.n_joints
-        if lengths is not None and inertias is not None:
-            return cls(chain, lengths, inertias, chain.moments)
-        return cls(chain, np.zeros((n - 1, 3)), np.zeros((n, 6)), chain.moments)
+        return cls(chain, np.zeros((n - 1, 3)) if lengths is None else lengths,
+                   np.zeros((n, 6)) if inertias is None else inertias, chain.moments,
+                   np.zeros(2 * n, dtype=bool))
 
     @property
     def point(self) -> FloatArray:
@@ -83,12 +93,15 @@ class UnknownLengths(Shared):
 
     def step_map(self) -> FloatArray:
         """Return the step of the chain per parameter, (4N, P)."""
-        return np.eye(4 * self.chain.n_joints, len(self.point))
+        n = self.chain.n_joints
+        result = np.eye(4 * n, len(self.point))
+        result[:2 * n, :2 * n] = block_diag(*_turns(self.chain))
+        return result
 
     def prior_std(self, scale: Scale) -> FloatArray:
         n, p = self.chain.n_joints, self.priors
         return np.concatenate([
-            np.full(2 * n, p.tilt), np.full(2 * n, p.moment * scale.largest),
+            np.where(self.is_right, p.right, p.tilt), np.full(2 * n, p.moment * scale.largest),
             np.full(3 * (n - 1), p.length),
             np.full(6 * n, p.inertia * scale.largest / STANDARD_GRAVITY)])
 
@@ -100,6 +113,7 @@ class UnknownLengths(Shared):
             columns[:, :, 4 * n:] = motion_columns(
                 Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
             columns[:, :, :2 * n] += self._motion_by_tilts(state)
+        columns[:, :, :2 * n] = columns[:, :, :2 * n] @ block_diag(*_turns(self.chain))
         return columns
 
     def torque(self, state: State) -> FloatArray:
@@ -137,8 +151,43 @@ class UnknownLengths(Shared):
 
     def moved(self, parameters: FloatArray) -> UnknownLengths:
         n = self.chain.n_joints
-        step = np.concatenate([np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP),
+        tilts = np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP).reshape(n, 2, 1)
+        step = np.concatenate([(_turns(self.chain) @ tilts).ravel(),
                                parameters[2 * n:4 * n] - self.chain.moments.ravel()])
         return replace(self, chain=self.chain.moved(step),
                        lengths=parameters[4 * n:7 * n - 3].reshape(n - 1, 3),
                        inertias=parameters[7 * n - 3:].reshape(n, 6))
+
+    def right_angles(self, covariance: FloatArray) -> UnknownLengths:
+        """
+        Return the same with the axes at right angles that the data do not contradict.
+
+        :param covariance: (P, P) of the parameters.
+        """
+        axes, is_right = self.chain.axes.copy(), self.is_right.copy()
+        for i, (axis, turn) in enumerate(zip(axes, _turns(self.chain))):
+            cosine, sine = axis[2, 2], float(np.hypot(axis[2, 0], axis[2, 1]))
+            here = slice(2 * i, 2 * i + 1 + (sine < abs(cosine)))
+            # The tilt along `turn` that makes the axis parallel, or perpendicular.
+            tilt_to = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if sine < abs(cosine) \
+                else -np.arctan2(cosine, sine)
+            step = np.array([tilt_to, 0.0])[:here.stop - here.start]
+            spread = covariance[here, here] + self.priors.right ** 2 * np.eye(len(step))
+            gain = (len(step) * np.log(self.priors.tilt) - 0.5 * np.linalg.slogdet(spread)[1]
+                    - 0.5 * step @ np.linalg.solve(spread, step))
+            if gain > 0.0 and not is_right[here].any():
+                axes[i], is_right[here] = axis @ tilt((turn[:, 0] * tilt_to)[None])[0], True
+        return replace(self, chain=Chain(axes, self.chain.moments), is_right=is_right)
+
+
+def _turns(chain: Chain) -> FloatArray:
+    """
+    Return the tilts (N, 2, 2) that a unit of each parameter is: along column 0 and across.
+
+    Along it the angle to the axis before, or to the vertical, changes fastest.
+    """
+    along = np.stack([-chain.axes[:, 2, 1], chain.axes[:, 2, 0]], axis=1)
+    size = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.where(size > 1e-9, along / np.maximum(size, 1e-9), np.array([1.0, 0.0]))
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    return np.stack([along, across], axis=2)
