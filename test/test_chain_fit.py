@@ -5,7 +5,6 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
 from gravity_comp_ros.models.kinematic.chain_starts import (
     search, SearchOptions, structure, STRUCTURE_LIMIT)
@@ -155,7 +154,7 @@ def test_a_wrong_minimum_is_detected():
     assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
 
 
-def test_a_single_wrong_start_is_detected_and_corrected():
+def test_a_single_wrong_start_is_detected():
     arm = arms.iiwa7()
     q = motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
@@ -163,9 +162,6 @@ def test_a_single_wrong_start_is_detected_and_corrected():
     results = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
     right = [each.solution.cost < 1.3 * q.size for each in results]
     assert not all(right) and [each.clean for each in results] == right
-    for seed in range(4):
-        result = rough_fit(samples, SearchOptions(starts=1, seed=seed))
-        assert result.clean and result.noise.absolute.max() < 1.3 * NOISE
 
 
 def error_and_band(seed: int, right_angles: bool, duration: float):
