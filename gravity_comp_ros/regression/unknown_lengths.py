@@ -40,9 +40,9 @@ class LengthPriors:
     """
     Prior standard deviations of an arm without a description.
 
-    `tilt` in rad of an axis about its present estimate, `right` if it is at a right angle; `moment` as a multiple of the largest
-    torque; `length` in m of a link; `inertia` in m, times the largest torque over g: the inertia
-    about a joint of the mass beyond it, at the reach of the arm.
+    `tilt` in rad of an axis about its present estimate, `right` if it is at a right angle; `moment`
+    as a multiple of the largest torque; `length` in m of a link; `inertia` in m, times the largest
+    torque over g: the inertia about a joint of the mass beyond it, at the reach of the arm.
     """
 
     tilt: float = 0.3

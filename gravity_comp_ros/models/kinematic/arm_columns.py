@@ -123,7 +123,7 @@ def _rates(z: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, 
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product over the last axis; `np.cross` takes three times as long for one."""
+    """Return the cross product over the last axis; `np.cross` takes three times as long."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.subtract(a[..., i] * b[..., j], a[..., j] * b[..., i], out=result[..., k])
