@@ -12,9 +12,10 @@ import numpy as np
 # Range of periods per revolution: gravity has one, springs on cranks two or three.
 _LOWEST = 4
 _HIGHEST = 320
-# Minimum travel in rad, and minimum number of periods within it.
+# Minimum travel in rad, and minimum number of periods within it: a torque that hardly repeats is
+# not distinguishable from a spring.
 _MIN_TRAVEL = 0.1
-_MIN_PERIODS = 1.0
+_MIN_PERIODS = 1.25
 # Maximum number of harmonics of a period.
 _MAX_HARMONICS = 4
 
