@@ -64,7 +64,7 @@ class BaseTilt(ChangeEffect):
     description = ('Base that tilts during the recording, as that of a mobile robot. A tilt that '
                    'is there throughout is a part of the gravity model.')
     coefficients = (Coefficient('alpha', 'rad', 'change of the tilt about the first axis of the '
-                                                'first joint\'s frame'),
+                                                'frame of the first joint'),
                     Coefficient('beta', 'rad', 'the same about the second axis'))
     confounders = ('encoder_offset', 'joint_spring', 'payload_change')
     experiment = ('check the base with a spirit level; move the first joint over its whole range '

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.effects.predict import fitted_torque, motion_of
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.estimated_model import DYNAMICS
