@@ -40,27 +40,22 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
     kinematics = ForwardKinematics(chain.axes, q)
     z = kinematics.frames[:, 2].transpose(0, 2, 1)              # (N, B, 3)
     links = kinematics.rotated.transpose(0, 3, 2, 1)            # (N, B, xyz, axis)
-    spin, turn = _rates(z, qd, qdd)
+    spin, acceleration, turn = _rates(z, qd, qdd)
     # Acceleration of a vector fixed in link i is turn[i] times that vector.
     moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
-    moved = np.einsum('nbxy,nby->nbx', turn, moments)
-    beyond, moved_beyond = _suffix_sums(moments), _suffix_sums(moved)
-    columns = np.zeros((m, n, 9 * n - 3))
-    for i in range(n - 1):
-        arms = links[i].transpose(0, 2, 1)                      # (B, axis, xyz)
-        accelerated = np.einsum('bxy,bay->bax', turn[i], arms)
-        here = slice(3 * i, 3 * i + 3)
-        moment = _cross(beyond[i + 1][:, None], accelerated)
-        moment += _cross(arms, moved_beyond[i + 1][:, None])
-        columns[:, :i + 1, here] = np.einsum('jbx,bax->bja', z[:i + 1], moment)
-        for j in range(i + 1, n):
-            columns[:, j, here] = np.einsum(
-                'bx,bax->ba', z[j], _cross(beyond[j][:, None], accelerated))
-    for i in range(n):
-        at = 3 * (n - 1) + 6 * i
-        torque = _inertia_columns(links[i], spin[i], turn[i])   # (B, 6, xyz)
-        columns[:, :i + 1, at:at + 6] = np.einsum('jbx,bkx->bjk', z[:i + 1], torque)
-    return columns
+    beyond = _suffix_sums(moments)
+    moved_beyond = _suffix_sums(np.einsum('nbxy,nby->nbx', turn, moments))
+    arms = links[:-1].swapaxes(2, 3)                            # (N - 1, B, axis, xyz)
+    accelerated = np.einsum('nbxy,nbay->nbax', turn[:-1], arms)
+    # The length of link i moves the bodies beyond it; joint j carries those beyond both.
+    moment = (_cross(beyond[1:, :, None], accelerated)
+              + _cross(arms, moved_beyond[1:, :, None]))
+    carries = np.arange(n)[:, None] <= np.arange(n)
+    lengths = np.where(carries[:, :-1, None], np.einsum('jbx,nbax->bjna', z, moment),
+                       np.einsum('jbx,nbax->bjna', _cross(z, beyond), accelerated))
+    torque = _inertia_columns(links, spin, acceleration)        # (N, B, 6, xyz)
+    inertias = carries[:, :, None] * np.einsum('jbx,nbkx->bjnk', z, torque)
+    return np.concatenate([lengths.reshape(m, n, -1), inertias.reshape(m, n, -1)], axis=2)
 
 
 def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: FloatArray,
@@ -70,56 +65,46 @@ def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: Fl
 
     :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
     """
-    n = chain.n_joints
     kinematics = ForwardKinematics(chain.axes, q)
     z = kinematics.frames[:, 2].transpose(0, 2, 1)
     links = kinematics.rotated.transpose(0, 3, 2, 1)
-    spin, turn = _rates(z, qd, qdd)
+    spin, acceleration, turn = _rates(z, qd, qdd)
     moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
     beyond = _suffix_sums(moments)
     moved_beyond = _suffix_sums(np.einsum('nbxy,nby->nbx', turn, moments))
-    arms = np.einsum('nbxa,na->nbx', links[:n - 1], lengths)
-    accelerated = np.einsum('nbxy,nby->nbx', turn[:n - 1], arms)
-    # Moment about joint j: of link i itself for j <= i, of those beyond max(i, j - 1) for all i.
-    own = np.cross(beyond[1:], accelerated) + np.cross(arms, moved_beyond[1:])
-    own += np.stack([_inertia_moment(links[i], spin[i], turn[i], inertias[i])
-                     for i in range(n - 1)]) if n > 1 else 0.0
-    last = _inertia_moment(links[-1], spin[-1], turn[-1], inertias[-1])
-    outward = _suffix_sums(np.concatenate([own, last[None]]))
-    inward = np.cumsum(np.concatenate([0.0 * accelerated[:1], accelerated]), axis=0) if n > 1 \
-        else np.zeros_like(beyond)
-    return np.asarray(np.einsum('nbx,nbx->bn', z, outward + np.cross(beyond, inward)))
+    arms = np.einsum('nbxa,na->nbx', links[:-1], lengths)
+    accelerated = np.einsum('nbxy,nby->nbx', turn[:-1], arms)
+    # Moment about joint j: of each link for j <= i, of the lengths before j on the bodies beyond.
+    own = _inertia_moment(links, spin, acceleration, inertias)
+    own[:-1] += _cross(beyond[1:], accelerated) + _cross(arms, moved_beyond[1:])
+    before = np.zeros_like(beyond)
+    np.cumsum(accelerated, axis=0, out=before[1:])
+    return np.asarray(np.einsum('nbx,nbx->bn', z, _suffix_sums(own) + _cross(beyond, before)))
 
 
-def _inertia_moment(link: FloatArray, omega: FloatArray, turn: FloatArray,
-                    inertia: FloatArray) -> FloatArray:
-    """Return I alpha + omega x I omega in the base, (B, 3)."""
-    matrix = np.empty((3, 3))
-    for (x, y), value in zip(_PAIRS, inertia):
-        matrix[x, y] = matrix[y, x] = value
-    w = np.einsum('bxa,bx->ba', link, omega)
-    a = np.einsum('bxa,bx->ba', link, _alpha(turn))
-    return np.einsum('bxa,ba->bx', link, a @ matrix + np.cross(w, w @ matrix))
+def _inertia_moment(links: FloatArray, omega: FloatArray, alpha: FloatArray,
+                    inertias: FloatArray) -> FloatArray:
+    """Return I alpha + omega x I omega in the base, (N, B, 3)."""
+    matrices = np.empty((len(inertias), 3, 3))
+    for k, (x, y) in enumerate(_PAIRS):
+        matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
+    w = np.einsum('nbxa,nbx->nba', links, omega)
+    a = np.einsum('nbxa,nbx->nba', links, alpha)
+    return np.einsum('nbxa,nba->nbx', links, a @ matrices + _cross(w, w @ matrices))
 
 
-def _alpha(turn: FloatArray) -> FloatArray:
-    """Return the angular acceleration (B, 3) in turn = [alpha]x + [omega]x^2."""
-    skewed = 0.5 * (turn - turn.transpose(0, 2, 1))  # [omega]x^2 is symmetric
-    return np.stack([skewed[:, 2, 1], skewed[:, 0, 2], skewed[:, 1, 0]], axis=1)
+def _rates(z: FloatArray, qd: FloatArray, qdd: FloatArray
+           ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """
+    Return each link's angular velocity and acceleration (N, B, 3), and the matrix of both.
 
-
-def _rates(z: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return each link's angular velocity (N, B, 3), and [alpha]x + [omega]x^2 (N, B, 3, 3)."""
-    n, m = len(z), len(qd)
-    omega, alpha = np.zeros((m, 3)), np.zeros((m, 3))
-    spin, turn = np.empty((n, m, 3)), np.empty((n, m, 3, 3))
-    for i in range(n):
-        alpha = (alpha + z[i] * qdd[:, [i]]
-                 + _cross(omega, z[i]) * qd[:, [i]])
-        omega = omega + z[i] * qd[:, [i]]
-        cross = skew(omega)
-        spin[i], turn[i] = omega, skew(alpha) + cross @ cross
-    return spin, turn
+    The matrix is [alpha]x + [omega]x^2, (N, B, 3, 3).
+    """
+    speeds = z * qd.T[:, :, None]
+    omega = np.cumsum(speeds, axis=0)
+    alpha = np.cumsum(z * qdd.T[:, :, None] + _cross(omega - speeds, speeds), axis=0)
+    turn = skew(omega)
+    return omega, alpha, skew(alpha) + turn @ turn
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -134,16 +119,16 @@ def _suffix_sums(values: FloatArray) -> FloatArray:
     return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
-def _inertia_columns(link: FloatArray, omega: FloatArray, turn: FloatArray) -> FloatArray:
-    """Return I alpha + omega x I omega in the base (B, 6, 3) for each component of I."""
-    # In coordinates of the link.
-    w = np.einsum('bxa,bx->ba', link, omega)
-    a = np.einsum('bxa,bx->ba', link, _alpha(turn))
-    first, second = np.zeros((2, len(w), 6, 3))
+def _inertia_columns(links: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Return I alpha + omega x I omega in the base (N, B, 6, 3) for each component of I."""
+    # In coordinates of the links.
+    w = np.einsum('nbxa,nbx->nba', links, omega)
+    a = np.einsum('nbxa,nbx->nba', links, alpha)
+    first, second = np.zeros((2, *w.shape[:2], 6, 3))
     for k, (x, y) in enumerate(_PAIRS):
-        first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
-        first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
-    return np.einsum('bxa,bka->bkx', link, first + _cross(w[:, None], second))
+        first[..., k, x], second[..., k, x] = a[..., y], w[..., y]
+        first[..., k, y], second[..., k, y] = a[..., x], w[..., x]
+    return np.einsum('nbxa,nbka->nbkx', links, first + _cross(w[..., None, :], second))
 
 
 @dataclass(frozen=True, eq=False)
