@@ -91,7 +91,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             break
         fit = fit.weighted(
             problem.rows.weights[:, None] * huber_weights(_residual(fit.posterior), options))
-    fit = _with_right_angles(fit).centred()
+    fit = _with_exact_angles(fit).centred()
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
@@ -114,13 +114,13 @@ def _with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effec
     return gauss_newton(fit, renewed=True)[0].shared
 
 
-def _with_right_angles(fit: Linear) -> Linear:
-    """Return the fit with axes at right angles where that is more probable."""
+def _with_exact_angles(fit: Linear) -> Linear:
+    """Return the fit with exact angles where that is more probable."""
     problem, terms = fit.problem, fit.posterior.terms
     posterior = solve(fit.posterior.design, terms, precision_of(
         fit.posterior, problem.scale, problem.options))
     p = len(fit.shared.point)
-    shared = fit.shared.right_angles(posterior.covariance[:p, :p])
+    shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
     if shared is fit.shared:
         return fit
     factory = problem.factory(shared)

@@ -4,15 +4,16 @@ Gravity and dynamics of an arm whose axes and lengths a robot description gives.
 The torque is linear in the inertial parameters of the links (`models.kinematic.rigid_body`); the
 base parameters are a maximal set of linearly independent columns (M. Gautier, W. Khalil, IEEE
 Transactions on Robotics and Automation 6, 1990). The mounting of the base and the zero angles of
-the joints are parameters as well, with a narrow prior.
+the joints are parameters as well, with a narrow prior. `with_exact_angles` compares each with the
+angle of the description by their evidence (the ratio of Savage and Dickey).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import Basis, basis_of, described_columns
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -32,13 +33,15 @@ class KnownPriors:
 
     `parameter` and `inertia` as multiples of the largest torque over the column's RMS at speeds
     and accelerations of 1; `tilt` in rad of the base and `zero` in rad of a zero angle: a base is
-    levelled and encoders are set to within half a degree.
+    levelled and encoders are set to within half a degree. `exact` in rad is that of an angle as
+    described.
     """
 
     parameter: float = 3.0
     inertia: float = 0.3
     tilt: float = 0.01
     zero: float = 0.01
+    exact: float = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,22 +49,27 @@ class KnownAxes(Shared):
     """
     An arm on the axes of a geometry: 2 tilts of the base, N zero angles, K base parameters.
 
-    `values` (K,) are the base parameters; the described geometry is changed by tilt and zeros.
+    `values` (K,) are the base parameters. `geometry` is the `described` one changed by the angles
+    `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described.
     """
 
     geometry: Geometry
     values: FloatArray
+    described: Geometry
+    turned: FloatArray
+    is_exact: BoolArray
     priors: KnownPriors = KnownPriors()
-    described: Geometry | None = field(default=None)
 
     @classmethod
     def of(cls, geometry: Geometry) -> KnownAxes:
         """Return an arm with all inertial parameters 0."""
-        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), described=geometry)
+        n = 2 + geometry.n_joints
+        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), geometry, np.zeros(n),
+                   np.zeros(n, dtype=bool))
 
     @property
     def basis(self) -> Basis:
-        return basis_of(self.described or self.geometry)
+        return basis_of(self.described)
 
     @property
     def chain(self) -> Chain:
@@ -99,7 +107,12 @@ class KnownAxes(Shared):
     def prior_std(self, scale: Scale) -> FloatArray:
         basis, p = self.basis, self.priors
         size = np.where(basis.is_static, p.parameter, p.inertia) * scale.largest / basis.size
-        return np.concatenate([np.full(2, p.tilt), np.full(self.geometry.n_joints, p.zero), size])
+        return np.concatenate([np.where(self.is_exact, p.exact, self._angle_std), size])
+
+    @property
+    def _angle_std(self) -> FloatArray:
+        p = self.priors
+        return np.concatenate([np.full(2, p.tilt), np.full(self.geometry.n_joints, p.zero)])
 
     def columns(self, state: State) -> FloatArray:
         n, chain = self.geometry.n_joints, self.chain
@@ -130,12 +143,25 @@ class KnownAxes(Shared):
         return self.chain.torque(q)
 
     def moved(self, parameters: FloatArray) -> KnownAxes:
-        n = self.geometry.n_joints
-        turned, zero = parameters[:2], parameters[2:2 + n]
-        rotations = self.geometry.rotations @ about_z(zero)
-        rotations[0] = self.geometry.rotations[0] @ tilt(turned[None])[0] @ about_z(zero[:1])[0]
-        return replace(self, geometry=replace(self.geometry, rotations=rotations),
-                       values=parameters[2 + n:])
+        n = self.n_angles
+        return replace(self, geometry=_turned(self.geometry, parameters[:n]),
+                       turned=self.turned + parameters[:n], values=parameters[n:])
+
+    def with_exact_angles(self, covariance: FloatArray) -> KnownAxes:
+        variance = np.diag(covariance)[:self.n_angles] + self.priors.exact ** 2
+        gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
+        is_exact = self.is_exact | (gain > 0.0)
+        turned = np.where(is_exact, 0.0, self.turned)
+        return replace(self, geometry=_turned(self.described, turned), turned=turned,
+                       is_exact=is_exact)
+
+
+def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:
+    """Return a geometry after two tilts of the base and N changes of zero angles."""
+    zero = angles[2:]
+    rotations = geometry.rotations @ about_z(zero)
+    rotations[0] = geometry.rotations[0] @ tilt(angles[None, :2])[0] @ about_z(zero[:1])[0]
+    return replace(geometry, rotations=rotations)
 
 
 def _random_poses(n_joints: int) -> FloatArray:

@@ -68,8 +68,12 @@ class Shared(ABC):
         """Return the same with what is constant in a linearised problem at the estimate."""
         return self
 
-    def right_angles(self, covariance: FloatArray) -> Shared:
-        """Return the same with unknown axes at the right angles that the data do not exclude."""
+    def with_exact_angles(self, covariance: FloatArray) -> Shared:
+        """
+        Return the same with the angles that are probably exact: right angles, described ones.
+
+        :param covariance: (P, P) of the parameters.
+        """
         return self
 
     def torque(self, state: State) -> FloatArray:

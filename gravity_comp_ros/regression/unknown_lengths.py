@@ -12,7 +12,7 @@ so that the torque of motion is linear in p_i and I_i for given axes and moments
 determines few of them; the others stay at their prior.
 
 Most axes are parallel or perpendicular to the one before, and the first to the vertical. A tilt is
-a change of that angle and one across it; `right_angles` compares both hypotheses for each axis by
+a change of that angle and one across it; `with_exact_angles` compares both hypotheses for each axis by
 their evidence (the ratio of Savage and Dickey).
 """
 
@@ -158,12 +158,7 @@ class UnknownLengths(Shared):
                        lengths=parameters[4 * n:7 * n - 3].reshape(n - 1, 3),
                        inertias=parameters[7 * n - 3:].reshape(n, 6))
 
-    def right_angles(self, covariance: FloatArray) -> UnknownLengths:
-        """
-        Return the same with the axes at right angles that the data do not contradict.
-
-        :param covariance: (P, P) of the parameters.
-        """
+    def with_exact_angles(self, covariance: FloatArray) -> UnknownLengths:
         axes, is_right = self.chain.axes.copy(), self.is_right.copy()
         for i, (axis, turn) in enumerate(zip(axes, _turns(self.chain))):
             cosine, sine = axis[2, 2], float(np.hypot(axis[2, 0], axis[2, 1]))
