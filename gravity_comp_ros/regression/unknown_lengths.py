@@ -11,8 +11,9 @@ is (J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977: augmented bodies)
 so that the torque of motion is linear in p_i and I_i for given axes and moments. Slow motion
 determines few of them; the others stay at their prior.
 
-Most axes are parallel or perpendicular to the one before, and the first to the vertical. A tilt is
-a change of that angle and one across it; `with_exact_angles` compares both hypotheses for each axis by
+Most axes are parallel or perpendicular to the one before, and the first to the vertical; most zero
+angles turn an axis by a multiple of 90 degrees. A tilt is a change of the former angle and one
+across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free angle by
 their evidence (the ratio of Savage and Dickey).
 """
 
@@ -23,7 +24,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque
-from gravity_comp_ros.models.kinematic.chain import Chain, tilt
+from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
@@ -31,6 +32,8 @@ from scipy.linalg import block_diag
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
+# Sine of the angle between axes above which a turn about the first moves the second.
+_MIN_SINE = 0.5
 # Rotation in rad of a finite difference.
 _DIFFERENCE = 1e-6
 
@@ -160,19 +163,33 @@ class UnknownLengths(Shared):
 
     def with_exact_angles(self, covariance: FloatArray) -> UnknownLengths:
         axes, is_right = self.chain.axes.copy(), self.is_right.copy()
-        for i, (axis, turn) in enumerate(zip(axes, _turns(self.chain))):
-            cosine, sine = axis[2, 2], float(np.hypot(axis[2, 0], axis[2, 1]))
-            here = slice(2 * i, 2 * i + 1 + (sine < abs(cosine)))
+        for i, turn in enumerate(_turns(self.chain)):
+            cosine, sine = axes[i, 2, 2], float(np.hypot(axes[i, 2, 0], axes[i, 2, 1]))
+            parallel = sine < abs(cosine)
+            here = slice(2 * i, 2 * i + 1 + parallel)
             # The tilt along `turn` that makes the axis parallel, or perpendicular.
-            tilt_to = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if sine < abs(cosine) \
+            step = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if parallel \
                 else -np.arctan2(cosine, sine)
-            step = np.array([tilt_to, 0.0])[:here.stop - here.start]
-            spread = covariance[here, here] + self.priors.right ** 2 * np.eye(len(step))
-            gain = (len(step) * np.log(self.priors.tilt) - 0.5 * np.linalg.slogdet(spread)[1]
-                    - 0.5 * step @ np.linalg.solve(spread, step))
-            if gain > 0.0 and not is_right[here].any():
-                axes[i], is_right[here] = axis @ tilt((turn[:, 0] * tilt_to)[None])[0], True
+            if self._gain(np.array([step, 0.0])[:here.stop - here.start], covariance[here, here]
+                          ) > 0.0 and not is_right[here].any():
+                axes[i], is_right[here] = axes[i] @ tilt((turn[:, 0] * step)[None])[0], True
+            before = np.hypot(axes[i - 1, 2, 0], axes[i - 1, 2, 1]) if i else 0.0
+            if parallel or before < _MIN_SINE:
+                continue
+            azimuth = np.arctan2(axes[i, 1, 2], axes[i, 0, 2]) - np.arctan2(
+                axes[i - 1, 2, 1], axes[i - 1, 2, 0])
+            step = np.round(azimuth / (0.5 * np.pi)) * 0.5 * np.pi - azimuth
+            across = slice(2 * i + 1, 2 * i + 2)
+            if self._gain(np.array([step * sine]), covariance[across, across]
+                          ) > 0.0 and not is_right[across].any():
+                axes[i], is_right[across] = about_z(step) @ axes[i], True
         return replace(self, chain=Chain(axes, self.chain.moments), is_right=is_right)
+
+    def _gain(self, step: FloatArray, covariance: FloatArray) -> float:
+        """Return the log evidence of tilts (K,) being exact rather than free."""
+        spread = covariance + self.priors.right ** 2 * np.eye(len(step))
+        return float(len(step) * np.log(self.priors.tilt) - 0.5 * np.linalg.slogdet(spread)[1]
+                     - 0.5 * step @ np.linalg.solve(spread, step))
 
 
 def _turns(chain: Chain) -> FloatArray:
