@@ -34,8 +34,8 @@ the number of joints. Torque is that of the drive, positive in the direction of 
 - **Changes**: an encoder offset, a base tilt and a payload change begin at a `time` in s of a
   `run`, or at a `clock` time. Gravity is that of the end of the recording, and the effect is the
   difference before the change. Gravity absorbs an error that is there throughout.
-- **Prior**: each coefficient has a normal prior about 0 in proportion to the torque scale of the
-  joint, cut at 0 for those that cannot be negative.
+- **Prior**: each coefficient has a normal prior about 0, cut at 0 if it cannot be negative. For
+  torques and stiffnesses it is in proportion to the torque scale of the joint.
 - An effect is *untestable* on a recording if the motion does not excite it. The reason is
   reported.
 
