@@ -13,11 +13,11 @@ OPTIONS = EngineOptions()
 
 
 def run_of(t, values=None):
-    """Return one run of one joint."""
+    """Return one run of one joint that moves by 1 rad/s."""
     t = np.asarray(t, dtype=float)
     values = np.zeros(len(t)) if values is None else values
     column = np.asarray(values, dtype=float)[:, None]
-    return JointSamples.single_run(('a',), t, column, column, column)
+    return JointSamples.single_run(('a',), t, t[:, None] - t[0], column, column)
 
 
 def test_rows_are_means_over_a_tenth_of_a_second():
@@ -37,6 +37,16 @@ def test_rounding_of_the_stamps_does_not_change_the_rows(rate):
     for count in counts:
         np.testing.assert_array_equal(count, counts[0])
     assert len(counts[0]) == 40
+
+
+def test_an_arm_at_rest_has_one_row_for_ten_seconds():
+    t = np.arange(2000) / 50.0
+    q = np.where(t < 2.0, t, np.where(t < 37.0, 2.0, t - 35.0))[:, None]
+    rows = rows_of(JointSamples.single_run(('a',), t, q, 0.0 * q, q), OPTIONS)
+    # 20 rows of motion, four of a rest of 35 s, 30 of motion.
+    assert rows.n_rows == 54
+    np.testing.assert_array_equal(np.sort(rows.count)[-4:], [250, 500, 500, 500])
+    assert rows.weights.max() == 1.0 and rows.count.sum() == len(t)
 
 
 def test_a_slow_recording_has_a_row_for_each_sample():
@@ -65,7 +75,7 @@ def test_unused_samples_are_in_no_row():
     samples = run_of(np.arange(20) / 50, np.arange(20))
     use = np.arange(20) % 5 != 0
     rows = rows_of(samples, OPTIONS, use)
-    np.testing.assert_allclose(rows.mean(samples.q)[:, 0], [2.5, 7.5, 12.5, 17.5])
+    np.testing.assert_allclose(rows.mean(samples.tau)[:, 0], [2.5, 7.5, 12.5, 17.5])
     with pytest.raises(FitError, match='no samples'):
         rows_of(samples, OPTIONS, np.zeros(20, dtype=bool))
 

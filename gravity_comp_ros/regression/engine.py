@@ -13,7 +13,8 @@ from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.gains import gain, score_of
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
-from gravity_comp_ros.regression.noise import correlation_times, noise_std, precision_of
+from gravity_comp_ros.regression.noise import (
+    correlation_times, noise_std, precision_of, relative_weights)
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
@@ -89,8 +90,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         log(f'pass {number}: {len(search.terms)} terms')
         if number and not changed:
             break
-        fit = fit.weighted(
-            problem.rows.weights[:, None] * huber_weights(_residual(fit.posterior), options))
+        fit = fit.weighted(_weights(fit))
     fit = _with_exact_angles(fit).centred()
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
@@ -139,6 +139,15 @@ def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
         fit.posterior, problem.scale, problem.options))
     return Search(design, candidates, pools, fit.factory, problem.scale, problem.white_noise,
                   problem.options, posterior, forced, log)
+
+
+def _weights(fit: Linear) -> FloatArray:
+    """Return the weights (R, N) of the rows: relative noise, outliers, and their duration."""
+    problem, residual = fit.problem, _residual(fit.posterior)
+    gravity = problem.rows.mean(fit.factory.motion.gravity)
+    relative = relative_weights(residual, gravity, problem.options)
+    return np.asarray(problem.rows.weights[:, None] * relative * huber_weights(
+        np.sqrt(relative) * residual, problem.options))
 
 
 def _residual(posterior: Posterior) -> FloatArray:

@@ -24,6 +24,9 @@ from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.scale import Scale
 import numpy as np
 
+# Ratios of the variance that grows with the torque to the constant one, at the mean torque.
+_RELATIVE = tuple(float(c) for c in np.geomspace(0.1, 1e4, 11))
+
 
 def noise_std(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
     """Return each joint's standard deviation (N,) of the residual of a row, N·m."""
@@ -76,3 +79,30 @@ def correlation_time(residual: FloatArray, runs: IntArray) -> float:
     small = np.flatnonzero(rho < 2.0 / np.sqrt(len(residual)))
     end = int(small[0]) if small.size else len(rho)
     return float(max(1.0, 1.0 + 2.0 * rho[:end].sum()))
+
+
+def relative_weights(residual: FloatArray, gravity: FloatArray, options: EngineOptions
+                     ) -> FloatArray:
+    """
+    Return weights (R, N) for noise that grows with the torque, with a mean of 1.
+
+    The variance is a^2 (1 + c x), x the squared gravity torque over its mean. c is that of largest
+    likelihood; without enough evidence it is 0. The squared residual is autocorrelated, so the
+    likelihood is divided by its correlation time.
+
+    :param residual: (R, N) in N·m. :param gravity: (R, N) in N·m.
+    """
+    weights = np.ones_like(residual)
+    for j, (r, g) in enumerate(zip(residual.T, gravity.T)):
+        square, x = r ** 2, g ** 2 / max(float((g ** 2).mean()), 1e-300)
+        time = correlation_time(square - square.mean(), np.zeros(len(r), dtype=np.int64))
+        likelihood = []
+        for c in (0.0, *_RELATIVE):
+            spread = 1.0 + c * x
+            likelihood.append(-0.5 * (len(r) * np.log((square / spread).mean() + 1e-300)
+                                      + np.log(spread).sum()) / time)
+        best = int(np.argmax(likelihood))
+        if likelihood[best] > likelihood[0] + options.min_gain:
+            weights[:, j] = 1.0 / (1.0 + _RELATIVE[best - 1] * x)
+            weights[:, j] /= weights[:, j].mean()
+    return weights

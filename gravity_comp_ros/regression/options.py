@@ -18,6 +18,8 @@ class EngineOptions:
     - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
       that time and memory do not grow with the rate.
     - `max_rows`: with more, the means are over a longer time.
+    - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
+      for this time.
     - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
       state; the error is 2e-5 of the torque.
     - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
@@ -56,6 +58,8 @@ class EngineOptions:
 
     row_seconds: float = 0.1
     max_rows: int = 6000
+    rest_angle: float = 5e-4
+    rest_seconds: float = 10.0
     cell_angle: float = 0.02
     block_seconds: float = 2.0
     discrepancy: float = 1e-4

@@ -43,7 +43,7 @@ class Problem:
         rows = rows_of(samples, options, use)
         motion = Motion.of(samples, np.zeros_like(samples.q), _no_gradient)
         states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
-        return cls(samples, motion, rows, states, Scale.of(samples, options),
+        return cls(samples, motion, rows, states, Scale.of(samples.select(rows.samples), options),
                    rows.mean(samples.tau), options)
 
     @cached_property

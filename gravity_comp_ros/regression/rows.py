@@ -75,13 +75,34 @@ def rows_of(samples: JointSamples, options: EngineOptions,
     # A sample on the edge of a row is in the same row whatever the rounding.
     cell = np.floor(t / width + 1e-6).astype(np.int64)
     new = (np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
-    first = np.flatnonzero(new)
+    first = _without_rests(np.flatnonzero(new), samples.q[used], run, t, options)
     count = np.diff(np.append(first, len(used)))
     time = np.add.reduceat(t, first) / count
     rows_run = run[first]
     return Rows(used, first, count, rows_run, time,
                 _numbered(rows_run, time // options.block_seconds),
                 _folds(rows_run, time))
+
+
+def _without_rests(first: IntArray, q: FloatArray, run: IntArray, t: FloatArray,
+                   options: EngineOptions) -> IntArray:
+    """
+    Return where rows begin if an arm at rest has one row for `rest_seconds`.
+
+    Static friction is unknown and constant at rest, so that more rows are no more information.
+
+    :param first: (R,) where rows of equal duration begin, among q (U, N), run (U,), t (U,).
+    """
+    rests = (np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)).max(
+        axis=1) <= options.rest_angle
+    kept = [0]
+    for k in range(1, len(first)):
+        start, here = first[kept[-1]], first[k]
+        if not (rests[k] and rests[kept[-1]] and run[here] == run[start]
+                and t[here] - t[start] < options.rest_seconds
+                and np.abs(q[here] - q[start]).max() <= options.rest_angle):
+            kept.append(k)
+    return first[kept]
 
 
 def _time_in_run(samples: JointSamples) -> FloatArray:

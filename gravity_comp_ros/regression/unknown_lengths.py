@@ -11,9 +11,9 @@ is (J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977: augmented bodies)
 so that the torque of motion is linear in p_i and I_i for given axes and moments. Slow motion
 determines few of them; the others stay at their prior.
 
-Most axes are parallel or perpendicular to the one before, and the first to the vertical; most zero
-angles turn an axis by a multiple of 90 degrees. A tilt is a change of the former angle and one
-across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free angle by
+Most axes are parallel or perpendicular to the one before, and the first to the vertical. Most
+zero angles turn an axis by a multiple of 90 degrees. A tilt is a change of the former angle and
+one across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free angle by
 their evidence (the ratio of Savage and Dickey).
 """
 
@@ -43,8 +43,8 @@ class LengthPriors:
     """
     Prior standard deviations of an arm without a description.
 
-    `tilt` in rad of an axis about its present estimate, `right` if it is at a right angle; `moment`
-    as a multiple of the largest torque; `length` in m of a link; `inertia` in m, times the largest
+    `tilt` in rad of an axis about its present estimate, `right` if its angle is exact; `moment` as
+    a multiple of the largest torque; `length` in m of a link; `inertia` in m, times the largest
     torque over g: the inertia about a joint of the mass beyond it, at the reach of the arm.
     """
 
