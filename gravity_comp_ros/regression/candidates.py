@@ -102,14 +102,15 @@ def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates
 
 def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term, ...]:
     """
-    Return the effects that are common in joints, where the motion excites them, at one setting.
+    Return the effects of motion that are common in joints, where it excites them, at one setting.
 
     With them the axes are estimated before terms are selected: a chain that absorbs friction is
-    a wrong start.
+    a wrong start. Static effects would absorb gravity.
     """
     terms = []
     for effect in effects:
-        if effect.expectation is not Expectation.COMMON or effect.is_shared:
+        if (effect.expectation is not Expectation.COMMON or effect.is_shared
+                or effect.is_static):
             continue
         for joint in range(factory.motion.samples.n_joints):
             if effect.untestable(factory.motion, joint) is None:

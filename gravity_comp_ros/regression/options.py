@@ -44,7 +44,7 @@ class EngineOptions:
 
     Search:
 
-    - `max_rounds`: rounds of additions, exchanges and removals at one noise.
+    - `max_rounds`: rounds of additions, exchanges and removals of one selection.
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
     - `converged`: decrease of the objective, in units of its mean over rows and joints, at which
       Gauss-Newton ends; 2 is one nat where all joints have white residuals.

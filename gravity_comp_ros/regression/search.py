@@ -68,17 +68,17 @@ class Search:
         :param with_exchanges: whether terms are exchanged between joints and selected again from
             other starts, which is only useful near the final estimate of the shared part.
         """
-        changed = False
+        total = 0
         for _ in range(_MAX_NOISES):
             self._tabu.clear()
             rounds = 0
-            while rounds < self.options.max_rounds and (
+            while total + rounds < self.options.max_rounds and (
                     self._improve() or with_exchanges and self._exchange()):
                 rounds += 1
-            changed |= rounds > 0
+            total += rounds
             if not self._renew_noise() and not rounds:
                 break
-        return changed
+        return total > 0
 
     def _renew_noise(self) -> bool:
         """Estimate the noise from the present residual; return whether it changed."""

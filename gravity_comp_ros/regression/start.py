@@ -30,16 +30,13 @@ def start_chain(problem: Problem) -> Chain:
     :raises FitError: if there are no samples.
     """
     samples, nuisance = generic_poses(problem, _POSES)
-    best: ChainFit | None = None
+    fits: list[ChainFit] = []
     for seed in range(_SEARCHES):
-        fit = rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
-                        nuisance)
-        if best is None or _log_noise(fit) < _log_noise(best):
-            best = fit
-        if best.clean:
+        fits.append(rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
+                              nuisance))
+        if fits[-1].clean:
             break
-    assert best is not None
-    return best.chain
+    return min(fits, key=_log_noise).chain
 
 
 def _log_noise(fit: ChainFit) -> float:
