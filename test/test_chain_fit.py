@@ -175,21 +175,15 @@ def error_and_band(seed: int, right_angles: bool, duration: float):
             result.model.predict_std(wide), result.report)
 
 
-def test_insufficient_motion_is_reported_and_covered():
-    # 20 s of motion are consistent with several chains, and the first one may be wrong.
-    for seed, right_angles in ((0, True), (4, True), (6, False)):
-        error, std, report = error_and_band(seed, right_angles, 20.0)
-        assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.85
-        assert any('may be off by' in line for line in report.warnings)
-
-
-def test_an_uncertain_arm_is_reported():
-    # The one of ten generated arms with an error of more than five times the floor.
-    error, std, report = error_and_band(8, False, 100.0)
-    assert any('may be off by' in line for line in report.warnings)
-    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.92
-    certain = error_and_band(7, False, 100.0)[2]
-    assert certain.warnings == ()
+@pytest.mark.parametrize('seed, right_angles, seconds', [
+    (0, True, 20.0), (4, True, 20.0), (6, False, 20.0), (8, False, 100.0), (7, False, 100.0)])
+def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, seconds):
+    # 20 s of motion may be insufficient.
+    error, std, report = error_and_band(seed, right_angles, seconds)
+    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.95
+    worst = float(np.sqrt((error ** 2).mean(axis=0)).max())
+    warned = any('may be off by' in line for line in report.warnings)
+    assert warned if worst > 0.3 else worst < 0.15 and report.warnings == ()
 
 
 def test_search_options_are_checked():

@@ -17,6 +17,9 @@ import numpy as np
 
 # Number of searches, starts of each, and poses that they use.
 _SEARCHES, _STARTS, _POSES = 4, 24, 400
+# Number of searches with a white residual after which it ends: few poses are consistent with
+# several chains.
+_CLEAN = 2
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
 # Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise.
@@ -34,7 +37,7 @@ def start_chain(problem: Problem) -> Chain:
     for seed in range(_SEARCHES):
         fits.append(rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
                               nuisance))
-        if fits[-1].clean:
+        if sum(each.clean for each in fits) == _CLEAN:
             break
     return min(fits, key=_log_noise).chain
 
