@@ -196,7 +196,7 @@ def _solver_json(fit: SparseFit) -> dict[str, Any]:
     return {'lambda': solution.lam, 'iterations': solution.iterations,
             'rounds': fit.rounds, 'working_set': solution.working_set,
             'l1_support': len(solution.indices), 'support': len(fit.indices),
-            'ties': fit.n_averaged, 'inflation': fit.inflation,
+            'ties': fit.n_equivalent, 'inflation': fit.inflation,
             'converged': solution.converged,
             **asdict(solution.certificate)}
 
