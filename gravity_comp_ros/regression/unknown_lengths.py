@@ -32,7 +32,7 @@ from scipy.linalg import block_diag
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
-# Sine of the angle between axes above which a turn about the first moves the second.
+# Sine of the angle between axes above which a rotation about the first moves the second.
 _MIN_SINE = 0.5
 # Rotation in rad of a finite difference.
 _DIFFERENCE = 1e-6
