@@ -195,8 +195,6 @@ def test_an_uncertain_arm_is_reported():
 def test_search_options_are_checked():
     with pytest.raises(OptionError, match='starts'):
         SearchOptions(starts=0)
-    with pytest.raises(OptionError, match='rivals'):
-        SearchOptions(rivals=-1)
 
 
 def energy_samples(features: dict[str, float], n: int, noise: float):

@@ -32,8 +32,8 @@ class Regression:
     The result: the shared part at its estimate, and the posterior of all coefficients.
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
-    the gains of the terms in nats, `unabsorbed` the shares of their squared torque that gravity
-    and the other terms leave. `motion` is that of the samples at the estimated gravity.
+    the gains of the terms in nats, `unabsorbed` the shares of their torque (RMS) that all other
+    columns leave. `motion` is that of the samples at the estimated gravity.
     """
 
     problem: Problem
