@@ -84,7 +84,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         shared = _with_common_terms(problem, shared, effects, weights)
     fit = Linear.at(problem, shared, problem.factory(shared), terms, weights)
     for number in range(options.passes):
-        # The axes are estimated before effects that a wrong axis could imitate are selected.
+        # The axes are estimated before effects that resemble a wrong axis are selected.
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
         changed = search.run(with_exchanges=number > 0)
