@@ -189,8 +189,6 @@ def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, second
 def test_search_options_are_checked():
     with pytest.raises(OptionError, match='starts'):
         SearchOptions(starts=0)
-    with pytest.raises(OptionError, match='rivals'):
-        SearchOptions(rivals=-1)
 
 
 def energy_samples(features: dict[str, float], n: int, noise: float):

@@ -296,7 +296,8 @@ def test_defaults_of_optional_methods():
     assert [name for name, each in EFFECTS.items() if each.is_shared] == ['rigid_body_dynamics']
     varying = {name for name, each in EFFECTS.items()
                if type(each).coefficients_of is not Effect.coefficients_of}
-    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'rigid_body_dynamics'}
+    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'torque_ripple',
+                       'rigid_body_dynamics'}
 
 
 def test_corrections_name_effects():

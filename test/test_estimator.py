@@ -123,7 +123,7 @@ def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
     spoilt = fitted.report.outliers
     assert spoilt['iiwa_joint_4'].n == 10 and spoilt['iiwa_joint_2'].n >= 1
     assert spoilt['iiwa_joint_4'].first == pytest.approx(samples.t[200])
-    assert any('outliers that hardly count: 10 samples of iiwa_joint_4' in line
+    assert any('outliers with reduced weight: 10 samples of iiwa_joint_4' in line
                for line in fitted.report.warnings)
 
 

@@ -16,8 +16,8 @@ from gravity_comp_ros.planning.sums import PlannedMotion, Sums
 from gravity_comp_ros.planning.targets import open_targets
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
-from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.posterior import solve
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import State
 import numpy as np
 from planning_arm import model, NAMES, NOISE, one_way, played

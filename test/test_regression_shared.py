@@ -69,7 +69,7 @@ def augmented(arm):
         inertias[k - 1] += spread(lengths[k - 1], along)
     chain = Chain(geometry.rotations, STANDARD_GRAVITY * moments[:, :2])
     return UnknownLengths.of(chain, lengths[:-1],
-                          np.array([[inertia[a] for a in PAIRS] for inertia in inertias]))
+                             np.array([[inertia[a] for a in PAIRS] for inertia in inertias]))
 
 
 @each_arm

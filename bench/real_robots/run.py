@@ -56,7 +56,7 @@ from gravity_comp_ros.atomic import write_atomically
 
 _PACKAGE, _HERE = Path(gc.__file__).parent, Path(__file__).parent
 _ROOMS = ('api', 'data', 'diagnosis', 'effects', 'estimation', 'evaluation', 'models',
-          'regression', 'simulation', 'terms')
+          'regression', 'simulation')
 
 Task = tuple[str, int, bool, bool, bool, Path]
 """Arm, seed, whether with description, oracle and engine, folder."""

@@ -27,9 +27,9 @@ class LearnOptions:
     """
     Options of a fit.
 
-    `formulation` is one of `estimation.fit.CHOICES`; None is the default, which is `chain` if the
-    user names a description. `ordered` is True if the joints are given in the order of the arm;
-    otherwise the order is taken from names or torques.
+    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
+    the user names a description. `ordered` is True if the joints are given in the order of the
+    arm; otherwise the order is taken from names or torques.
 
     :raises OptionError: if a description is named and the formulation does not use axes.
     """

@@ -39,11 +39,15 @@ class Finding:
     One effect, or an unexplained residual, on one joint (None: the whole arm).
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
-    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
-    `runs_better` the share of runs that it improves, `gain` its log evidence in nats. `rivals` are
-    alternative explanations.
-    `next_step` is the motion that resolves an open finding, '' for an effect to add. `verdict`
-    is a `Verdict`, which compares and prints as its text.
+    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of its torque (RMS) that gravity
+    and the other terms absorb, `runs_better` the share of runs that it improves, `gain` its log
+    evidence in nats. `rivals` are alternative explanations. `next_step` is the motion that
+    resolves an open finding, '' for an effect to add. `verdict` is a `Verdict`, which compares
+    and prints as its text.
+
+    Of an unexplained residual `nrmse_before` is the held-out error with all effects;
+    `nrmse_after` is that error without the part of the fitted residual that repeats with the
+    angle, which is not held out, and `runs_better` is always 1.
     """
 
     joint: str | None

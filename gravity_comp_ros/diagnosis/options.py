@@ -16,7 +16,9 @@ class DiagnosisOptions:
     - `established`: gain in nats of an established effect; odds of 20,000 to 1.
     - `min_reduction`: smallest relative decrease of the held-out RMSE of the most affected joint
       that is worth adding.
-    - `min_remaining`: share of the torque range above which a residual that repeats is reported.
+    - `min_remaining`: share of the torque range above which a joint's remaining error is reported,
+      and share of the error of a joint by which the part that repeats with its angle must reduce
+      it to be a finding.
     - `min_effective`: effective sample size that an established effect needs; intervals over
       fewer independent blocks are too narrow.
 

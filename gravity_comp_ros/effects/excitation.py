@@ -11,10 +11,6 @@ STILL = 0.01
 # Minimum share and number of samples of a condition.
 _MIN_SHARE = 0.01
 _MIN_SAMPLES = 5
-# Maximum travel, in rad, of the other joints within one posture.
-_SAME_POSTURE = 0.1
-# Share of a joint's travel at both ends together, in which the posture of the others is compared.
-_ENDS = 0.3
 _MIN_REVERSALS = 4
 
 
@@ -81,17 +77,6 @@ def insufficient_speeds(motion: Motion, joint: int) -> str | None:
     if high < 1.3 * low:
         return (f'the joint moves at nearly one speed ({low:.2g} to {high:.2g} rad/s), so that '
                 f'friction that depends on speed cannot be distinguished from constant friction')
-    return None
-
-
-def insufficient_rest(motion: Motion, joint: int) -> str | None:
-    """Return the reason if the friction of a joint at rest cannot be compared with motion."""
-    if reason := insufficient_motion(motion, joint):
-        return reason
-    free = ~moving(motion, joint)
-    if free.mean() < 2 * _MIN_SHARE or free.sum() < 2 * _MIN_SAMPLES:
-        return ('the joint is never at rest for long, so that this '
-                'friction cannot be distinguished from an offset')
     return None
 
 

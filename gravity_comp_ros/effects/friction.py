@@ -107,7 +107,7 @@ class AsymmetricFriction(DirectionEffect):
     name = 'asymmetric_friction'
     title = 'Asymmetric friction'
     family = 'friction'
-    equation = 'tau_n = F_a |d_n|, or F_a (z_n(skew) - z_n(0)) / skew, z_n of Dahl\'s element'
+    equation = "tau_n = F_a |d_n|, or F_a (z_n(skew) - z_n(0)) / skew, z_n of Dahl's element"
     description = ('Friction that is larger in one direction than in the other. In motion it is '
                    'equal to an offset; at rest it vanishes or persists as the friction does.')
     coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction in positive and '

@@ -6,7 +6,7 @@ from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.clock import origin_of, since
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Effect, Expectation, Needs, Setting, Sizes)
+    Coefficient, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -27,7 +27,6 @@ class TorqueOffset(Effect):
                    'coulomb_friction', 'cable_stiffness')
     experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
-    expectation = Expectation.COMMON
     uses_gravity = False
     needs = Needs.SPEED
     is_compensable = True

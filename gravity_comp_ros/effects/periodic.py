@@ -96,7 +96,8 @@ def _range(motion: Motion, joint: int) -> tuple[int, int]:
     """
     Return the lowest and the highest identifiable k.
 
-    The travel must include two periods, and most samples must be less than half a period apart.
+    The travel must include `_MIN_PERIODS`, and most samples must be less than half a period
+    apart.
     """
     travel = excitation.travel(motion, joint)
     steps = np.abs(np.diff(motion.samples.q[:, joint]))[np.diff(motion.samples.runs) == 0]

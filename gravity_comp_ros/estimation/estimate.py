@@ -4,7 +4,7 @@ Estimate of gravity, dynamics and effects: the choice of the shared part, and it
 Without a robot description the shared part is a chain whose axes are estimated; with one it is
 the rigid-body regressor on the described axes. `potential` and `per_joint` are sparse sums of the
 dictionary, whose support ADMM selects (Yu 2022, Eqs. 8-14). `auto` compares the potential with a
-chain whose residual is not white.
+chain whose residual is neither white nor small.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ class FitOptions:
     """
     Options of a fit: the `formulation`, and how its sparse problems are solved.
 
-    `auto` fits the chain, and the potential if the residual of the chain is not white; the
-    held-out error decides. With a `geometry` the axes of the chain are known; the samples' joints
-    must be in its order. `white` is the largest ratio of a joint's residual to its white noise at
-    which the residual of a chain counts as white, `small` the share of the joint's torque scale
-    below which it is accepted in any case. `better` is the share by which free axes must reduce
-    the residual of some joint for described axes to be rejected. `max_potential_joints` is the
-    number of joints up to which a potential is affordable.
+    `auto` accepts a chain whose residual is white or small; otherwise it fits the potential too,
+    and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
+    joints must be in its order. `white` is the largest ratio of a joint's residual to its white
+    noise at which the residual of a chain counts as white, `small` the share of the joint's torque
+    scale below which it is accepted in any case. `better` is the share by which free axes must
+    reduce the residual of some joint for described axes to be rejected. `max_potential_joints` is
+    the number of joints up to which a potential is affordable.
 
     :raises OptionError: if the formulation is unknown, or does not use a geometry.
     """
@@ -212,8 +212,8 @@ class _Work:
         """
         Return the estimate on a support of the dictionary.
 
-        The support is selected from the torque without the terms of a first regression, whose
-        support was selected with generic friction.
+        A first support is selected from the torque of the rows, friction included. The second is
+        selected from the torque without the terms of a first regression on it.
         """
         self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, self.problem.y)

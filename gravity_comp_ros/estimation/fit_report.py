@@ -12,6 +12,7 @@ from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.uncertainty_over_poses import all_poses
 from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
 from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -28,7 +29,6 @@ _UPSIDE_DOWN = np.radians(135.0)
 # Standard deviation of the torque over the whole range, as a share of the largest torque, above
 # which the model warns of poses away from the trained ones.
 _UNCERTAIN = 0.02
-_POSES = 200
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class FitDetails:
     are the L1 problems. The axes are known (`known_axes`) or estimated. `base_tilt` in rad is the
     angle of the fitted vertical to that of known axes; `zero_angles` in rad by joint is the true
     minus the reported angle. `std_over_poses` in N·m is the prediction std over the whole joint
-    range, empty without an uncertainty. `outliers` by joint hardly count in the fit.
+    range, empty without an uncertainty. `outliers` by joint have a reduced weight in the fit.
     """
 
     formulation: str
@@ -153,8 +153,8 @@ def _std_over_poses(model: GravityModel) -> NDArray[np.float64]:
     """Return each joint's standard deviation (N,) in N·m, RMS over all poses."""
     if model.uncertainty is None:
         return np.zeros(0)
-    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, model.n_joints))
-    return np.asarray(np.sqrt((model.predict_std(poses) ** 2).mean(axis=0)))
+    std = model.predict_std(all_poses(model.n_joints))
+    return np.asarray(np.sqrt((std ** 2).mean(axis=0)))
 
 
 def _tilt_warning(tilt: float) -> list[str]:
@@ -196,13 +196,13 @@ def _solver_json(fit: SparseFit) -> dict[str, Any]:
     return {'lambda': solution.lam, 'iterations': solution.iterations,
             'rounds': fit.rounds, 'working_set': solution.working_set,
             'l1_support': len(solution.indices), 'support': len(fit.indices),
-            'ties': fit.n_averaged, 'inflation': fit.inflation,
+            'ties': fit.n_equivalent, 'inflation': fit.inflation,
             'converged': solution.converged,
             **asdict(solution.certificate)}
 
 
 def _outlier_warnings(spoilt: Mapping[str, Outliers]) -> list[str]:
-    return [f'outliers that hardly count: {counted(each.n, "sample")} of {name}, {each}'
+    return [f'outliers with reduced weight: {counted(each.n, "sample")} of {name}, {each}'
             for name, each in spoilt.items()]
 
 

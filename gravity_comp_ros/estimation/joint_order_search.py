@@ -67,16 +67,15 @@ def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
 def _problem(samples: JointSamples) -> ChainProblem:
     poses, nuisance = generic_poses(Problem.of(samples), _MAX_SAMPLES)
     weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((poses.tau ** 2).mean(axis=0)).max()), 1e-9)
-    return ChainProblem(poses.q, poses.tau, np.full(poses.tau.shape, weight), nuisance.columns,
-                        nuisance.spread)
+    return ChainProblem(poses.q, poses.tau, np.full(poses.tau.shape, weight), nuisance)
 
 
 def _cost(problem: ChainProblem, order: Order) -> float:
     """Return the squared residual of the best chain with its joints in this order."""
     joints = list(order)
-    nuisance = None if problem.nuisance is None else problem.nuisance[:, joints]
+    nuisance = None if problem.nuisance is None else problem.nuisance.of_joints(joints)
     ordered = ChainProblem(problem.q[:, joints], problem.tau[:, joints],
-                           problem.weights[:, joints], nuisance, problem.spread)
+                           problem.weights[:, joints], nuisance)
     rng = np.random.default_rng(0)
     best = solve(ordered, next_axes(rng, len(order), 1, None), options=_QUICK)
     for count in range(2, _STARTS + 1):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
-from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 

@@ -32,8 +32,8 @@ class Regression:
     The result: the shared part at its estimate, and the posterior of all coefficients.
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
-    the gains of the terms in nats, `unabsorbed` the shares of their squared torque that gravity
-    and the other terms leave. `motion` is that of the samples at the estimated gravity.
+    the gains of the terms in nats, `unabsorbed` the shares of their torque (RMS) that all other
+    columns leave. `motion` is that of the samples at the estimated gravity.
     """
 
     problem: Problem
@@ -84,7 +84,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         shared = _with_common_terms(problem, shared, effects, weights)
     fit = Linear.at(problem, shared, problem.factory(shared), terms, weights)
     for number in range(options.passes):
-        # The axes are estimated before effects that a wrong axis could imitate are selected.
+        # The axes are estimated before effects that resemble a wrong axis are selected.
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
         changed = search.run(with_exchanges=number > 0)

@@ -25,6 +25,7 @@ import numpy as np
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
 _NARROWER, _NARROWEST = 0.25, 1e-3
 
+
 @dataclass(frozen=True, eq=False)
 class Linear:
     """The problem linearised at a shared part, and the posterior of some terms there."""
@@ -103,7 +104,7 @@ class Linear:
     def weighted(self, weights: FloatArray) -> Linear:
         """Return the same with other weights (R, N) of the rows."""
         return Linear.at(self.problem, self.shared, self.factory, self.posterior.terms, weights,
-                          self.posterior.precision)
+                         self.posterior.precision)
 
 
 def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]:
@@ -140,5 +141,3 @@ def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
     if shared.n_angles:
         y = y - problem.states.mean(shared.torque) + columns @ shared.point
     return Design(problem.rows, y, columns, shared.prior_std(problem.scale), weights)
-
-

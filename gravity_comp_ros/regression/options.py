@@ -39,8 +39,8 @@ class EngineOptions:
     - `margin`: models within this of the chosen one are ambiguous with it.
     - `significant`: gain of an exchange or a removal that counts as an improvement, against
       rounding.
-    - `min_unabsorbed`: share of a term's torque that the other terms must leave; below it the
-      coefficient is not identified and is not published.
+    - `min_unabsorbed`: share of a term's torque (RMS) that all other columns must leave; below it
+      the coefficient is not identified and is not published.
 
     Search:
 

@@ -87,7 +87,7 @@ def rows_of(samples: JointSamples, options: EngineOptions,
 def _without_rests(first: IntArray, q: FloatArray, run: IntArray, t: FloatArray,
                    options: EngineOptions) -> IntArray:
     """
-    Return where rows begin if an arm at rest has one row for `rest_seconds`.
+    Return the first samples of rows if an arm at rest has one row for `rest_seconds`.
 
     Static friction is unknown and constant at rest, so that more rows are no more information.
 

@@ -205,12 +205,13 @@ class Search:
 
         Friction that falls and then rises with speed is such a pair.
         """
-        terms, least = self.terms, -np.inf
+        terms, any_gain = self.terms, -np.inf
         coloured = (noise_std(self.posterior, self.scale, self.options)
                     > self.options.coloured * self.white_noise)
         for joint in np.flatnonzero(coloured):
             chosen: dict[Key, Term] = {}
-            for _, term in self._ranking(self.posterior, self.pools[joint], terms, least):
+            for _, term in self._ranking(self.posterior, self.pools[joint], terms,
+                                         any_gain):
                 chosen.setdefault(term.key, term)
             for term in chosen.values():
                 trial = self._solved((*terms, term))

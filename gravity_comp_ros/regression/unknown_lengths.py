@@ -13,8 +13,8 @@ determines few of them; the others stay at their prior.
 
 Most axes are parallel or perpendicular to the one before, and the first to the vertical. Most
 zero angles turn an axis by a multiple of 90 degrees. A tilt is a change of the former angle and
-one across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free angle by
-their evidence (the ratio of Savage and Dickey).
+one across it, of the latter. `with_exact_angles` compares each of these hypotheses with a free
+angle by their evidence (the ratio of Savage and Dickey).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from scipy.linalg import block_diag
 
 # Largest rotation of an axis in one step, in rad.
 _MAX_STEP = 0.2
-# Sine of the angle between axes above which a turn about the first moves the second.
+# Sine of the angle between axes above which a rotation about the first moves the second.
 _MIN_SINE = 0.5
 # Rotation in rad of a finite difference.
 _DIFFERENCE = 1e-6

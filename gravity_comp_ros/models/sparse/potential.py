@@ -8,7 +8,7 @@ and remain in the residual.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.identifiability import usable_for_energy
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -16,23 +16,15 @@ from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions, SparseProblem
 
 
-def fit_potential(samples: JointSamples, options: SparseOptions,
-                  old: Expansion | None = None, columns: FloatArray | None = None,
-                  trust: FloatArray | None = None, spread: FloatArray | None = None
+def fit_potential(samples: JointSamples, options: SparseOptions
                   ) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
 
-    :param old: the energy of an old model to start from.
-    :param columns: nuisance columns (K, N, M), torque per unit of coefficient.
-    :param trust: robust weights (M, N) of squared residuals.
-    :param spread: prior standard deviations (K,) of the coefficients, per N·m of noise; None
-        where all are free.
     :return: the energy in J, and its sparse fit.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
-                            samples.runs, usable_for_energy(samples.q),
-                            None if columns is None else columns.transpose(1, 2, 0), trust, spread)
-    fit = fit_sparse(problem, options, None if old is None else old.indices)
+                            samples.runs, usable_for_energy(samples.q))
+    fit = fit_sparse(problem, options)
     return Expansion(fit.indices, fit.x), [fit]

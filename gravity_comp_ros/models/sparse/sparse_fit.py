@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import IntArray
 from gravity_comp_ros.models.sparse.identifiability import AT_REST
 from gravity_comp_ros.models.sparse.sparse_problem import (
     finish, grow, prune, SparseFit, SparseOptions, SparseProblem, with_all_samples)
@@ -12,24 +11,21 @@ from gravity_comp_ros.models.sparse.variance_inflation import choose_inflation, 
 _MAX_SAMPLES = 1500
 
 
-def fit_sparse(problem: SparseProblem, options: SparseOptions,
-               old: IntArray | None = None) -> SparseFit:
+def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     """
     Return the sparse fit of `problem`: the support from thinned samples, coefficients from all.
 
-    :param old: features of an old model to start from. They only save time: the L1 problem is
-        solved from scratch at the end, and the better support is taken.
     :raises FitError: if there are no samples.
     """
     problem = problem.merged(AT_REST)
     few = problem.thinned(_MAX_SAMPLES)
     if options.inflation is None:
-        grown = grow(few, options, old=old)
+        grown = grow(few, options)
         inflation = choose_inflation(few, grown, options).inflation
         pruned = prune(few, grown, inflation)
     else:
         inflation = options.inflation
-        pruned = grow(few, options, inflation, old)
+        pruned = grow(few, options, inflation)
     if few is problem:
         return finish(problem, pruned, inflation, options)
     full = with_all_samples(problem, pruned)
