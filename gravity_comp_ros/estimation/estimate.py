@@ -23,8 +23,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.sparse.identifiability import at_rest
-from gravity_comp_ros.models.sparse.per_joint import fit_per_joint
-from gravity_comp_ros.models.sparse.potential import fit_potential
+from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques

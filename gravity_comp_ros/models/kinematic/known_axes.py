@@ -1,18 +1,21 @@
 """
-Fit of a chain with known axes, such as from a URDF: only its moments are free.
+Known axes of a chain: its fit to the axes of a URDF, and right angles that stay in an update.
 
-A base tilt is added if it is more probable than a level base. A moment that is 0 within its
-uncertainty is dropped by Akaike's criterion: the possible harm is as small as the possible
-benefit, and the model prints shorter.
+With known axes only the moments are free. A base tilt is added if it is more probable than a level
+base. A moment that is 0 within its uncertainty is dropped by Akaike's criterion: the possible harm
+is as small as the possible benefit, and the model prints shorter.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Solution, solve
-from gravity_comp_ros.models.kinematic.right_angles import TOLERANCE
 import numpy as np
 
+# Standard deviation of a machined and zeroed right angle, in rad.
+TOLERANCE = 1e-3
+# An angle is an adopted right angle if its std is below this multiple of the tolerance.
+_ADOPTED = 1.5
 # Log evidence that a base tilt must gain; its prior range is a radian.
 _MIN_LOG_EVIDENCE = 3.0
 # Price of a moment in chi^2.
@@ -44,6 +47,23 @@ def step_covariance(solution: Solution) -> FloatArray:
     precision = solution.precision.copy()
     precision[known, known] += TOLERANCE ** -2
     return np.asarray(np.linalg.inv(precision))
+
+
+def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:
+    """
+    Return the mean of a step (K,), first angles (2N,), given that right angles stay right.
+
+    :param covariance: of the step, (K, K).
+    :param before: the covariance (K, K) before the new data; angles with a standard deviation near
+        the tolerance are right angles.
+    """
+    half = len(mean) // 2
+    spread = np.sqrt(np.maximum(np.diag(before)[:half], 0.0))
+    adopted = np.flatnonzero((spread > 0.0) & (spread < _ADOPTED * TOLERANCE))
+    shift = np.linalg.pinv(covariance[np.ix_(adopted, adopted)], hermitian=True) @ mean[adopted]
+    kept = mean - covariance[:, adopted] @ shift
+    kept[adopted] = 0.0
+    return np.asarray(kept)
 
 
 def _free(problem: ChainProblem, base: bool) -> BoolArray:
