@@ -41,7 +41,7 @@ def refit(node):
     return replies[0]
 
 
-def until(node, condition, seconds=60.0):
+def until(node, condition, seconds=180.0):
     """Call `tick` of a `NodeCore` until a condition is true."""
     end = time.monotonic() + seconds
     while not condition():
