@@ -90,7 +90,7 @@ def two_runs(arm, seed):
                                      for k in range(2)]), gate=None)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize('arm, seed', [(arms.iiwa7(), 0), (generated_arm(0), 1),
                                        (generated_arm(1), 2)], ids=['iiwa7', 'six', 'seven'])
 def test_the_loop_adds_it_and_the_error_on_another_path_falls(arm, seed):

@@ -166,6 +166,11 @@ def huber_weights(residual: FloatArray, options: EngineOptions) -> FloatArray:
 
 
 def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:
-    """Return the keys of the terms that could replace one within the margin."""
+    """
+    Return the keys of the terms that could replace one within the margin.
+
+    They include effects of its joint that this motion does not make testable.
+    """
     lowest = search.posterior.log_evidence - search.options.margin
-    return tuple(other.key for evidence, other in search.alternatives(term) if evidence > lowest)
+    others = [*search.alternatives(term), *search.excluded_alternatives(term)]
+    return tuple(dict.fromkeys(other.key for evidence, other in others if evidence > lowest))
