@@ -58,6 +58,11 @@ def mean_of(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
     return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
+def travel_of(q: FloatArray, first: IntArray) -> FloatArray:
+    """Return the largest range (G,) in rad of a joint in consecutive groups of angles (U, N)."""
+    return np.asarray((np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)).max(axis=1))
+
+
 def rows_of(samples: JointSamples, options: EngineOptions,
             use: BoolArray | None = None) -> Rows:
     """
@@ -93,8 +98,7 @@ def _without_rests(first: IntArray, q: FloatArray, run: IntArray, t: FloatArray,
 
     :param first: (R,) where rows of equal duration begin, among q (U, N), run (U,), t (U,).
     """
-    rests = (np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)).max(
-        axis=1) <= options.rest_angle
+    rests = travel_of(q, first) <= options.rest_angle
     kept = [0]
     for k in range(1, len(first)):
         start, here = first[kept[-1]], first[k]

@@ -205,13 +205,12 @@ class Search:
 
         Friction that falls and then rises with speed is such a pair.
         """
-        terms, any_gain = self.terms, -np.inf
+        terms = self.terms
         coloured = (noise_std(self.posterior, self.scale, self.options)
                     > self.options.coloured * self.white_noise)
         for joint in np.flatnonzero(coloured):
             chosen: dict[Key, Term] = {}
-            for _, term in self._ranking(self.posterior, self.pools[joint], terms,
-                                         any_gain):
+            for _, term in self._ranking(self.posterior, self.pools[joint], terms, -np.inf):
                 chosen.setdefault(term.key, term)
             for term in chosen.values():
                 trial = self._solved((*terms, term))

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.regression.rows import mean_of, Rows
+from gravity_comp_ros.regression.rows import mean_of, Rows, travel_of
 from gravity_comp_ros.regression.shared import State
 import numpy as np
 
@@ -57,9 +57,7 @@ def states_of(rows: Rows, q: FloatArray, qd: FloatArray, qdd: FloatArray,
     :param q: angles (M, N) of all samples, with their speeds `qd` and accelerations `qdd`.
     :param angle: largest range in rad of a joint in one state.
     """
-    used = q[rows.samples]
-    travel = (np.maximum.reduceat(used, rows.first, axis=0)
-              - np.minimum.reduceat(used, rows.first, axis=0)).max(axis=1)
+    travel = travel_of(q[rows.samples], rows.first)
     parts = np.clip(np.ceil(travel / angle), 1, rows.count).astype(np.int64)
     row = np.repeat(np.arange(rows.n_rows), parts)
     number = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)

@@ -37,14 +37,7 @@ _GENERIC_TILT = (0.5, 0.3)  # rad
 def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
     """Return d torque / d (lengths, inertias), (B, N, 9N - 3)."""
     n, m = chain.n_joints, len(q)
-    kinematics = ForwardKinematics(chain.axes, q)
-    z = kinematics.frames[:, 2].transpose(0, 2, 1)              # (N, B, 3)
-    links = kinematics.rotated.transpose(0, 3, 2, 1)            # (N, B, xyz, axis)
-    spin, acceleration, turn = _rates(z, qd, qdd)
-    # Acceleration of a vector fixed in link i is turn[i] times that vector.
-    moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
-    beyond = _suffix_sums(moments)
-    moved_beyond = _suffix_sums(np.einsum('nbxy,nby->nbx', turn, moments))
+    links, z, spin, acceleration, turn, beyond, moved_beyond = _motion(chain, q, qd, qdd)
     arms = links[:-1].swapaxes(2, 3)                            # (N - 1, B, axis, xyz)
     accelerated = np.einsum('nbxy,nbay->nbax', turn[:-1], arms)
     # The length of link i moves the bodies beyond it; joint j carries those beyond both.
@@ -65,13 +58,7 @@ def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: Fl
 
     :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
     """
-    kinematics = ForwardKinematics(chain.axes, q)
-    z = kinematics.frames[:, 2].transpose(0, 2, 1)
-    links = kinematics.rotated.transpose(0, 3, 2, 1)
-    spin, acceleration, turn = _rates(z, qd, qdd)
-    moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
-    beyond = _suffix_sums(moments)
-    moved_beyond = _suffix_sums(np.einsum('nbxy,nby->nbx', turn, moments))
+    links, z, spin, acceleration, turn, beyond, moved_beyond = _motion(chain, q, qd, qdd)
     arms = np.einsum('nbxa,na->nbx', links[:-1], lengths)
     accelerated = np.einsum('nbxy,nby->nbx', turn[:-1], arms)
     # Moment about joint j: of each link for j <= i, of the lengths before j on the bodies beyond.
@@ -80,6 +67,24 @@ def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: Fl
     before = np.zeros_like(beyond)
     np.cumsum(accelerated, axis=0, out=before[1:])
     return np.asarray(np.einsum('nbx,nbx->bn', z, _suffix_sums(own) + _cross(beyond, before)))
+
+
+def _motion(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray
+            ) -> tuple[FloatArray, ...]:
+    """
+    Return links (N, B, xyz, axis), axes z (N, B, 3), `_rates`, and sums over the links beyond.
+
+    The sums (N, B, 3) are those of the first moments over g, and of their accelerations: that of a
+    vector fixed in link i is turn[i] times the vector.
+    """
+    kinematics = ForwardKinematics(chain.axes, q)
+    z = kinematics.frames[:, 2].transpose(0, 2, 1)
+    links = kinematics.rotated.transpose(0, 3, 2, 1)
+    spin, acceleration, turn = _rates(z, qd, qdd)
+    moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
+    accelerated = np.einsum('nbxy,nby->nbx', turn, moments)
+    return (links, z, spin, acceleration, turn, _suffix_sums(moments),
+            _suffix_sums(accelerated))
 
 
 def _inertia_moment(links: FloatArray, omega: FloatArray, alpha: FloatArray,
