@@ -17,7 +17,8 @@ import time
 
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit, FitResult
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -21,15 +21,21 @@ nonlinear parameters (a speed, a distance, a time) are compared, and the best is
 qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is the joint of the effect, N
 the number of joints. Torque is that of the drive, positive in the direction of positive q.
 
-- **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / width), with a width of three
-  standard deviations of the speed noise and at least 2 mrad/s. If friction is large enough, the
-  best shape is fitted: another width, a ramp qd_n / (2 width) limited to ±1, as in many
-  simulators, or a direction that persists at rest and reverses within at most 0.5 mrad of motion.
+- **d_n**, from -1 to 1, is the direction of motion. Its law is a nonlinear parameter: `width`,
+  tanh(qd_n / width); `ramp`, qd_n / ramp limited to ±1, as in many simulators; or `distance`, a
+  direction that persists at rest and reverses over a distance (Dahl's element). A width or ramp
+  is at least the noise of the speed.
 - **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, symmetric about each
   sample and within one run.
 - **Time**: presliding friction starts again with every run. Warm-up and drift continue over
-  recordings with stamps on one clock, and start again with every run otherwise. A payload change
-  persists in the following runs.
+  recordings with stamps on one clock: `origin` is the time on that clock at which they began, so
+  that a later recording is predicted where it lies in time. Without a clock they start again with
+  every run.
+- **Changes**: an encoder offset, a base tilt and a payload change begin at a `time` in s of a
+  `run`, or at a `clock` time. Gravity is that of the end of the recording, and the effect is the
+  difference before the change. Gravity absorbs an error that is there throughout.
+- **Prior**: each coefficient has a normal prior about 0, cut at 0 if it cannot be negative. For
+  torques and stiffnesses it is in proportion to the torque scale of the joint.
 - An effect is *untestable* on a recording if the motion does not excite it. The reason is
   reported.
 
@@ -51,7 +57,8 @@ def document() -> str:
 
 
 def _section(effect: Effect) -> list[str]:
-    more = '' if effect.has_fixed_coefficients else ' (and further coefficients of these kinds)'
+    varies = type(effect).coefficients_of is not Effect.coefficients_of
+    more = ' (and further coefficients of these kinds)' if varies else ''
     lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
              f'    {effect.equation}', '']
     lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}: {c.meaning}'
@@ -61,12 +68,22 @@ def _section(effect: Effect) -> list[str]:
         lines.append('- nonlinear parameters: ' + ', '.join(
             f'{name} in {unit}' if unit else name
             for name, unit in effect.setting_units.items()))
-    lines += [f'- plot of the residual over: {effect.signature}',
-              '- confounders: ' + ', '.join(
-                  f'[{name}](#{name})' for name in effect.confounders),
-              f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}',
+    if effect.is_shared:
+        lines.append('- estimated by every fit, not selected')
+    if effect.corrects:
+        lines.append('- corrects one of: ' + _links(effect.corrects))
+    if effect.why_not_negative:
+        lines.append(f'- not negative: {effect.why_not_negative}')
+    lines.append(f'- plot of the residual over: {effect.signature}')
+    if effect.confounders:
+        lines.append('- confounders: ' + _links(effect.confounders))
+    lines += [f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}',
               f'- source: {effect.source}']
     return lines
+
+
+def _links(names: tuple[str, ...]) -> str:
+    return ', '.join(f'[{name}](#{name})' for name in names)
 
 
 def _acts_on(effect: Effect) -> str:

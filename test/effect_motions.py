@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import product
 
 from bench.cases.pauses import Pause, with_pauses
 from bench.cases.six_axis import six_axis
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
-from gravity_comp_ros.simulation.arms import Arm, gravity_torque, iiwa7
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+from gravity_comp_ros.simulation.arms import (
+    Arm, empty_model, gravity_torque, iiwa7, with_base_tilt)
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 import numpy as np
 import pinocchio as pin
@@ -21,6 +20,8 @@ from serial_arms import geometry_of
 
 ARMS = ('pendulum', 'six_axis', 'iiwa7')
 RATE, DURATION, NOISE = 20.0, 100.0, 0.05
+# Start of the session of all runs on a clock, s.
+START = 1.6e9
 
 
 @cache
@@ -31,40 +32,42 @@ def arm_of(name):
 
 def pendulum():
     """Return 3 kg, 0.4 m from a horizontal axis."""
-    model = pin.Model()
+    model = empty_model('pendulum')
     joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), 'swing')
     model.appendBodyToJoint(joint, pin.Inertia(3.0, np.array([0.4, 0.0, 0.1]), 0.02 * np.eye(3)),
                             pin.SE3.Identity())
     return Arm('pendulum', ('swing',), model, np.array([-2.5]), np.array([2.5]), np.array([2.0]))
 
 
-def potential_energy(arm, q):
-    """Return U (M,) in J, by Pinocchio."""
-    data = arm.model.createData()
-    return np.array([pin.computePotentialEnergy(arm.model, data, pose) for pose in q])
-
-
 @cache
-def exact_model(name):
+def exact_chain(name):
     """
-    Return the exact gravity model.
+    Return the exact gravity as a chain on the arm's axes.
 
-    In each joint U is a + b sin q + c cos q, so three angles per joint determine all 3^N weights.
+    Its moments are those of poses on a tilted base: on a level one a moment about a vertical
+    first axis does not act.
     """
-    arm, angles = arm_of(name), 2 * np.pi * np.arange(3) / 3
-    n = arm.n_joints
-    poses = angles[np.array(list(product(range(3), repeat=n)))]
-    weights = potential_energy(arm, poses).reshape((3,) * n)
-    to_weights = np.linalg.inv(np.column_stack([np.ones(3), np.sin(angles), np.cos(angles)]))
-    for axis in range(n):
-        weights = np.moveaxis(np.tensordot(to_weights, weights, (1, axis)), 0, axis)
-    flat = weights.ravel()
-    flat[0] = 0.0
-    kept = np.flatnonzero(np.abs(flat) > 1e-9)
-    energy = Expansion(kept, flat[kept])
-    model = GravityModel.from_energy(arm.joints, 'potential', energy, np.full(n, NOISE),
-                                     Coverage(arm.lower, arm.upper, 1000), {})
-    return replace(model, geometry=geometry_of(arm))
+    arm, (roll, pitch) = arm_of(name), (0.5, 0.3)
+    axes = geometry_of(arm).rotations
+    tilted = axes.copy()
+    tilted[0] = pin.rpy.rpyToMatrix(roll, pitch, 0.0) @ axes[0]
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (60, arm.n_joints))
+    columns = ForwardKinematics(tilted, q).moment_columns().transpose(2, 1, 0)
+    target = gravity_torque(with_base_tilt(arm, roll, pitch), q)
+    moments = np.linalg.lstsq(columns.reshape(target.size, -1), target.ravel(), rcond=1e-9)[0]
+    return Chain(axes, moments.reshape(-1, 2))
+
+
+def gradient_of(chain):
+    """Return d torque / d q of a chain, by central differences."""
+    return UnknownLengths.of(chain).gradient
+
+
+def motion_on(name, samples):
+    """Return the motion of samples of an arm, with its exact gravity and axes."""
+    chain = exact_chain(name)
+    return Motion.of(samples, chain.torque(samples.q), gradient_of(chain), chain,
+                     geometry_of(arm_of(name)))
 
 
 def samples_of(arm, motions, tau):
@@ -94,19 +97,22 @@ def clean_samples(name, runs=3):
 
 @cache
 def clean_motion(name, runs=3):
-    """Return the motion of `clean_samples` with the exact model."""
-    return build_motion(clean_samples(name, runs), exact_model(name))
+    """Return the motion of `clean_samples` with the exact gravity."""
+    return motion_on(name, clean_samples(name, runs))
+
+
+@cache
+def session_motion(name):
+    """Return the same with stamps on one clock, so that its runs are one session."""
+    motion = clean_motion(name)
+    starts = tuple(START + 1.2 * DURATION * k for k in range(motion.samples.n_runs))
+    return replace(motion, samples=replace(motion.samples, starts=starts), memo={})
 
 
 def base_columns(motion, joint):
-    """Return the torque columns (M, K) of the energy's features for one joint."""
-    energy, n = motion.model.energy, motion.samples.n_joints
-    one = [Expansion(energy.indices[[k]], np.ones(1)).gradient(n, joint)
-           for k in range(len(energy.indices))]
-    features = np.unique(np.concatenate([part.indices for part in one]))
-    if not len(features):
-        return np.zeros((motion.samples.n_samples, 0))
-    return dictionary.columns(motion.samples.q, features)
+    """Return the torque (M, K) of one joint per step of the axes and moments of gravity."""
+    columns = motion.chain.jacobian(motion.samples.q)[:, joint].T
+    return columns[:, np.abs(columns).max(axis=0) > 1e-9]
 
 
 def least_squares(columns, y, noise):

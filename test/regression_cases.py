@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
@@ -14,7 +15,6 @@ from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
-from gravity_comp_ros.terms.registry import known_effect
 import numpy as np
 from serial_arms import planar_2r
 

@@ -105,9 +105,8 @@ def test_the_size_of_a_small_effect_is_repeatable():
 
 
 def test_the_tables_count():
-    expected = {'effect': 'coulomb_friction', 'joint': 'a', 'separation': 100.0,
-                'untestable': None, 'outcome': 'established', 'share': 1.0, 'chance': 1.0,
-                'required_separation': 0.0, 'unabsorbed': 1.0}
+    expected = {'effect': 'coulomb_friction', 'joint': 'a', 'outcome': 'established',
+                'share': 1.0, 'chance': 1.0}
     one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False,
            'left': 'absent'}
     results = [{**one, 'before': 'right', 'ways': {}},

@@ -2,13 +2,12 @@
 
 from bench.cases import generated
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
 from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
 from gravity_comp_ros.models.kinematic.chain_starts import (
     search, SearchOptions, structure, STRUCTURE_LIMIT)
-from gravity_comp_ros.models.kinematic.right_angles import in_common_frame, upright
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -57,15 +56,8 @@ def test_a_small_motion_yields_accuracy_over_the_whole_joint_range(iiwa):
     assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
     assert worst(result.model, arm, wide) <= 0.15
-    assert result.report.chain.clean and result.converged
+    assert result.report.white and result.converged
     assert result.report.warnings == ()
-
-
-def test_right_angles_of_the_iiwa_are_adopted(iiwa):
-    chain = iiwa[1].model.chain
-    # Joint 7 of the iiwa has no moment, so its axis is not identifiable.
-    assert np.abs(np.abs(chain.axes[:6]).round() - np.abs(chain.axes[:6])).max() < 1e-9
-    assert iiwa[1].model.n_features().max() < 40
 
 
 def test_the_band_covers_95_percent(iiwa):
@@ -77,14 +69,6 @@ def test_the_band_covers_95_percent(iiwa):
         inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
                                                                    model.noise)
         assert 0.92 <= inside.mean() <= 0.98
-
-
-def test_a_warm_start_requires_no_search(iiwa):
-    _, result, samples = iiwa
-    again = fit_chain(samples, start=result.model.chain)
-    assert again.starts == 1
-    np.testing.assert_allclose(again.chain.torque(samples.q),
-                               result.model.predict(samples.q), atol=0.02)
 
 
 def test_the_model_file_includes_chain_and_uncertainty(iiwa, tmp_path):
@@ -170,7 +154,7 @@ def test_a_wrong_minimum_is_detected():
     assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
 
 
-def test_a_single_wrong_start_is_detected_and_corrected():
+def test_a_single_wrong_start_is_detected():
     arm = arms.iiwa7()
     q = motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
@@ -178,9 +162,6 @@ def test_a_single_wrong_start_is_detected_and_corrected():
     results = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
     right = [each.solution.cost < 1.3 * q.size for each in results]
     assert not all(right) and [each.clean for each in results] == right
-    for seed in range(4):
-        result = fit_chain(samples, SearchOptions(starts=1, seed=seed))
-        assert result.clean and result.noise.absolute.max() < 1.3 * NOISE
 
 
 def error_and_band(seed: int, right_angles: bool, duration: float):
@@ -194,40 +175,20 @@ def error_and_band(seed: int, right_angles: bool, duration: float):
             result.model.predict_std(wide), result.report)
 
 
-def test_insufficient_motion_is_reported_and_covered():
-    # 20 s of motion are consistent with several chains, and the first one may be wrong.
-    for seed, right_angles in ((0, True), (4, True), (6, False)):
-        error, std, report = error_and_band(seed, right_angles, 20.0)
-        assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.85
-        assert any('may be off by' in line for line in report.warnings)
-        assert report.chain.rivals >= 1
-
-
-def test_an_uncertain_arm_is_reported():
-    # The one of ten generated arms with an error of more than five times the floor.
-    error, std, report = error_and_band(8, False, 100.0)
-    assert any('may be off by' in line for line in report.warnings)
-    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.92
-    certain = error_and_band(7, False, 100.0)[2]
-    assert certain.warnings == () and certain.chain.rivals == 0
+@pytest.mark.parametrize('seed, right_angles, seconds', [
+    (0, True, 20.0), (4, True, 20.0), (6, False, 20.0), (8, False, 100.0), (7, False, 100.0)])
+def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, seconds):
+    # 20 s of motion may be insufficient.
+    error, std, report = error_and_band(seed, right_angles, seconds)
+    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.95
+    worst = float(np.sqrt((error ** 2).mean(axis=0)).max())
+    warned = any('may be off by' in line for line in report.warnings)
+    assert warned if worst > 0.3 else worst < 0.15 and report.warnings == ()
 
 
 def test_search_options_are_checked():
     with pytest.raises(OptionError, match='starts'):
         SearchOptions(starts=0)
-    with pytest.raises(OptionError, match='rivals'):
-        SearchOptions(rivals=-1)
-
-
-def test_upright_and_common_frames_keep_the_torque():
-    chain, q = random_chain(5, 7), poses(6, 5)
-    same = upright(chain)
-    assert same.axes[0, 2, 2] >= 0.0
-    np.testing.assert_allclose(same.torque(q), chain.torque(q), atol=1e-12)
-    for j in range(5):
-        same = in_common_frame(same, j, vertical=False)
-        assert abs(same.axes[j][2, 0]) < 1e-12
-    np.testing.assert_allclose(same.torque(q), chain.torque(q), atol=1e-12)
 
 
 def energy_samples(features: dict[str, float], n: int, noise: float):

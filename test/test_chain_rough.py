@@ -1,9 +1,8 @@
 """The chain on a realistic arm: inertia, Coulomb friction on every joint, large noise."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import FitOptions
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
@@ -18,8 +17,8 @@ def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
     tau += FRICTION * np.tanh(motion.qd / 0.002)
     tau += NOISE * np.random.default_rng([seed, 7]).normal(size=tau.shape)
     samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    requested = requests(['coulomb_friction'], samples.names)
-    model = fit_with_effects(samples, samples, requested, FitOptions('chain')).joint.model
+    friction = [f'coulomb_friction:{name}' for name in samples.names]
+    model = fit(samples, FitOptions('chain'), effects=friction).model
     values = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
     assert len(values) == 7 and values == pytest.approx([FRICTION] * 7, abs=0.08)
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))

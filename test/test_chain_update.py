@@ -4,7 +4,8 @@ from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import _spread
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update, UpdateOptions
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.uncertainty import ChainUncertainty

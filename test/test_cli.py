@@ -11,7 +11,7 @@ from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.commands.usage import plan as usage_of_plan
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
+from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.trajectory_files import ENDINGS

@@ -81,7 +81,7 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     assert result['joint_order'] == 'description' and errors.count('warning') == 0
     assert load_model(model).joints == JOINTS
     assert load_model(model).provenance['description']['source'] == '/robot_description in own'
-    assert result['report']['chain']['known_axes']
+    assert result['report']['known_axes']
     # The payload is estimated without a file argument.
     payload, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--json')
     assert payload['description']['source'] == '/robot_description in tool'
@@ -120,7 +120,7 @@ def test_a_waist_that_is_not_a_joint_of_the_model(bags, capsys, bag, argv, value
     result, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
                     '--formulation', 'chain', '--json')
     assert result['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
-    tilt = result['report']['chain']['base_tilt']
+    tilt = result['report']['base_tilt']
     # With a known waist angle the base is level; with the assumed 0 the fit finds the tilt.
     assert tilt == pytest.approx(0.0 if by != 'assumption' else WAIST, abs=0.02)
 

@@ -177,7 +177,7 @@ def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
 def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
     path = tmp_path / 'known.json'
     result = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
-    assert result['report']['formulation'] == 'chain' and result['report']['chain']['known_axes']
+    assert result['report']['formulation'] == 'chain' and result['report']['known_axes']
     assert load_model(path).provenance['options']['known_axes']
     assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
     assert 'axes from the URDF' in capsys.readouterr().out

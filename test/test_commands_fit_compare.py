@@ -85,17 +85,6 @@ def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
     assert '... fit' in out.err
 
 
-def test_relative_noise_is_shown(tmp_path, capsys):
-    path = str(tmp_path / 'poses.mcap')
-    assert main(['synth', '--motion', 'random', '--samples', '400', '--static', '--joint-names',
-                 'a,b,c,d,e,f,g', '--relative-noise', '0.02', '-o', path]) == 0
-    capsys.readouterr()
-    assert main(['fit', path]) == 0
-    assert re.search(r'\n b .* \+ (1\.[89]|2(\.[01])?) %', capsys.readouterr().out)
-    result = run_json(capsys, 'fit', path)
-    assert result['joints']['b']['relative_noise'] == pytest.approx(0.02, rel=0.15)
-
-
 def test_fit_json_contains_report_and_data(bags, capsys, tmp_path):
     result = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
                       tmp_path / 'm.json')

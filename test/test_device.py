@@ -1,7 +1,8 @@
 """Products on another device or in another precision: the same fits, certified in float64."""
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse.array_backend import Arrays
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign

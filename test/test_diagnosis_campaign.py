@@ -13,7 +13,7 @@ from gravity_comp_ros.diagnosis.wording import FOUND
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 # Shorter and at a lower rate than the campaign's, which `python -m bench.campaign.run` runs
 # over ten seeds.

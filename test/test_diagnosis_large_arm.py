@@ -1,12 +1,10 @@
-"""Arms with too many joints for a sparse energy: gravity is that of a serial arm."""
+"""Arms with too many joints for a sparse energy."""
 
 from dataclasses import replace
 
 from bench.cases.generated import generated_arm
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.diagnosis.base import choose_base
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.structure_tests import OneEnergy
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -33,31 +31,6 @@ def samples():
         synthesise(arm, multisine(arm.lower, arm.upper, np.full(N, 1.5), seed, how, 60.0, 10.0),
                    SynthesisOptions(NoiseOptions(absolute=0.05), seed, disturbances=friction))
         for seed in range(2)])
-
-
-def test_the_base_of_a_large_arm_is_a_serial_arm(samples):
-    base = choose_base(samples, None, 600)
-    assert base.model.chain is not None and base.chain is not None
-    # 4N parameters without the two of the first axis and without unexcited directions.
-    assert base.columns.shape[2] <= 4 * N
-    tau = base.motion.samples.tau - 2.0 * (
-        np.sign(base.motion.samples.qd) * (np.arange(N) == 3))
-    flat = base.columns.reshape(tau.size, -1)
-    residual = tau.ravel() - flat @ np.linalg.lstsq(flat, tau.ravel(), rcond=1e-10)[0]
-    assert np.sqrt((residual ** 2).mean()) < 0.05 * tau.std()
-
-
-def test_structure_tests_use_the_largest_terms_of_gravity(samples):
-    """With all terms, hundreds per joint, twelve joints required 2.4 GB."""
-    motion = choose_base(samples, None, 600).motion
-    shares = []
-    for joint in range(N):
-        columns = OneEnergy().columns(motion, joint, {})
-        assert columns.shape[1] <= 60
-        gravity = motion.gravity[:, joint]
-        residual = gravity - columns @ np.linalg.lstsq(columns, gravity, rcond=1e-10)[0]
-        shares.append(residual.std() / max(gravity.std(), 0.1))
-    assert max(shares) < 0.2
 
 
 @pytest.mark.slow

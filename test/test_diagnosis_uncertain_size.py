@@ -25,11 +25,10 @@ def links(reach, own, seed, count=2000):
     return JointSamples.single_run(JOINTS, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
 
 
-def test_rounding_error_violates_no_law():
-    """87 % of a held-out error of 1e-9 N·m was a violation."""
+def test_rounding_error_is_no_finding():
     clean = read_bag(BAGS / 'eq15_test.mcap').samples
     diagnosis = diagnose(concatenate([clean, clean]))
-    assert not diagnosis.findings and not diagnosis.laws
+    assert not diagnosis.findings
 
 
 def on_elbow(reach, own, seed):
@@ -38,12 +37,12 @@ def on_elbow(reach, own, seed):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_an_offset_absorbed_by_gravity_is_weak_and_established_in_wider_motion(seed):
+def test_an_offset_absorbed_by_gravity_is_untestable_and_established_in_wider_motion(seed):
     def offset(q, qd):
         return np.full(len(q), 0.5)
 
     narrow = on_elbow(0.3, offset, seed)['torque_offset']
-    assert narrow.verdict == Verdict.WEAK and 'gravity absorbs all but' in narrow.why
+    assert narrow.verdict == Verdict.UNTESTABLE and 'gravity absorbs all but' in narrow.why
     wide = on_elbow(1.2, offset, seed)['torque_offset']
     assert wide.verdict == Verdict.ESTABLISHED
     low, high = wide.coefficients['b'].ci95

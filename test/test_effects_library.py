@@ -1,17 +1,14 @@
 """Every effect of the library: documentation, columns, and identifiability."""
 
-import re
+from dataclasses import replace
 
-from effect_motions import ARMS, base_columns, clean_motion, least_squares, NOISE
+from effect_motions import (
+    ARMS, base_columns, clean_motion, least_squares, NOISE, session_motion)
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.effect import Coefficient, Effect
-from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Sizes
 from gravity_comp_ros.effects.offset import TorqueOffset
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 import pytest
 
@@ -21,15 +18,13 @@ NAMES = (
     'asymmetric_friction', 'load_dependent_friction', 'friction_drift', 'presliding_hysteresis',
     'coupled_friction', 'torque_offset', 'torque_gain', 'torque_drift', 'joint_spring',
     'cable_stiffness', 'torque_ripple', 'encoder_offset', 'base_tilt', 'payload_change',
-    'inertia', 'coriolis', 'rigid_body_dynamics', 'joint_flexibility', 'time_delay', 'end_stop',
+    'rigid_body_dynamics', 'joint_flexibility', 'time_delay', 'end_stop',
     'tool_force')
-# Effects that gravity absorbs on every motion: a constant factor of a torque, and a constant
-# offset of an angle, which keeps U in the dictionary.
-IN_THE_BASE = {'encoder_offset', 'torque_gain'}
+# Gravity absorbs a constant factor of a torque.
+IN_THE_BASE = {'torque_gain'}
 # Effects whose torque on a joint does not depend on the order of the joints in the chain.
 ORDERLESS = [name for name in NAMES if name not in {
-    'coupled_friction', 'coriolis', 'rigid_body_dynamics', 'base_tilt', 'payload_change',
-    'tool_force'}]
+    'coupled_friction', 'rigid_body_dynamics', 'base_tilt', 'payload_change', 'tool_force'}]
 each_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
 each_arm = pytest.mark.parametrize('arm', ARMS)
 
@@ -66,13 +61,13 @@ def test_documentation_of_an_effect_is_complete(effect):
                  effect.signature):
         assert text.strip() and '\n' not in text
     assert '{joint}' in effect.experiment or not effect.per_joint
-    assert effect.confounders and set(effect.confounders) <= set(NAMES) - {effect.name}
-    # Only ratios have no unit: a friction coefficient, a gain, a share of a moment.
-    ratios = {'load_dependent_friction', 'torque_gain', 'payload_change'}
+    assert bool(effect.confounders) != effect.is_shared
+    assert set(effect.confounders) <= set(NAMES) - {effect.name}
+    # Only ratios have no unit: a friction coefficient and a gain.
+    ratios = {'load_dependent_friction', 'torque_gain'}
     for coefficient in effect.coefficients:
         assert coefficient.symbol and coefficient.meaning
-        ratio = effect.name in ratios or coefficient.meaning.startswith('share of')
-        assert bool(coefficient.unit) != ratio
+        assert bool(coefficient.unit) != (effect.name in ratios)
 
 
 def test_confounders_are_symmetric():
@@ -90,12 +85,7 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
         settings = effect.settings(motion, joint)
         if effect.untestable(motion, joint) is None:
             assert settings, 'testable, but without settings'
-            # The means of inertia require a longer motion, the spread of lengths an arm without a
-            # description, signs vertical axes.
-            missing = set(effect.setting_units) - set().union(*settings)
-            allowed = {'inertia': {'mean_s', 'mean_c'},
-                       'rigid_body_dynamics': {'spread', 'way', 'way_2'}}
-            assert missing <= allowed.get(effect.name, set())
+            assert set().union(*settings) <= set(effect.setting_units)
         for setting in some(settings) if settings else []:
             columns = effect.columns(motion, joint, setting)
             k = len(effect.coefficients_of(motion, joint, setting))
@@ -103,14 +93,17 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
             assert columns.dtype == np.float64 and np.isfinite(columns).all()
             assert set(setting) <= set(effect.setting_units)
             assert all(np.isfinite(value) for value in setting.values())
+            std = effect.prior_std(Sizes(10.0, np.sqrt((columns ** 2).mean(axis=tuple(
+                range(columns.ndim - 1))))))
+            assert std.shape == (k,) and (std > 0).all() and np.isfinite(std).all()
             again = effect.columns(motion, joint, setting)
             np.testing.assert_array_equal(columns, again)
-            for finer in effect.refine(motion, joint, setting):
+            for finer in effect.refine(motion, joint, setting, 1.0):
                 assert np.isfinite(effect.columns(motion, joint, finer)).all()
 
 
 def test_all_effects_are_testable_on_an_exciting_motion():
-    motion = clean_motion('iiwa7')
+    motion = session_motion('iiwa7')
     blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
     assert blind == set()
 
@@ -141,9 +134,7 @@ def test_coefficients_are_recovered(effect, arm):
                 continue
             assert (np.abs(solution[:count] - truth[here]) < 5 * spread[:count]).all()
             tested += bool((spread[:count] < 0.2 * np.abs(truth[here])).all())
-    # The nominal arm of one joint is that joint's inertia.
-    alone = effect.name == 'rigid_body_dynamics' and n == 1
-    if list(cases(effect, motion)) and effect.name not in IN_THE_BASE and not alone:
+    if list(cases(effect, motion)) and effect.name not in IN_THE_BASE:
         assert tested, 'collinear with gravity on every joint'
 
 
@@ -171,9 +162,7 @@ def test_the_order_of_the_joints_does_not_matter(name):
     order = [3, 0, 5, 1, 4, 2]
     moved = reordered(motion, order)
     for joint, settings in list(cases(effect, motion))[:2]:
-        # Coupled inertia depends on the joints between two.
-        orderless = [setting for setting in settings if not setting.get('coupled')]
-        setting, place = some(orderless)[-1], order.index(joint)
+        setting, place = some(settings)[-1], order.index(joint)
         assert effect.untestable(moved, place) is None
         columns = effect.columns(motion, joint, setting)
         if effect.scope == 'arm':
@@ -183,31 +172,18 @@ def test_the_order_of_the_joints_does_not_matter(name):
 
 
 def reordered(motion, order):
-    """Return the same motion with its joints in another order, model included."""
-    model = motion.model
-    torques = [model.torques[n] for n in order]
-    model = GravityModel(
-        tuple(model.joints[n] for n in order), model.formulation,
-        tuple(moved_factors(torque, order) for torque in torques),
-        moved_factors(model.energy, order), model.noise[order],
-        Coverage(model.coverage.q_min[order], model.coverage.q_max[order], 1000))
-    samples = motion.samples.joints(model.joints)
-    return Motion(samples, motion.qdd[:, order], motion.gravity[:, order],
-                  motion.gradient[:, order][:, :, order], motion.sign_width[order], model,
-                  motion.hold[order])
-
-
-def moved_factors(part, order):
-    """Return a sum over the dictionary with the joints in another order."""
-    indices = dictionary.index_of(dictionary.digits(part.indices, len(order))[:, order])
-    rising = np.argsort(indices)
-    return Expansion(indices[rising], part.weights[rising])
+    """Return the same motion with its joints in another order."""
+    names, back = [motion.samples.names[n] for n in order], np.argsort(order)
+    return replace(
+        motion, samples=motion.samples.joints(names), qdd=motion.qdd[:, order],
+        gravity=motion.gravity[:, order], chain=None, geometry=None, memo={},
+        gravity_gradient=lambda q: motion.gravity_gradient(q[:, back])[:, order][:, :, order])
 
 
 @each_effect
 def test_columns_of_a_part_of_a_motion_are_those_of_the_whole(effect):
     # Coefficients of one recording must have the same meaning on another.
-    motion = clean_motion('six_axis')
+    motion = session_motion('six_axis')
     joint, settings = list(cases(effect, motion))[-1]
     last = motion.samples.runs == 2
     part = part_of(motion, last, motion.samples.run(2))
@@ -217,8 +193,6 @@ def test_columns_of_a_part_of_a_motion_are_those_of_the_whole(effect):
             setting = {**setting, 'run': setting['run'] + 2}
         np.testing.assert_allclose(
             columns, effect.columns(motion, joint, setting)[last], rtol=1e-9, atol=1e-9)
-        assert set(effect.not_scanned) <= set(effect.setting_units)
-        assert effect.n_scanned(setting) == len(set(setting) - set(effect.not_scanned))
 
 
 HISTORY = ('friction_drift', 'presliding_hysteresis', 'torque_drift')
@@ -245,37 +219,45 @@ def test_states_start_again_where_a_run_is_cut(name):
     here = motion.samples.runs == 0
     whole_run = effect.columns(part_of(motion, here, one), 0, setting)
     in_two = effect.columns(part_of(motion, here, cut), 0, setting)
-    change = np.abs(np.diff(whole_run - in_two, axis=0))
+    # Of presliding, the state; its rate differs at the cut alone.
+    change = np.abs(np.diff((whole_run - in_two)[:, 0]))
     assert change.argmax() == 899 and change.max() > 0.05
 
 
 def part_of(motion, here, samples):
-    """Return the part of a motion that `samples` are, with the same shapes of direction."""
-    return Motion(samples, motion.qdd[here], motion.gravity[here], motion.gradient[here],
-                  motion.sign_width, motion.model, motion.hold)
+    """Return the part of a motion that `samples` are."""
+    return replace(motion, samples=samples, qdd=motion.qdd[here], gravity=motion.gravity[here],
+                   memo={})
 
 
-@each_effect
-def test_torque_above_the_measured_one_is_implausible(effect):
-    motion = clean_motion('iiwa7')
-    joint, settings = list(cases(effect, motion))[-1]
-    columns = effect.columns(motion, joint, settings[0])
-    size = 100 * np.abs(motion.samples.tau).max() / np.abs(columns).max(axis=(0, 1), initial=0)
-    reason = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
-    assert re.search(r'N·m|too large|would be visible', reason)
-    small = np.full(columns.shape[-1], 1e-6)
-    reason = effect.implausible(small, settings[0], motion, joint)
-    assert (reason is None) if effect.name != 'torque_gain' else ('too small' in reason)
+LIMITED = ('load_dependent_friction', 'torque_gain', 'encoder_offset', 'base_tilt',
+           'joint_flexibility', 'time_delay')
 
 
-@pytest.mark.parametrize('name', [
-    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
-    'load_dependent_friction', 'coupled_friction', 'presliding_hysteresis', 'joint_spring',
-    'cable_stiffness', 'end_stop', 'joint_flexibility', 'inertia'])
-def test_a_wrong_sign_is_implausible(name):
-    effect, motion = EFFECTS[name], clean_motion('iiwa7')
-    joint, settings = list(cases(effect, motion))[0]
-    assert 'negative' in effect.implausible(np.array([-1e-6]), settings[0], motion, joint)
+@pytest.mark.parametrize('name', LIMITED)
+def test_a_coefficient_above_its_limit_is_implausible(name):
+    effect = EFFECTS[name]
+    values = np.zeros(len(effect.coefficients))
+    assert effect.implausible(values + 0.99 * effect.largest) is None
+    reason = effect.implausible(values + 1.01 * effect.largest)
+    assert 'is too large' in reason and effect.why_not_larger in reason
+
+
+def test_effects_without_a_limit_are_named():
+    unlimited = {name for name, effect in EFFECTS.items() if not np.isfinite(effect.largest)}
+    assert unlimited == set(NAMES) - set(LIMITED)
+
+
+POSITIVE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+            'load_dependent_friction', 'coupled_friction', 'cable_stiffness', 'end_stop',
+            'joint_flexibility')
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_negative_coefficient_is_implausible_where_physics_excludes_it(name):
+    reason = EFFECTS[name].implausible(np.array([-1e-6]))
+    assert (reason is not None and 'negative' in reason) == (name in POSITIVE)
+    assert EFFECTS[name].implausible(np.array([1e-6])) is None
 
 
 def test_inconsistent_attributes_are_refused():
@@ -307,11 +289,17 @@ def test_missing_attributes_are_named():
 
 def test_defaults_of_optional_methods():
     effect, motion = EFFECTS['torque_offset'], clean_motion('pendulum')
-    assert effect.settings(motion, 0) == [{}] and effect.refine(motion, 0, {}) == []
-    assert effect.untestable(motion, 0) is None and effect.alternative() is None
-    assert effect.spread(motion, 0, {}) is None
-    assert effect.has_fixed_coefficients
+    assert effect.settings(motion, 0) == [{}] and effect.refine(motion, 0, {}, 1.0) == []
+    assert effect.untestable(motion, 0) is None
     assert effect.coefficients_of(motion, 0, {}) == effect.coefficients
-    varying = {name for name in NAMES if not EFFECTS[name].has_fixed_coefficients}
-    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'inertia', 'coriolis',
+    assert not effect.is_shared and effect.corrects == ()
+    assert [name for name, each in EFFECTS.items() if each.is_shared] == ['rigid_body_dynamics']
+    varying = {name for name, each in EFFECTS.items()
+               if type(each).coefficients_of is not Effect.coefficients_of}
+    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'torque_ripple',
                        'rigid_body_dynamics'}
+
+
+def test_corrections_name_effects():
+    for effect in EFFECTS.values():
+        assert set(effect.corrects) <= set(NAMES) - {effect.name}

@@ -9,9 +9,9 @@ import sys
 
 from docs import make_effects
 from effect_motions import clean_motion
-from gravity_comp_ros.effects.dynamics import Inertia
-from gravity_comp_ros.effects.effect import ATTRIBUTES
+from gravity_comp_ros.effects.effect import ATTRIBUTES, Sizes
 from gravity_comp_ros.effects.entry_points import GuardedEffect
+from gravity_comp_ros.effects.offset import TorqueOffset
 from gravity_comp_ros.effects.registry import all_effects, library_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -29,7 +29,7 @@ from gravity_comp_ros.effects.effect import Coefficient, Effect
 class Plain(Effect):
     title, family, equation, description = 'T', 'f', 'e', 'd'
     coefficients = (Coefficient('c', 'N·m', 'm'),)
-    confounders, experiment, signature, source = ('inertia',), 'x', 'time', 's'
+    confounders, experiment, signature, source = ('time_delay',), 'x', 'time', 's'
 
     def __init__(self, name):
         self.name = name
@@ -78,9 +78,10 @@ def test_the_example_package_installs_and_is_found(tmp_path):
         'effect = all_effects()["seal_drag"]\n'
         'motion = clean_motion("pendulum")\n'
         'assert effect.untestable(motion, 0) is None\n'
-        'column = effect.columns(motion, 0, {})\n'
+        'assert effect.settings(motion, 0)\n'
+        'column = effect.columns(motion, 0, effect.settings(motion, 0)[0])\n'
         'assert column.shape == (motion.samples.n_samples, 1) and column.std() > 0\n'
-        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1, {}, motion, 0)\n')
+        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1)\n')
     names, skipped = ask(target, program=program)
     assert names[-1] == 'seal_drag' and not skipped
     assert names[:-1] == list(library_effects())
@@ -99,7 +100,7 @@ def test_several_effects_may_come_from_one_name(tmp_path):
     ('thing = 3\n', 'bad:thing', 'not an Effect'),
     ('x = 1\n', 'bad:thing', 'thing'),
     ('thing = ()[0]\n', 'bad:thing', 'index out of range'),
-    (EFFECT + 'thing = effect("inertia")\n', 'bad:thing', 'there is an effect inertia already'),
+    (EFFECT + 'thing = effect("time_delay")\n', 'bad:thing', 'effect time_delay already'),
     ('import sys\nsys.exit(3)\n', 'bad:thing', '3'),
     (EFFECT + 'thing = [effect("fine"), None]\n', 'bad:thing', 'not an Effect'),
     (EFFECT + 'class thing(Plain):\n    def __init__(self):\n        self.name = "bare"\n'
@@ -132,7 +133,7 @@ def test_one_name_belongs_to_one_plug_in(tmp_path):
 ])
 def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, message):
     motion = clean_motion('six_axis')
-    bad = GuardedEffect(type('Bad', (Inertia,), {
+    bad = GuardedEffect(type('Bad', (TorqueOffset,), {
         'name': 'bad', 'columns': lambda self, *given: columns(*given)})())
     assert message in bad.untestable(motion, 0)
     good = GuardedEffect(known_effect('torque_ripple'))
@@ -141,39 +142,37 @@ def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, message):
 
 def test_a_guarded_effect_has_the_attributes_of_the_effect():
     motion = clean_motion('six_axis')
-    for name in ('joint_flexibility', 'rigid_body_dynamics', 'coriolis'):
+    for name in ('joint_flexibility', 'rigid_body_dynamics', 'joint_spring'):
         effect = known_effect(name)
         guard = GuardedEffect(effect)
         assert all(getattr(guard, word) == getattr(effect, word) for word in ATTRIBUTES)
-        assert guard.has_fixed_coefficients == effect.has_fixed_coefficients
+        assert guard.settings(motion, 1) == effect.settings(motion, 1)
         for setting in effect.settings(motion, 1):
             columns = effect.columns(motion, 1, setting)
             np.testing.assert_array_equal(guard.columns(motion, 1, setting), columns)
             assert guard.coefficients_of(motion, 1, setting) == effect.coefficients_of(
                 motion, 1, setting)
-            np.testing.assert_array_equal(guard.spread(motion, 1, setting),
-                                          effect.spread(motion, 1, setting))
+            assert guard.refine(motion, 1, setting, 1.0) == effect.refine(motion, 1, setting, 1.0)
+            sizes = Sizes(20.0, np.ones(columns.shape[-1]))
+            np.testing.assert_array_equal(guard.prior_std(sizes), effect.prior_std(sizes))
             values = -np.ones(columns.shape[-1])
-            assert guard.implausible(values, setting, motion, 1) == effect.implausible(
-                values, setting, motion, 1)
-    soft = GuardedEffect(known_effect('joint_flexibility'))
-    assert soft.alternative().effect is soft
+            assert guard.implausible(values) == effect.implausible(values)
 
 
 def test_a_guarded_effect_reports_its_own_reason():
-    assert 'one joint' in GuardedEffect(known_effect('coriolis')).untestable(
+    assert 'one joint' in GuardedEffect(known_effect('tool_force')).untestable(
         clean_motion('pendulum'), 0)
 
 
 def test_an_effect_is_found_by_its_name():
-    assert known_effect('inertia') is all_effects()['inertia']
+    assert known_effect('time_delay') is all_effects()['time_delay']
     with pytest.raises(OptionError, match="no effect 'gremlins'; known are coulomb_friction"):
         known_effect('gremlins')
 
 
 def test_the_caller_cannot_change_the_registry():
     all_effects().clear()
-    assert 'inertia' in all_effects()
+    assert 'time_delay' in all_effects()
 
 
 def test_the_page_of_effects_is_that_of_the_library():

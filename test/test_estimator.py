@@ -1,13 +1,14 @@
-"""The estimator: friction as nuisance terms, excluded outliers, correct reported errors."""
+"""The estimator: friction fitted with gravity, outliers, correct reported errors."""
 
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.predict import fitted_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
-from gravity_comp_ros.estimation.robust import excluded_samples
+from gravity_comp_ros.estimation.robust import outliers
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -42,6 +43,16 @@ def rms(x):
     return np.sqrt((x ** 2).mean(axis=0))
 
 
+def sizes(model, name):
+    """Return the first coefficient of a fitted effect, by joint."""
+    return {effect.joint: next(iter(effect.coefficients.values()))
+            for effect in model.fitted.effects if effect.name == name}
+
+
+def std(value):
+    return (value.ci95[1] - value.ci95[0]) / (2.0 * 1.96)
+
+
 @pytest.fixture(scope='module')
 def samples():
     return eq17()
@@ -55,22 +66,21 @@ def result(samples):
 def test_gravity_does_not_absorb_friction(result):
     model = result.model
     assert model.formulation == 'chain' and gravity_error(model) < 0.15
-    coulomb, viscous = model.nuisance.of('coulomb_friction'), model.nuisance.of(
-        'viscous_friction')
-    assert set(coulomb) == set(ARM.joints)
-    for term in coulomb.values():
-        assert term.value == pytest.approx(COULOMB, abs=max(4 * term.std, 0.02))
-    for term in viscous.values():
-        assert term.value == pytest.approx(VISCOUS, abs=4 * term.std)
+    coulomb, viscous = sizes(model, 'coulomb_friction'), sizes(model, 'viscous_friction')
+    assert set(coulomb) == set(viscous) == set(ARM.joints)
+    for size in coulomb.values():
+        assert size.value == pytest.approx(COULOMB, abs=max(4 * std(size), 0.02))
+    for size in viscous.values():
+        assert size.value == pytest.approx(VISCOUS, abs=4 * std(size))
 
 
 def test_friction_is_not_predicted(result, samples):
-    # The prediction excludes nuisance terms, and the reported error includes them.
+    # The prediction excludes fitted effects, and the reported error includes them.
     residual = samples.tau - result.model.predict(samples.q)
     assert rms(residual).min() > 0.7
-    noise = residual - nuisance_torque(result.model.nuisance, samples)
+    noise = residual - fitted_torque(result.model, samples)
     assert rms(noise) == pytest.approx(np.full(7, NOISE), rel=0.2)
-    assert result.model.nuisance.noise == pytest.approx(np.full(7, NOISE), rel=0.2)
+    assert result.model.residual_std == pytest.approx(np.full(7, NOISE), rel=0.2)
 
 
 def test_fit_and_compare_report_the_same_errors(result, samples):
@@ -99,32 +109,32 @@ def test_an_update_keeps_friction(result):
     q = motions.eq17(start=120.0).q
     assert gravity_error(result.model, q, loaded) > 5.0
     assert gravity_error(updated.model, q, loaded) < 0.6
-    assert updated.model.nuisance.terms == result.model.nuisance.terms
+    assert updated.model.fitted.effects == result.model.fitted.effects
     errors = rms(new.tau - updated.model.predict(new.q))
     assert list(updated.report.rmse.values()) == pytest.approx(errors.tolist())
 
 
-def test_a_brake_engagement_is_excluded_and_reported(samples):
+def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
     tau = samples.tau.copy()
     tau[200:210, 3] += 25.0
     tau[77, 1] -= 80.0
     fitted = fit(replace(samples, tau=tau))
     assert gravity_error(fitted.model) < 0.2
-    excluded = fitted.report.set_aside
-    assert excluded['iiwa_joint_4'].n == 10 and excluded['iiwa_joint_2'].n >= 1
-    assert excluded['iiwa_joint_4'].first == pytest.approx(samples.t[200])
-    assert any('excluded as outliers: 10 samples of iiwa_joint_4' in line
+    spoilt = fitted.report.outliers
+    assert spoilt['iiwa_joint_4'].n == 10 and spoilt['iiwa_joint_2'].n >= 1
+    assert spoilt['iiwa_joint_4'].first == pytest.approx(samples.t[200])
+    assert any('outliers with reduced weight: 10 samples of iiwa_joint_4' in line
                for line in fitted.report.warnings)
 
 
-def test_excluded_samples_of_two_runs_are_reported_with_both(samples):
+def test_outliers_of_two_runs_are_reported_with_both(samples):
     half = samples.n_samples // 2
-    weights = np.ones(samples.tau.shape)
-    weights[[200, half + 10], 3] = 0.0
+    residual = np.random.default_rng(0).normal(size=samples.tau.shape)
+    residual[[200, half + 10], 3] = 100.0
     t = np.concatenate([samples.t[:half], samples.t[:samples.n_samples - half]])
     two = JointSamples(samples.names, t, samples.q, samples.qd, samples.tau,
                        (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
-    text = str(excluded_samples(two, weights)['iiwa_joint_4'])
+    text = str(outliers(two, np.ones(len(two), dtype=int), residual)['iiwa_joint_4'])
     assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
 
 
@@ -143,11 +153,11 @@ def test_the_description_of_another_arm_is_not_used(samples):
     assert not fitted.report.known_axes
 
 
-def test_a_model_file_keeps_nuisance_terms(result, tmp_path):
+def test_a_model_file_keeps_fitted_effects(result, tmp_path):
     save_model(tmp_path / 'm.json', result.model)
     again = load_model(tmp_path / 'm.json')
-    assert again.nuisance.terms == result.model.nuisance.terms
-    np.testing.assert_array_equal(again.nuisance.width, result.model.nuisance.width)
+    assert again.fitted.effects == result.model.fitted.effects
+    np.testing.assert_array_equal(again.residual_std, result.model.residual_std)
 
 
 def test_long_recordings_cost_no_more_than_short_ones():

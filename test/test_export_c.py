@@ -5,7 +5,7 @@ import subprocess
 
 from compiled_model import compiled
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.predict import effect_torque, motion_of
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.c_source import c_source, parameters_of
@@ -48,30 +48,30 @@ def model_of(kind: str, seed: int = 0, right_angles: bool = False) -> GravityMod
 
 EFFECTS = (
     ('torque_offset', 0, {}, {'b': 0.7}), ('torque_gain', 1, {}, {'k': -0.08}),
-    ('joint_spring', 1, {'centre': 0.3, 'overtones': 0.0}, {'k': 4.0}),
+    ('joint_spring', 1, {'centre': 0.3, 'overtones': 0.0}, {'k': 4.0, 'm': 0.5}),
     ('joint_spring', 2, {'centre': 0.3, 'overtones': 2.0},
      {'a_2': 1.0, 'a_3': -0.4, 'b_2': 0.6, 'b_3': 0.2}),
     ('cable_stiffness', 3, {'start': 0.2, 'side': 1.0, 'half': 1.4, 'order': 1.5}, {'k': 3.0}),
-    ('cable_stiffness', 4, {'start': -0.2, 'side': 0.0, 'half': 1.4}, {'k': 2.0}),
-    ('cable_stiffness', 6, {'start': 0.1, 'side': -1.0, 'half': 1.4}, {'k': 2.5}),
+    ('cable_stiffness', 4, {'start': -0.2, 'side': 0.0, 'half': 1.4, 'order': 3.0}, {'k': 2.0}),
+    ('cable_stiffness', 6, {'start': 0.1, 'side': -1.0, 'half': 1.4, 'order': 1.0}, {'k': 2.5}),
     ('end_stop', 4, {'start': -0.9, 'side': -1.0}, {'k': 30.0}),
     ('torque_ripple', 5, {'k': 40.5}, {'a': 0.3, 'b': -0.2}),
-    ('coulomb_friction', 0, {}, {'F_c': 1.5}), ('coulomb_friction', 1, {}, {'F_c': 2.5}),
-    ('viscous_friction', 2, {}, {'F_v': 3.0}), ('asymmetric_friction', 3, {}, {'F_a': 0.4}),
-    ('load_dependent_friction', 4, {}, {'mu': 0.06}),
-    ('stribeck_friction', 5, {'speed': 0.05}, {'F_s': 0.8}),
-    ('degressive_friction', 6, {'power': 2.0 / 3.0}, {'F_d': 1.1}),
-    ('coupled_friction', 5, {'partner': 7.0, 'sign': -1.0, 'width': 0.01, 'hold': 0.0,
-                             'ramp': 1.0}, {'F_k': 0.9}))
+    ('coulomb_friction', 0, {'width': 0.004}, {'F_c': 1.5}),
+    ('coulomb_friction', 1, {'ramp': 0.02}, {'F_c': 2.5}),
+    ('viscous_friction', 2, {}, {'F_v': 3.0}),
+    ('asymmetric_friction', 3, {'ramp': 0.03}, {'F_a': 0.4}),
+    ('load_dependent_friction', 4, {'width': 0.01}, {'mu': 0.06}),
+    ('stribeck_friction', 5, {'speed': 0.05, 'width': 0.003}, {'F_s': 0.8}),
+    ('degressive_friction', 6, {'power': 2.0 / 3.0, 'width': 0.002}, {'F_d': 1.1}),
+    ('coupled_friction', 5, {'partner': 7.0, 'sign': -1.0, 'ramp': 0.02}, {'F_k': 0.9}))
 
 
 def with_effects(model: GravityModel, effects=EFFECTS) -> GravityModel:
-    """Return a model with effects whose directions are a sign and a ramp."""
+    """Return a model with effects."""
     applied = tuple(AppliedEffect(name, JOINTS[joint], setting,
                                   {symbol: Value(x, '', (x, x)) for symbol, x in values.items()})
                     for name, joint, setting, values in effects)
-    shape = {'width': np.linspace(0.004, 0.03, N), 'hold': np.zeros(N), 'ramp': np.arange(N) % 2}
-    return replace(model, applied=Applied(applied, shape))
+    return replace(model, applied=Applied(applied))
 
 
 def poses(count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -138,26 +138,30 @@ def test_every_law_is_of_an_effect_in_the_library_and_tested():
 
 def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     model = with_effects(model_of('chain'), [
-        ('torque_drift', 0, {'centre': 1.0}, {'r': 0.1}),
-        ('coulomb_friction', 1, {}, {'F_new': 2.0}),
+        ('torque_drift', 0, {'origin': 0.0, 'time': 100.0}, {'r': 0.1}),
+        ('coulomb_friction', 0, {'distance': 0.001}, {'F_c': 2.0}),
+        ('encoder_offset', 2, {'run': 2.0, 'time': 0.0, 'clock': 0.0}, {'delta': 0.04}),
+        ('coulomb_friction', 1, {'width': 0.004}, {'F_new': 2.0}),
         ('joint_spring', 1, {}, {'k': 4.0})])
     code = c_source(model)
-    assert not code.effects and len(code.left_out) == 3
+    assert not code.effects and len(code.left_out) == 5
+    assert [why.startswith('its torque is not') for why in code.left_out.values()] == [
+        True, True, True, False, False]
     library, (q, _) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
     assert parameters_of(model).layout == parameters_of(model_of('chain')).layout
     assert 'torque_drift:joint 0' in code.header
 
 
-@pytest.mark.parametrize(('name', 'joint', 'setting', 'values'), [
-    ('base_tilt', None, {'side': 1.0}, {'alpha': 0.05, 'beta': -0.03, 'm_a': 1.0, 'm_b': 0.5}),
-    ('encoder_offset', 2, {'run': 1.0, 'time': 0.0}, {'delta': 0.04})])
-def test_effects_in_the_dictionary_are_sums(name, joint, setting, values, tmp_path):
-    model = with_effects(model_of('chain', right_angles=True))
-    model = replace(model, applied=Applied((AppliedEffect(
-        name, None if joint is None else JOINTS[joint], setting,
-        {symbol: Value(x, '', (x, x)) for symbol, x in values.items()}),),
-        model.applied.direction))
+def test_effects_in_the_dictionary_are_sums(tmp_path):
+    model = model_of('chain', right_angles=True)
+    samples = JointSamples.single_run(JOINTS, [0.0], *np.zeros((3, 1, N)))
+    symbols = [c.symbol for c in library_effects()['tool_force'].coefficients_of(
+        motion_of(model, samples), 0, {})]
+    rng = np.random.default_rng(0)
+    model = replace(model, applied=Applied((AppliedEffect('tool_force', None, {}, {
+        symbol: Value(x, '', (x, x)) for symbol, x in zip(symbols, rng.normal(size=len(symbols)))
+    }),)))
     code, (q, qd) = c_source(model), poses(300)
     expected = effects_at(model, q, qd)
     assert len(code.effects) == 1 and np.abs(expected).max() > 0.1
@@ -207,7 +211,7 @@ def test_refused_parameters_change_nothing(tmp_path):
         return library.set_parameters(values, layout)
 
     labels = list(good.labels)
-    width = labels.index(f'{JOINTS[0]} direction width rad/s')
+    width = labels.index(f'coulomb_friction:{JOINTS[0]} width')
     assert result(values=good.values[:-1]) == 1
     assert result(layout=good.layout ^ 1) == 2
     assert {result(20, bad) for bad in (np.nan, np.inf, -np.inf)} == {3}

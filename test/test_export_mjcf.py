@@ -79,9 +79,9 @@ def arm(tmp_path):
 def test_mujoco_gives_the_torque_of_the_model(arm, tmp_path):
     model = model_of(arm, 1.3)
     model = replace(model, applied=Applied(
-        (AppliedEffect('coulomb_friction', 'elbow', {}, {'F_c': Value(0.7, '', (0.6, 0.8))}),
-         AppliedEffect('viscous_friction', 'pan', {}, {'F_v': Value(2.0, '', (1.0, 3.0))})),
-        {'width': np.full(3, 0.01)}))
+        (AppliedEffect('coulomb_friction', 'elbow', {'width': 0.01},
+                       {'F_c': Value(0.7, '', (0.6, 0.8))}),
+         AppliedEffect('viscous_friction', 'pan', {}, {'F_v': Value(2.0, '', (1.0, 3.0))}))))
     changed = changed_mjcf(arm, arm.read_bytes(), model)
     output = tmp_path / 'new.xml'
     output.write_bytes(changed.data)

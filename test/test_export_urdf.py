@@ -9,7 +9,8 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.link_places import described_arm
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.nearest_masses import Links, nearest_masses, NearestOptions
 from gravity_comp_ros.export.urdf_file import changed_urdf
 from gravity_comp_ros.export.xml_edit import XmlEdit
@@ -144,9 +145,9 @@ def test_only_numbers_of_mass_and_origin_change_byte_for_byte():
     model = GravityModel.from_energy(('a',), 'potential', Expansion(np.array([1, 2]), energy),
                                      np.array([0.01]), Coverage([-2.0], [2.0], 100), {})
     model = replace(model, applied=Applied(
-        (AppliedEffect('coulomb_friction', 'a', {}, {'F_c': Value(0.25, 'N·m', (0.2, 0.3))}),
-         AppliedEffect('torque_offset', 'a', {}, {'b': Value(0.1, 'N·m', (0.0, 0.2))})),
-        {'width': np.array([0.01])}))
+        (AppliedEffect('coulomb_friction', 'a', {'width': 0.01},
+                       {'F_c': Value(0.25, 'N·m', (0.2, 0.3))}),
+         AppliedEffect('torque_offset', 'a', {}, {'b': Value(0.1, 'N·m', (0.0, 0.2))}))))
     changed = changed_urdf(text.encode(), model)
     link = changed.links['l']
     np.testing.assert_allclose(link.mass * np.array(link.centre), [0.3, 0.0, 0.6], atol=1e-3)

@@ -3,8 +3,8 @@
 from bench.estimator.fast_motion import recorded, worst
 from bench.planning.scenes import known_axes
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fast_motion import fit_gravity
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.simulation.arms import iiwa7
 import numpy as np
@@ -18,14 +18,10 @@ ARM = iiwa7()
 def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     options = FitOptions(geometry=known_axes(ARM) if known else None)
     samples = recorded(ARM, seed, 1.0, 0.3, 0.0, 60.0)
-    result = fit_gravity(samples, options)
+    result = fit(samples, options)
     assert worst(ARM, result.model) < limit
-    # Constant inertia is not sufficient; a nominal arm on known axes nearly is.
-    alone = worst(ARM, fit(samples, options).model)
-    assert alone < 2.0 * limit if known else alone > 3.0 * worst(ARM, result.model)
-    # The dynamic torque is a nuisance term and not predicted.
+    # The torque of motion is fitted and not predicted.
     assert not result.model.applied.effects and result.report.known_axes == known
-    assert result.report.choice.why.endswith('rigid-body dynamics was a nuisance term')
     residual = samples.tau - result.model.predict(samples.q)
     np.testing.assert_allclose(list(result.report.rmse.values()),
                                np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
@@ -33,15 +29,7 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
 
 def test_gravity_stays_accurate_with_added_effects():
     samples = recorded(ARM, 3, 1.0, 0.8, 0.01, 60.0)
-    model = fit_gravity(samples, FitOptions(geometry=known_axes(ARM))).model
+    model = fit(samples, FitOptions(geometry=known_axes(ARM))).model
     added = refit(samples, model, requests(['coulomb_friction'], samples.names))
     assert worst(ARM, added.model) < 0.1
     assert {e.name for e in added.model.applied.effects} == {'coulomb_friction'}
-
-
-def test_slow_motion_is_fitted_without_dynamics():
-    samples = recorded(ARM, 0, 0.1, 0.05, 0.0, 60.0)
-    first, result = fit(samples), fit_gravity(samples)
-    q = samples.q[::10]
-    np.testing.assert_array_equal(result.model.predict(q), first.model.predict(q))
-    assert 'rigid-body' not in result.report.choice.why

@@ -20,7 +20,7 @@ ROOMS = (
     ('facts',),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
-    ('terms', 'description_check', 'calibration'),
+    ('description_check', 'calibration'),
     ('evaluation', 'regression'),
     ('estimation',),
     ('diagnosis',),

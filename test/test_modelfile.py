@@ -8,7 +8,8 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import ModelFileError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models import model_file
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -58,7 +59,8 @@ def refused(path: Path, message: str) -> None:
 def signed(body: dict, **envelope) -> str:
     """Return the text of a file with this body and its checksum."""
     canonical = json.dumps(body, sort_keys=True, separators=(',', ':'))
-    return json.dumps({'format': 'gravity_comp_ros model', 'version': 1, 'model': body,
+    return json.dumps({'format': 'gravity_comp_ros model', 'version': model_file.VERSION,
+                       'model': body,
                        'sha256': hashlib.sha256(canonical.encode()).hexdigest(), **envelope})
 
 
@@ -111,7 +113,8 @@ def test_the_round_trip_of_any_model_is_exact(tmp_path_factory, model):
 
 def test_the_file_is_json_with_format_version_and_checksum(saved):
     document = json.loads(saved.read_text())
-    assert document['format'] == 'gravity_comp_ros model' and document['version'] == 1
+    assert document['format'] == 'gravity_comp_ros model'
+    assert document['version'] == model_file.VERSION
     assert document['model']['joints'] == ['axis0', 'axis1']
     assert signed(document['model']) and json.loads(signed(document['model'])) == document
     assert saved.read_text().endswith('}\n') and saved.read_text().isascii()
@@ -159,10 +162,10 @@ def test_an_edit_by_hand_is_refused(saved, edit):
     refused(saved, 'damaged: its checksum does not match')
 
 
-@pytest.mark.parametrize('version', [0, 3, None, '1', [1]])
+@pytest.mark.parametrize('version', [0, 2, 4, None, '3', [3]])
 def test_another_version_is_refused(saved, version):
     saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
-    refused(saved, 'this program reads versions 1 and 2')
+    refused(saved, 'this program reads version 3')
 
 
 @pytest.mark.parametrize('text', [
@@ -198,7 +201,7 @@ def test_an_endless_device_is_refused():
 @pytest.mark.parametrize('depth', [100, 900, 5000, 100000])
 def test_deep_nesting_is_refused(saved, depth):
     nested = '[' * depth + ']' * depth
-    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 1, "sha256": "0", '
+    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 3, "sha256": "0", '
                      f'"model": {{"joints": {nested}}}}}')
     refused(saved, 'damaged|not a model file')
 

@@ -10,7 +10,9 @@ from broken_effort import intermittent_brake, KINDS
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.chain_of_model import as_chain
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -19,7 +21,7 @@ from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.hypotheses import Hypotheses
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.jobs import as_chain, outliers_of_change, run_fit
+from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
 import numpy as np
 import pytest
 
@@ -122,10 +124,12 @@ def refusals(hypotheses, limits=PayloadLimits()):
             body_checks(hypotheses, np.full(7, 0.1), 1.0, limits) if not check.passed}
 
 
-def moments(**changed):
+def heavier(base, **changed):
+    """Return moments (7, 2) in N·m in the direction of those of the links."""
     result = np.zeros((7, 2))
     for name, value in changed.items():
-        result[int(name[1:]), 0] = value
+        own = base.chain.moments[int(name[1:])]
+        result[int(name[1:])] = value * own / np.linalg.norm(own)
     return result
 
 
@@ -148,11 +152,11 @@ def test_a_body_is_no_fault(base, geometry):
 
 
 def test_a_change_of_the_outer_links_is_a_body(base):
-    assert not refusals(table(base, moments(m1=10.0, m3=9.0)))
+    assert not refusals(table(base, heavier(base, m1=10.0, m3=9.0)))
 
 
 def test_a_change_beyond_max_payload_is_refused(base):
-    heavy = table(base, moments(m1=60.0, m3=50.0))
+    heavy = table(base, heavier(base, m1=60.0, m3=50.0))
     assert not refusals(heavy)
     limits = PayloadLimits(mass=5.0)
     assert 'max_payload 5 kg' in refusals(heavy, limits)[checks.WITHIN_LIMITS]

@@ -8,12 +8,14 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
-from gravity_comp_ros.models.nuisance import (
-    COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
+from gravity_comp_ros.effects.predict import fitted_torque
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
-from gravity_comp_ros.node.jobs import interleaved_nuisance, run_payload_test
-from gravity_comp_ros.node.slow_samples import expected_residual, LiveNuisance, residual_noise
+from gravity_comp_ros.node.jobs import interleaved, run_payload_test
+from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.slow_samples import (
+    expected_residual, LiveResidual, residual_noise, SlowSample)
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
 from hypothesis import given, settings, strategies as st
@@ -111,26 +113,37 @@ def test_broken_effort_is_no_payload(model):
         assert 'no payload explains' in result.text
 
 
+def with_fitted(model, *effects):
+    """Return a model with nuisance terms: name, joint number, setting, coefficients."""
+    return replace(model, applied=Applied(), fitted=Applied(tuple(
+        AppliedEffect(name, ARM.joints[joint], setting,
+                      {symbol: Value(x, '', (x, x)) for symbol, x in values.items()})
+        for name, joint, setting, values in effects)), residual_std=np.full(7, 0.1))
+
+
 def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
-    terms = (NuisanceTerm(COULOMB, 'iiwa_joint_2', 2.0, 0.1),
-             NuisanceTerm(VISCOUS, 'iiwa_joint_3', 4.0, 0.1),
-             NuisanceTerm(OFFSET, 'iiwa_joint_4', -0.7, 0.1),
-             NuisanceTerm(INERTIA, 'iiwa_joint_1', 5.0, 0.1),
-             NuisanceTerm(INERTIA, 'iiwa_joint_5', 2.0, 0.1, 'iiwa_joint_6'))
-    hold = np.where(np.arange(7) == 1, 1e-4, 0.0)
-    nuisance = NuisanceTerms(terms, np.full(7, 0.002), hold, np.full(7, 0.1))
-    live = LiveNuisance(replace(model, nuisance=nuisance))
+    fitted = with_fitted(model, ('coulomb_friction', 1, {'distance': 1e-4}, {'F_c': 2.0}),
+                         ('viscous_friction', 2, {}, {'F_v': 4.0}),
+                         ('torque_offset', 3, {}, {'b': -0.7}),
+                         ('load_dependent_friction', 4, {'width': 0.002}, {'mu': 0.1}))
+    live, gravity = LiveResidual(fitted), np.full(7, -5.0)
+
+    def nuisance(q, qd):
+        sample = SlowSample(CompleteReading(0.0, q, qd, np.zeros(7)), np.zeros((1, 7)))
+        error, residual = live.of(sample, gravity, np.ones(7))
+        np.testing.assert_array_equal(error, -gravity)
+        return error - residual
+
     q, qd = np.zeros(7), np.full(7, 0.1)
-    live.torque(q, qd, None)
-    moving = live.torque(q + 0.01, qd, np.arange(7.0))
-    np.testing.assert_allclose(moving[1:4], [2.0, 0.4, -0.7], atol=1e-9)
-    np.testing.assert_allclose(moving[[0, 4]], [0.0, 10.0], atol=1e-9)
-    still = live.torque(q + 0.01, 0.0 * qd, np.full(7, 0.2))
-    np.testing.assert_allclose(still[[0, 4]], [1.0, 0.4], atol=1e-9)
-    np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
-    assert live.torque(q, -qd, None)[1] == pytest.approx(-2.0)
-    expected = expected_residual(replace(model, nuisance=nuisance))
-    np.testing.assert_allclose(expected[1:3], [np.hypot(0.1, 0.6), 0.1])
+    nuisance(q, qd)
+    moving = nuisance(q + 0.01, qd)
+    np.testing.assert_allclose(moving, [0.0, 2.0, 0.4, -0.7, 0.5, 0.0, 0.0], atol=1e-9)
+    still = nuisance(q + 0.01, 0.0 * qd)
+    np.testing.assert_allclose(still[1:5], [2.0, 0.0, -0.7, 0.0], atol=1e-9)
+    assert nuisance(q, -qd)[1] == pytest.approx(-2.0)
+    # Friction drifts by 0.3 of its size; an offset does not.
+    np.testing.assert_allclose(expected_residual(fitted)[[1, 2, 3]],
+                               [np.hypot(0.1, 0.6), np.hypot(0.1, 0.12), 0.1], atol=2e-3)
     assert residual_noise(model).max() < 0.3 * model.noise.max()
 
 
@@ -254,12 +267,12 @@ def test_static_friction_follows_from_the_whole_path(model):
     t = 0.2 * np.arange(200)
     q = np.stack([0.4 * np.sin(0.2 * t + k) for k in range(7)], axis=1)
     qd = np.stack([0.08 * np.cos(0.2 * t + k) for k in range(7)], axis=1)
-    nuisance = NuisanceTerms(tuple(NuisanceTerm(COULOMB, name, 1.0, 0.1) for name in ARM.joints),
-                             np.full(7, 0.002), np.full(7, 1e-4), np.full(7, 0.1))
+    fitted = with_fitted(model, *(('coulomb_friction', k, {'distance': 1e-4}, {'F_c': 1.0})
+                                  for k in range(7)))
     every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
     held_out = np.arange(200) // 5 % 4 == 3
-    friction = interleaved_nuisance(replace(model, nuisance=nuisance), every.select(~held_out),
-                                    every.select(held_out))
+    friction = interleaved(lambda samples: fitted_torque(fitted, samples),
+                           every.select(~held_out), every.select(held_out))
     for part, here in zip(friction, (~held_out, held_out)):
         fast = np.abs(qd[here]) > 0.03
         np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from bench.cases.generated import generated_arm, small_motion
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.model_file import load_model, save_model

@@ -1,228 +1,218 @@
 """Planned motion and its expected results on an arm of known gravity."""
 
 from dataclasses import replace
+from functools import cache
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
-from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
-from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.context import DesignContext, DesignProblem, Hypothesis
-from gravity_comp_ros.planning.criterion import effect_score, EffectScore, power
-from gravity_comp_ros.planning.targets import design_problem, observed_separation, open_targets
-from hypothesis import given, settings, strategies
+from gravity_comp_ros.planning.criterion import coefficients, Criterion, unabsorbed
+from gravity_comp_ros.planning.evidence import _log_evidence, evidence_after
+from gravity_comp_ros.planning.questions import questions_of
+from gravity_comp_ros.planning.segments import Limits, Line, sampled
+from gravity_comp_ros.planning.sums import PlannedMotion, Sums
+from gravity_comp_ros.planning.targets import open_targets
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.posterior import solve
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.shared import State
 import numpy as np
-from planning_arm import CHAIN, model, NAMES, NOISE, one_way
+from planning_arm import model, NAMES, NOISE, one_way, played
 import pytest
+
+ELBOW = 1
+
+
+@cache
+def estimated(offset=0.0):
+    """Return the estimate of a one-way recording, with an offset of the elbow in N·m."""
+    return estimate(with_offset(one_way(0), offset), FitOptions('chain'), old=model())
+
+
+def with_offset(samples, offset):
+    return replace(samples, tau=samples.tau + offset * np.eye(3)[ELBOW])
+
+
+def back_and_forth(*turns):
+    """Return lines of the elbow, back and forth between angles in rad."""
+    poses = [np.array([0.1, turn, -0.1]) for turn in turns]
+    return [Line(a, b, Limits(0.2, 1.0, 10.0)) for a, b in zip(poses, poses[1:])]
+
+
+def asked(target, path):
+    """Return sums and question of a target with a path as the probe."""
+    planned = PlannedMotion(estimated().regression)
+    sums, (question,), _ = questions_of(planned, [target], path, 15.0, None)
+    return sums, question
 
 
 def test_friction_of_a_joint_that_moved_in_one_direction():
-    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+                   estimated=estimated())
     (expected,) = planned.expectations
-    assert expected.chance_before < 0.01 and expected.chance > 0.95
+    assert expected.chance_before == 0.0 and expected.chance > 0.9 and expected.is_likely
     assert all('elbow' in part.joints for part in planned.parts)
     assert any('coulomb_friction:elbow' in part.settles for part in planned.parts)
     q, qd = planned.trajectory.q, planned.trajectory.qd
-    assert qd[:, 1].min() < -0.1 and qd[:, 1].max() > 0.1
-    # The other joints move only between postures.
-    assert np.ptp(q[:, 1]) > 0.1
+    assert qd[:, ELBOW].min() < -0.05 and qd[:, ELBOW].max() > 0.05
+    assert np.ptp(q[:, ELBOW]) > 0.1
+    # The prior of Coulomb friction is a tenth of the torque scale.
+    scale = estimated().regression.problem.scale.torque[ELBOW]
+    assert expected.assumed['F_c'] == pytest.approx(0.1 * scale) and not expected.size_is_measured
 
 
-def test_the_interval_is_the_scatter_of_repeated_recordings():
-    old = one_way(0)
-    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
-    motion = planned.trajectory
-    # Coulomb and viscous friction, offset, inertia and linearised gravity, in both recordings.
-    qd = np.vstack([old.qd, motion.qd])[:, 1]
-    bend = np.vstack([np.gradient(old.qd, 0.02, axis=0), motion.qdd])
-    gravity = CHAIN.jacobian(np.vstack([old.q, motion.q]))[2:, 1].T
-    columns = np.column_stack([np.tanh(qd / 0.002), qd, np.ones(len(qd)), bend, gravity])
-    rng = np.random.default_rng(0)
-    tau = NOISE * rng.normal(size=(400, len(columns)))
-    scatter = (tau @ np.linalg.pinv(columns, rcond=1e-9).T)[:, 0].std()
-    width, unit = planned.expectations[0].half_width['F_c']
-    assert unit == 'N·m' and 0.8 * scatter < width / 1.96 < 1.25 * scatter
+def test_planned_sums_are_those_of_the_recording_of_the_motion():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.2)
+    sums, _ = asked(Target('coulomb_friction', 'elbow'), path)
+    t, (q, qd, qdd) = sampled(path, 100.0)
+    old, shared = estimated().regression.problem, estimated().regression.shared
+    problem = Problem.of(played(Trajectory(NAMES, t, q, qd, qdd)), None, old.options)
+    motion = problem.motion.with_gravity(shared.gravity(q), shared.gradient, shared.chain)
+    factory = TermFactory(motion, problem.rows, old.scale)
+    columns = problem.rows.mean(shared.columns(State(q, qd, motion.qdd)))
+    design = Design(problem.rows, problem.y, columns, shared.prior_std(old.scale),
+                    np.ones_like(problem.y))
+    terms = [factory.term(term.effect, term.joint, term.setting) for term in sums.terms]
+    design.add(terms)
+    expected = np.zeros_like(sums.recorded)
+    for j in range(3):
+        here = [k for k, term in enumerate(terms) if j in term.joints(3)]
+        places = sums.with_shared([sums.terms[k] for k in here])
+        chosen = design.selected(j, [terms[k] for k in here])
+        expected[np.ix_(places, places)] += sums.weights[j] * design.gram[j][
+            np.ix_(chosen, chosen)]
+    # In units of the prior, relative to the largest products of each coefficient.
+    size = sums.std * np.sqrt(np.diag(expected))
+    size = np.maximum(size, 1e-3 * size.max()) / sums.std
+    error = (sums.added([path])[0] - expected) / np.outer(size, size)
+    # Accelerations of a recording are smoothed at starts and stops, those of a plan are exact.
+    gravity = np.r_[:12, sums.places(sums.terms)]
+    assert np.abs(error[np.ix_(gravity, gravity)]).max() < 0.02
+    assert np.abs(error).max() < 0.15
+
+
+@pytest.mark.parametrize('effect', ['torque_offset', 'coulomb_friction', 'joint_spring'])
+def test_the_evidence_of_the_recordings_is_that_of_the_engine(effect):
+    sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
+    design = estimated().regression.posterior.design
+    evidence = [_log_evidence(sums, terms, sums.recorded, sums.score[None])[0] for terms in (
+        (*question.base, question.term), question.base)]
+    engine = [solve(design, terms, sums.weights).log_evidence for terms in (
+        (*question.base, question.term), question.base)]
+    assert evidence[0] - evidence[1] == pytest.approx(engine[0] - engine[1], rel=1e-4, abs=1e-3)
+
+
+def test_the_utility_is_the_mean_evidence_of_drawn_results():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.2, -0.4, 0.0)
+    sums, question = asked(Target('torque_offset', 'elbow'), path)
+    added = sums.added([path])
+    alone = replace(question, alternatives=())
+    utility = Criterion(sums, (alone,), None).utilities(sums.recorded + added)[0, 0]
+    drawn = evidence_after(sums, alone, added[0]).gain - question.term.log_odds
+    options = estimated().regression.problem.options
+    mean = (options.min_gain + options.margin - question.term.log_odds) * np.expm1(utility)
+    assert mean == pytest.approx(drawn.mean(), abs=4.0 * drawn.std() / np.sqrt(len(drawn)))
+    # An alternative never raises it.
+    smallest = Criterion(sums, (question,), None).utilities(sums.recorded + added)[0, 0]
+    assert question.alternatives and smallest <= utility + 1e-9
+
+
+def test_more_motion_identifies_more():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.0)
+    sums, question = asked(Target('coulomb_friction', 'elbow'), path)
+    added = sums.added([path, path + path])
+    after = [sums.recorded, *(sums.recorded + added)]
+    shares = [unabsorbed(sums, question, a) for a in after]
+    assert shares[0] < 0.15 < min(shares[1:])
+    places = sums.with_shared((*question.base, question.term))
+    stds = [np.sqrt(coefficients(sums, places, a, sums.score)[1][-1, -1]) for a in after]
+    assert stds[2] < stds[1] < 0.5 * stds[0]
+    chances = [evidence_after(sums, question, a).chance(3.0, 3.0) for a in added]
+    assert 0.7 < chances[0] <= chances[1] + 0.05
 
 
 def test_the_alternative_determines_the_motion():
     # Load friction is distinguished from Coulomb friction by a change of load only.
     target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
-    planned = plan(one_way(0), model(), [target], PlanOptions(20.0))
-    (expected,) = planned.expectations
-    assert expected.closest_alternative in ('coulomb_friction', '', 'torque_offset')
-    load = np.abs(CHAIN.torque(planned.trajectory.q)[:, 1])
-    moving = np.abs(planned.trajectory.qd[:, 1]) > 0.02
+    wide = PlanOptions(20.0, low=np.full(3, -0.8), high=np.full(3, 0.8), reach=np.inf)
+    planned = plan(one_way(0), model(), [target], wide, estimated=estimated())
+    load = np.abs(model().predict(planned.trajectory.q)[:, ELBOW])
+    moving = np.abs(planned.trajectory.qd[:, ELBOW]) > 0.02
     assert np.ptp(load[moving]) > 0.3
 
 
-@settings(max_examples=50, deadline=None)
-@given(strategies.integers(0, 10_000))
-def test_a_score_is_that_of_least_squares(seed):
-    rng = np.random.default_rng(seed)
-    x = rng.normal(size=(40, 6))  # 3 nuisance terms, the target, an alternative of two columns
-    size = np.array([rng.uniform(0.5, 2.0)])
-    score = effect_score(x.T @ x, np.full(3, 1e-9), (1, 2), size)
-    y = x[:, 3] * size[0]
-    residual = [np.sqrt(np.linalg.lstsq(x[:, keep], y, rcond=None)[1][0])
-                for keep in ([0, 1, 2], [0, 1, 2, 4, 5])]
-    assert score.separation == pytest.approx(min(residual), rel=1e-5)
-    assert score.closest == (None if residual[0] <= residual[1] else 0)
-    columns = x[:, [0, 1, 2, 3]]
-    assert score.std[0] == pytest.approx(
-        np.sqrt(np.linalg.inv(columns.T @ columns)[3, 3]), rel=1e-5)
-    # More data never reduce the separation.
-    more = x.T @ x + np.diag(rng.uniform(0.0, 1.0, 6))
-    better = effect_score(more, np.full(3, 1e-9), (1, 2), size)
-    assert better.separation >= score.separation * (1 - 1e-9)
+def test_an_offset_after_one_way_motion_is_separated_from_friction():
+    old = with_offset(one_way(0), 1.5)
+    first = estimated(1.5)
+    targets = open_targets(first.regression)
+    assert 'coulomb_friction:elbow' in [target.name for target in targets]
+    planned = plan(old, model(), None, PlanOptions(20.0), estimated=first)
+    assert any(each.target.name == 'coulomb_friction:elbow' and each.is_likely
+               for each in planned.expectations)
+    both = concatenate([old, with_offset(played(planned.trajectory), 1.5)])
+    after = estimate(both, FitOptions('chain'), old=model()).regression
+    assert ('coulomb_friction', ELBOW) not in after.gains
+    assert ('coulomb_friction', ELBOW) not in after.candidates.untestable
+    assert not {key for key in after.gains if key[1] != ELBOW}
 
 
-def test_a_collinear_column_has_no_information():
-    x = np.random.default_rng(0).normal(size=(40, 2))
-    x = np.column_stack([x, x[:, 1], x[:, 0]])
-    score = effect_score(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
-    assert score.separation < 1e-2 and np.isinf(score.std[0])
-    assert power(score.separation) < 1e-3
+def test_friction_is_found_after_the_motion_without_an_alternative():
+    old = one_way(0, friction=0.4)
+    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
+    both = concatenate([old, played(planned.trajectory, friction=0.4)])
+    after = estimate(both, FitOptions('chain'), old=model()).regression
+    term = next(term for term in after.terms if term.key == ('coulomb_friction', ELBOW))
+    assert not after.alternatives[term.key]
+    value = after.posterior.beta[after.posterior.at[term]][0]
+    width, unit = expected.half_width['F_c']
+    assert unit == 'N·m' and abs(value - 0.4) < 2.0 * width
+    # The plan allows for viscous friction, which this joint does not have.
+    assert 0.3 * width / 1.96 < after.posterior.std(term)[0] < width / 1.96
 
 
-def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
-    # An offset of the elbow, gravity's parameters, and nuisance terms of every joint.
-    old = build_motion(one_way(0, duration=20.0, rate=20.0), model())
-    rate = np.array([400.0, 100.0, 900.0])
-    context = DesignContext(old, model(), rate, np.full(len(rate), 20.0), 0.05, 20.0)
-    offset = Hypothesis(all_effects()['torque_offset'], 1, {})
-    problem = DesignProblem(offset, (), np.ones(1), (1,), False)
-    information = context.information(problem, old, 0.05)
-    k, gravity = context.n_gravity, CHAIN.jacobian(old.samples.q)[2:]
-    own = context.nuisance_columns(old)
-    per_joint = own.shape[2]
-    normal = np.zeros((k + 3 * per_joint,) * 2)
-    for n in range(3):
-        rows = np.zeros((len(old.samples.q), len(normal)))
-        rows[:, :k] = gravity[:, n].T
-        rows[:, k + n * per_joint:k + (n + 1) * per_joint] = own[:, n]
-        normal += 0.05 * rate[n] * rows.T @ rows
-    # The offset of the elbow is the target; nuisance terms of the others are projected out.
-    others = np.r_[k:k + per_joint, k + 2 * per_joint:len(normal)]
-    kept = np.setdiff1d(np.arange(len(normal)), others)
-    marginal = normal[np.ix_(kept, kept)] - normal[np.ix_(kept, others)] @ np.linalg.pinv(
-        normal[np.ix_(others, others)], rcond=1e-12) @ normal[np.ix_(others, kept)]
-    np.testing.assert_allclose(information[:k, :k], marginal[:k, :k],
-                               atol=1e-5 * np.abs(marginal).max())
+def test_the_effect_that_the_recordings_measure_has_its_size():
+    old = one_way(0)
+    moved = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+                 estimated=estimated()).trajectory
+    both = concatenate([one_way(0, friction=0.4), played(moved, friction=0.4)])
+    planned = plan(both, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
+    assert expected.size_is_measured and expected.assumed['F_c'] == pytest.approx(0.4, abs=0.05)
+    assert expected.chance_before > 0.9 and expected.chance > 0.9
 
 
-def test_a_target_remains_ambiguous_while_its_alternative_is_untestable():
-    old, known = one_way(0), all_effects()
-    still = replace(old, q=old.q * [0.0, 1.0, 0.0], qd=old.qd * [0.0, 1.0, 0.0])
-    spring = Hypothesis(known['joint_spring'], 1, {'centre': 0.0, 'overtones': 1.0})
-    offset = Hypothesis(known['torque_offset'], 1, {})
-    problem = DesignProblem(offset, (spring,), np.ones(1), (1,), False)
-    alone = build_motion(still, model())
-    reason = known['joint_spring'].untestable(alone, 1)
-    assert reason and problem.remaining_ambiguity(alone, ('joint_spring',)) == (
-        f'its alternative joint_spring remains untestable: {reason}')
-    # It is not ambiguous if the diagnosis does not name the spring, nor if the spring is excited.
-    assert not problem.remaining_ambiguity(alone, ())
-    assert not problem.remaining_ambiguity(build_motion(old, model()), ('joint_spring',))
-
-
-def finding(effect, joint, verdict, before=0.1, after=0.05, alternatives=()):
-    return Finding(joint, effect, verdict, alternatives, {}, before, after, 0.0, 1.0, '', '')
-
-
-def test_open_targets_of_a_diagnosis():
-    motion = build_motion(one_way(0), model())
-    report = JointReport('', 0.05, 100.0, 0.1, 0.1, {'viscous_friction': 'one speed',
-                                                     'end_stop': 'not reached'})
-    quiet = JointReport('', 0.05, 100.0, 0.1, 0.1, {})
-    diagnosis = Diagnosis((
-        finding('joint_spring', 'wrist', 'weak', 0.02, 0.019),
-        finding('torque_offset', 'elbow', 'established'),
-        finding('coulomb_friction', 'elbow', 'ambiguous', alternatives=('torque_offset',)),
-        finding('inertia', 'elbow', 'weak'), finding(None, 'elbow', 'unexplained')),
-        {NAMES[0]: quiet, NAMES[1]: report, NAMES[2]: quiet})
-    targets = open_targets(diagnosis, motion)
-    assert [target.name for target in targets] == [
-        'coulomb_friction:elbow', 'joint_spring:wrist', 'viscous_friction:elbow']
-    assert targets[0].alternatives == ('torque_offset',)
-    nothing = Diagnosis((), dict.fromkeys(NAMES, quiet))
+def test_nothing_is_open():
+    moved = plan(one_way(0), model(), None, PlanOptions(20.0), estimated=estimated()).trajectory
+    both = concatenate([one_way(0), played(moved)])
     with pytest.raises(OptionError, match='no target is open'):
-        plan(one_way(0), model(), None, PlanOptions(), nothing)
-
-
-@pytest.mark.parametrize('first, is_known', [(0, True), (1, False), (4, False)])
-def test_a_payload_size_is_known_if_the_diagnosis_has_the_same_coefficients(first, is_known):
-    # The gravity models of diagnosis and plan may contain features of different joints.
-    motion, probe = (build_motion(one_way(seed), model()) for seed in (0, 1))
-    setting = {'run': 0.0, 'time': 30.0, 'clock': 0.0}
-    parts = all_effects()['payload_change'].coefficients_of(motion, 0, setting)
-    values = {part.symbol: Estimate(0.1, '1', (0.0, 0.2)) for part in parts[first:]}
-    payload = replace(finding('payload_change', None, 'weak'), setting=setting,
-                      coefficients=values)
-    problem = design_problem(Target('payload_change', None), motion, probe, NOISE,
-                             Diagnosis((payload,), {}))
-    assert problem.known_size == is_known and len(problem.size) == len(parts) == 4
+        plan(both, model(), None, PlanOptions())
 
 
 @pytest.mark.parametrize('target, message', [
     (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
+    (Target('rigid_body_dynamics', None), 'every fit estimates'),
     (Target('coulomb_friction', 'hip'), 'no joint hip')])
 def test_invalid_targets(target, message):
     with pytest.raises(OptionError, match=message):
-        plan(one_way(0), model(), [target], PlanOptions(15.0))
+        plan(one_way(0), model(), [target], PlanOptions(15.0), estimated=estimated())
 
 
 def test_a_joint_that_cannot_move():
     still = one_way(0, span=1e-4)
+    options = PlanOptions(15.0)
     with pytest.raises(OptionError, match='no joint of the targets can move'):
-        plan(still, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+        plan(still, model(), [Target('coulomb_friction', 'elbow')], options,
+             estimated=estimated())
 
 
-@pytest.mark.parametrize('verdict, p, low, high', [
-    ('ambiguous', 1e-9, 1.0, 1.0), ('untestable', 1e-9, 1.0, 1.0), ('weak', 0.02, 2.0, 2.1),
-    ('weak', 1.0, 0.0, 0.0), ('weak', 1e-12, 3.0, 3.0), ('established', 1e-9, np.inf, np.inf)])
-def test_observed_separation_of_open_and_resolved_targets(verdict, p, low, high):
-    finding = Finding('a', 'coulomb_friction', verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '', p)
-    report = JointReport('', 0.1, 50.0, 1.0, 0.5, {'viscous_friction': 'one speed'})
-    diagnosis = Diagnosis((finding,), {'a': report})
-    seen = observed_separation(Target('coulomb_friction', 'a'), diagnosis)
-    assert low <= seen <= high
-    assert observed_separation(Target('viscous_friction', 'a'), diagnosis) == 0.0
-    assert observed_separation(Target('joint_spring', 'a'), diagnosis) == np.inf
-
-
-def test_a_rare_effect_needs_a_share_of_the_error():
-    # 20 s recorded and 30 s planned at 20 independent samples per second: n = 1000. The share
-    # lambda / (lambda + n) is 0.1 at a separation of sqrt(1000 / 9).
-    context = DesignContext(build_motion(one_way(0, duration=20.0, rate=20.0), model()), model(),
-                            np.full(3, 400.0), np.full(3, 20.0), 0.05, 20.0)
-
-    def required(name, seconds):
-        hypothesis = Hypothesis(all_effects()[name], 1, {})
-        return context.required_separation(
-            DesignProblem(hypothesis, (), np.ones(1), (1,), False), seconds)
-
-    assert required('joint_flexibility', 30.0) == pytest.approx(10.54, rel=1e-2)
-    assert required('joint_flexibility', 0.0) < required('joint_flexibility', 30.0)
-    assert required('torque_offset', 30.0) == 0.0
-    assert power(30.0, 30.0) == pytest.approx(0.5) and power(30.0) > 0.95
-    # A required separation below that of half the power has no influence.
-    assert power(10.0, 5.0) == power(10.0)
-
-
-def test_an_effect_that_gravity_absorbs_has_less_chance_and_utility():
-    scores = [EffectScore((50.0,), np.ones(1), unabsorbed) for unabsorbed in
-              (0.2 * MIN_UNABSORBED, MIN_UNABSORBED, 3.0 * MIN_UNABSORBED)]
-    chances = [score.chance_of_certain_size for score in scores]
-    assert chances[0] < 1e-3 and chances[1] == pytest.approx(0.5) and chances[2] > 0.999
-    assert scores[0].utility < 0.1 and scores[1].utility < scores[2].utility
-
-
-def test_a_motion_leaves_enough_of_an_offset_unabsorbed():
-    # Viscous friction of all joints is resolved sooner, and its motion is narrow.
-    targets = [*(Target('viscous_friction', joint) for joint in NAMES),
-               Target('torque_offset', 'shoulder')]
-    wide = PlanOptions(20.0, low=np.full(3, -1.2), high=np.full(3, 1.2), reach=np.inf)
-    *_, offset = plan(one_way(0), model(), targets, wide).expectations
-    assert offset.target.effect == 'torque_offset' and offset.unabsorbed > 1.4 * MIN_UNABSORBED
-    assert offset.chance > 2.0 * offset.chance_before
+def test_the_weights_contain_the_discrepancy_of_the_planned_rows():
+    planned = PlannedMotion(estimated().regression)
+    problem, posterior = planned.regression.problem, planned.regression.posterior
+    sums = Sums(planned, (), 20.0)
+    error = (problem.options.discrepancy * problem.scale.torque) ** 2 * 200
+    np.testing.assert_allclose(1.0 / sums.weights, 1.0 / posterior.precision + error, rtol=0.01)
+    assert (planned.regression.noise < NOISE).all()

@@ -90,11 +90,12 @@ def test_a_plan_avoids_collisions():
     deep = old.q[:, 0] + 0.5 * old.q[:, 1]
     above = old.select(deep < 0.1)
     check = self_collision(planar('<box size="0.3 0.04 0.04"/>', wall(-0.3)), NAMES, above.q)
-    free = plan(old, model(), TARGET, PlanOptions(12.0))
+    target = [Target('coulomb_friction', 'shoulder')]
+    free = plan(old, model(), target, PlanOptions(12.0))
     number, names = check.first_hit(free.trajectory.q)
     assert 'wall_0' in names and not check.hits(above.q)
     options = PlanOptions(12.0, start=above.q[-1])
-    kept = plan(old, model(), TARGET, options, obstacles=check)
+    kept = plan(old, model(), target, options, obstacles=check)
     between = 0.5 * (kept.trajectory.q[1:] + kept.trajectory.q[:-1])
     assert not check.hits(np.vstack([kept.trajectory.q, between]))
     with pytest.raises(OptionError, match='at the start pose the arm hits itself'):

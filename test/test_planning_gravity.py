@@ -1,70 +1,47 @@
 """Standard deviation of the gravity torque before and after a planned motion."""
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.gravity_uncertainty import gravity_uncertainty
+from gravity_comp_ros.planning.criterion import GravityQuestion
+from gravity_comp_ros.planning.sums import PlannedMotion, Sums
 from gravity_comp_ros.planning.targets import named_targets
 import numpy as np
-from planning_arm import CHAIN, model, NAMES, NOISE, one_way, uncertain_model
+from planning_arm import model, NAMES, one_way
 import pytest
 
-
-def rms(std):
-    return np.sqrt((std ** 2).mean(axis=0))
+WIDE = PlanOptions(20.0, low=np.full(3, -1.2), high=np.full(3, 1.2), reach=np.inf)
 
 
-def test_the_uncertainty_is_that_of_the_model():
-    old = one_way(0)
-    uncertainty = gravity_uncertainty(uncertain_model(), old.q, old.tau, np.full(3, NOISE))
-    score = uncertainty.score(uncertainty.zero_information())
-    poses = old.q[np.unique(np.linspace(0, len(old.q) - 1, 300).round().astype(int))]
-    std = rms(uncertain_model().predict_std(poses))
-    assert uncertainty.joints == tuple(np.argsort(-std))
-    np.testing.assert_allclose(score.std, std[list(uncertainty.joints)], rtol=0.02)
-    np.testing.assert_array_equal(score.std, score.before)
-    assert score.utility == pytest.approx(0.0)
-    assert score.before.max() == pytest.approx(std.max(), rel=0.02)
+@pytest.fixture(scope='module')
+def estimated():
+    return estimate(one_way(0, span=0.3), FitOptions('chain'), old=model())
 
 
-def test_information_is_that_of_least_squares():
-    # Posterior of prior C and rows of torque with nuisance terms, by normal equations.
-    old, rng = one_way(1), np.random.default_rng(0)
-    uncertainty = gravity_uncertainty(uncertain_model(), old.q, old.tau, np.full(3, NOISE))
-    q, own = rng.uniform(-1.0, 1.0, (50, 3)), rng.normal(size=(50, 3, 6))
-    weights = np.array([400.0, 100.0, 900.0])
-    score = uncertainty.score(uncertainty.information(q, own, weights))
-    normal = np.zeros((12 + 18, 12 + 18))
-    normal[:12, :12] += np.eye(12) / 0.2 ** 2
-    normal[12:, 12:] += 1e-6 * np.eye(18)
-    for n in range(3):
-        rows = np.zeros((50, 30))
-        rows[:, :12] = CHAIN.jacobian(q)[:, n].T
-        rows[:, 12 + 6 * n:18 + 6 * n] = own[:, n]
-        normal += weights[n] * rows.T @ rows
-    posterior = np.linalg.inv(normal)[:12, :12]
-    poses = old.q[np.unique(np.linspace(0, len(old.q) - 1, 300).round().astype(int))]
-    columns = CHAIN.jacobian(poses)
-    std = [np.sqrt(np.einsum('ip,ij,jp->p', columns[:, n], posterior, columns[:, n]).mean())
-           for n in uncertainty.joints]
-    np.testing.assert_allclose(score.std, std, rtol=0.02)
+def test_the_uncertainty_is_that_of_the_model(estimated):
+    old = one_way(0, span=0.3)
+    planned = PlannedMotion(estimated.regression)
+    question = GravityQuestion.of(Sums(planned, estimated.regression.terms, 20.0), True)
+    std = model_of(estimated, Switches()).predict_std(old.q)
+    np.testing.assert_allclose(question.std, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
+    assert question.joints == tuple(np.argsort(-question.std))
 
 
-def test_a_plan_reduces_the_uncertainty():
-    old = one_way(0)
-    planned = plan(old, uncertain_model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
+def test_a_plan_reduces_the_uncertainty(estimated):
+    planned = plan(one_way(0, span=0.3), model(), named_targets(['gravity'], NAMES), WIDE,
+                   estimated=estimated)
     assert {each.joint for each in planned.gravity} == set(NAMES) and not planned.expectations
-    assert all(each.after < 0.6 * each.before for each in planned.gravity)
+    assert all(each.after < each.before for each in planned.gravity)
     assert any('gravity' in part.settles for part in planned.parts)
     assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
-    with pytest.raises(OptionError, match='has no uncertainty'):
-        plan(old, model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
 
 
-def test_uncertain_gravity_is_a_default_target():
-    nothing = Diagnosis((), dict.fromkeys(NAMES, JointReport('', NOISE, 100.0, 0.1, 0.1, {})))
-    planned = plan(one_way(0), uncertain_model(), None, PlanOptions(15.0), nothing)
-    stds = [each.before for each in planned.gravity]
-    assert stds == sorted(stds, reverse=True) and stds[0] > 0.1
-    with pytest.raises(OptionError, match='no target is open'):
-        plan(one_way(0), uncertain_model(1e-4), None, PlanOptions(15.0), nothing)
+def test_the_uncertainty_after_is_that_of_the_posterior(estimated):
+    regression = estimated.regression
+    sums = Sums(PlannedMotion(regression), regression.terms, 1e-9)
+    question = GravityQuestion.of(sums, True)
+    # Without a motion it is the published posterior.
+    after = question.std_after(sums, sums.recorded[None])[0]
+    np.testing.assert_allclose(after, question.std, rtol=1e-6)
+    more = question.std_after(sums, 4.0 * sums.recorded[None])[0]
+    assert (more < 0.75 * after).all()

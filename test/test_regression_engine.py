@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.friction import ViscousFriction
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.engine import huber_weights, regress
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
-from gravity_comp_ros.terms.friction import ViscousFriction
-from gravity_comp_ros.terms.registry import known_effect, library_effects
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

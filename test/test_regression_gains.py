@@ -2,6 +2,7 @@
 
 from functools import cache
 
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, log_share_allowed, Ranking, score_of
@@ -9,7 +10,6 @@ from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.term import is_consistent, with_children_of
-from gravity_comp_ros.terms.registry import known_effect
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable
@@ -104,22 +104,24 @@ def test_no_spectrum_of_short_runs_or_joints_at_rest():
     assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
 
 
-def _finding(effect, joint):
-    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
+def _finding(effect, joint, **setting):
+    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '',
+                   setting=setting)
 
 
 def test_friction_gives_the_line_of_its_added_variable_plot():
     samples = concatenate([two_links(1), two_links(2)])
     model = fit(samples).model
     rows = np.arange(0, samples.n_samples, 3)
-    motion = build_motion(samples, model)
-    friction = _finding('coulomb_friction', 'shoulder')
+    motion = motion_of(model, samples)
+    friction = _finding('coulomb_friction', 'shoulder', width=0.005)
     viscous = _finding('viscous_friction', 'shoulder')
     plot = added_variable(motion, model, friction, [viscous], rows)
     assert plot.joint == 'shoulder' and plot.x.shape == rows.shape
     # The explained torque has the size of the friction, with a small residual.
     assert plot.share > 0.85 and 0.2 * COULOMB < plot.x.std() < COULOMB
-    nothing = added_variable(motion, model, _finding('coulomb_friction', 'elbow'), [], rows)
+    absent = _finding('coulomb_friction', 'elbow', width=0.005)
+    nothing = added_variable(motion, model, absent, [], rows)
     assert nothing.share < 0.1
 
 
@@ -127,7 +129,7 @@ def test_an_unexplained_residual_is_plotted_over_the_angle():
     samples = two_links(1)
     model = fit(samples).model
     rows = np.arange(0, len(samples), 5)
-    motion = build_motion(samples, model)
+    motion = motion_of(model, samples)
     plot = added_variable(motion, model, _finding(None, 'elbow'), [], rows)
     assert plot.is_angle
     np.testing.assert_array_equal(plot.x, samples.q[rows, 1])

@@ -6,7 +6,8 @@ from browser import browsing
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, Origin

@@ -8,14 +8,13 @@ import subprocess
 import sys
 
 from browser import browsing, expect, INJECT, LIVELY
-from gravity_comp_ros.api.results import structure_lines
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
-from gravity_comp_ros.diagnosis.structure_check import StructureViolation
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
@@ -24,7 +23,7 @@ from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.report.headline import headline, named_joint
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.views import effects, joints
+from gravity_comp_ros.report.views import joints
 import numpy as np
 import pytest
 from rough_links import two_link_urdf, two_links
@@ -361,12 +360,6 @@ def test_the_headline_and_the_emphasised_row_name_the_same_joint(folder, watched
     same = found_on(contents, before=0.0025, after=0.002499)
     assert headline(same).startswith('No missing effect changes the error')
     assert '0.25 % of the range' in headline(same)
-    # Contradictions to the structure of gravity are listed as in the terminal.
-    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
-                             'has a part that no gravity has', ('tool_force',))
-    broken = replace(findings, diagnosis=replace(findings.diagnosis, laws=(law,)))
-    message = effects.structure(broken.diagnosis)
-    assert structure_lines(broken.diagnosis)[0] in message and 'look for tool_force' in message
     # The name of an effect is escaped as well.
     evil = folder / 'effect.html'
     evil.write_text(report_html(found_on(contents, effect=EVIL[0])))

@@ -51,7 +51,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
     assert main(['fit', str(bag), '-o', str(file), '--json']) == 0
     printed = json.loads(capsys.readouterr().out)
     fitted = load_model(file)
-    assert fitted.joints == JOINTS and printed['report']['chain']['known_axes']
+    assert fitted.joints == JOINTS and printed['report']['known_axes']
     data = gc.read(bag)
     assert data.joints == JOINTS
     notebook, session = gc.fit(data).gravity, on_the_bench(bag)

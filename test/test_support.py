@@ -61,7 +61,6 @@ def test_refit_is_least_squares():
     expected, chi2 = np.linalg.lstsq(chosen, b, rcond=None)[:2]
     np.testing.assert_array_equal(selected.indices, [2, 5, 7])
     np.testing.assert_allclose(selected.x, expected, rtol=1e-9)
-    np.testing.assert_allclose(selected.covariance, np.linalg.inv(chosen.T @ chosen), rtol=1e-8)
     assert selected.chi2 == pytest.approx(chi2[0])
 
 
@@ -168,8 +167,8 @@ def test_the_search_ends_despite_rounding(samples):
                              np.arange(0, 243, 20))
     assert not all(search.step() for _ in range(100))
     best = support.refit(design, b, search.support)
-    average, _ = support.average_equivalents(design, b, best, 5, np.ones(243, dtype=bool))
-    assert np.isfinite(average.x).all() and np.isfinite(average.covariance).all()
+    near = support.equivalents(b, best, 5, search.gram)
+    assert np.isfinite(best.x).all() and all(len(other) == len(best.indices) for other in near)
 
 
 def test_the_inverse_is_accurate_after_successive_drops():
@@ -221,38 +220,28 @@ def test_a_true_small_support_is_selected(kind, seed):
     start = rng.choice(81, 12, replace=False)
     selected = support.select_support(design, b, start, 4, np.ones(81, dtype=bool))
     np.testing.assert_array_equal(selected.indices, truth)
-    assert (np.abs(selected.x - x) < 5 * np.sqrt(np.diag(selected.covariance))).all()
+    columns = design.columns(truth)
+    std = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+    assert (np.abs(selected.x - x) < 5 * std).all()
 
 
-def test_equal_supports_have_equal_weights():
-    # The columns of s1 and c1 are the same vector: they are not distinguishable.
+def equivalents_of(design, b, indices):
+    best = support.refit(design, b, np.array(indices))
+    near = support.equivalents(b, best, 1, support.gram_of(design, ALL_OF_ONE))
+    return [other.tolist() for other in near]
+
+
+def test_supports_that_the_data_do_not_distinguish_are_equivalent():
+    # The columns of s1 and c1 are the same vector.
     a = np.eye(20)[:, [0, 1, 1]]
-    design, b = DenseDesign(a), a @ [0.0, 8.0, 0.0]
-    best = support.select_support(design, b, np.array([1]), 1, ALL_OF_ONE)
-    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
-    assert averaged == 1
-    np.testing.assert_array_equal(average.indices, [1, 2])
-    np.testing.assert_allclose(average.x, [4.0, 4.0])
-    # Each coefficient is 0 or 8 with variance 1 within a model: 1/2 + 16 in all.
-    np.testing.assert_allclose(np.diag(average.covariance), [16.5, 16.5])
+    assert equivalents_of(DenseDesign(a), a @ [0.0, 8.0, 0.0], [1]) == [[2]]
 
 
-def test_supports_are_weighted_by_their_scores():
-    # chi^2 is 18 with s1 and 20 with c1: a weight ratio of e.
-    design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(18.0)])
-    best = support.refit(design, b, np.array([1]))
-    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
-    share = 1 / (1 + np.exp(-1.0))
-    assert averaged == 1
-    np.testing.assert_allclose(average.x, [share * np.sqrt(20), (1 - share) * np.sqrt(18)])
-
-
-def test_clearly_worse_supports_are_not_averaged():
-    design, b = orthonormal([0.0, 10.0, 1.0])
-    best = support.refit(design, b, np.array([1]))
-    average, averaged = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
-    assert averaged == 0
-    np.testing.assert_array_equal(average.x, best.x)
+@pytest.mark.parametrize('difference, near', [(7.9, [[2]]), (8.1, [])])
+def test_supports_of_similar_score_are_equivalent(difference, near):
+    # With c1 instead of s1, chi^2 is larger by the difference of the squares.
+    design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(20.0 - difference)])
+    assert equivalents_of(design, b, [1]) == near
 
 
 def test_an_empty_support_stays_empty_on_noise():

@@ -23,9 +23,8 @@ from bench.cases import generated
 from bench.estimator.builds import fit_on_axes, NOISE, true_axes
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
-from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.simulation import arms, motions
@@ -163,12 +162,12 @@ def rough(seeds: int, formulation: str) -> None:
         tau += ROUGH * np.tanh(motion.qd / 0.002)
         tau += ROUGH * np.random.default_rng([seed, 7]).normal(size=tau.shape)
         samples = JointSamples.single_run(case.arm.joints, motion.t, motion.q, motion.qd, tau)
-        effects = requests(['coulomb_friction'], samples.names)
+        effects = [f'coulomb_friction:{name}' for name in samples.names]
         for name in ('friction unknown', 'friction an effect'):
             start = time.perf_counter()
             options = FitOptions(formulation)
-            model = fit(samples, options).model if name.endswith('unknown') else \
-                fit_with_effects(samples, samples, effects, options).joint.model
+            model = fit(samples, options,
+                        effects=() if name.endswith('unknown') else effects).model
             seconds = time.perf_counter() - start
             rows.setdefault(name, []).append(
                 {**case.errors(model, case.arm, ROUGH), 'seconds': seconds})

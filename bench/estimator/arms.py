@@ -16,7 +16,8 @@ import argparse
 import time
 
 from bench.estimator.builds import Build, builds, Case
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 import numpy as np
 
 

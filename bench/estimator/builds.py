@@ -8,6 +8,7 @@ from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
+from gravity_comp_ros.models.kinematic.nuisance import Nuisance
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
@@ -17,6 +18,8 @@ import pinocchio as pin
 NOISE = 0.1
 RATE = 5.0
 DURATION = 100.0
+# Prior standard deviation of friction coefficients that are practically free, per N·m of noise.
+FREE = 1e6
 # Number of test poses over the whole joint range.
 RANGE_POSES = 1000
 
@@ -86,11 +89,16 @@ def true_axes(arm: Arm) -> np.ndarray:
 
 def fit_on_axes(axes: np.ndarray, samples: JointSamples,
                 nuisance: np.ndarray | None = None) -> Chain:
-    """Return the least-squares chain on known axes, fitted jointly with nuisance columns."""
+    """
+    Return the least-squares chain on known axes, fitted jointly with nuisance columns.
+
+    :param nuisance: (N, C, M), of each joint.
+    """
     n = samples.n_joints
     columns = ForwardKinematics(axes, samples.q).moment_columns()
     if nuisance is not None:
-        columns = np.concatenate([columns, nuisance])
+        of_joints = np.einsum('ncm,nj->ncjm', nuisance, np.eye(n))
+        columns = np.concatenate([columns, of_joints.reshape(-1, *columns.shape[1:])])
     columns = columns.reshape(len(columns), -1) / NOISE
     gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
     x = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
@@ -143,13 +151,10 @@ class Case:
         return np.sqrt((residual ** 2).mean(axis=0))
 
     def nuisance(self, samples: JointSamples) -> np.ndarray:
-        """Return the nuisance columns (K, N, M) of friction; K is 0 without friction."""
-        n, m = samples.n_joints, samples.n_samples
-        columns = np.zeros((2 * n if self.friction else 0, n, m))
-        for k in range(len(columns)):
-            qd = samples.qd[:, k // 2]
-            columns[k, k // 2] = qd / np.hypot(qd, 0.002) if k % 2 else qd
-        return columns
+        """Return the columns (N, C, M) of friction of each joint; C is 0 without friction."""
+        qd = samples.qd.T
+        columns = np.stack([qd, qd / np.hypot(qd, 0.002)], axis=1)
+        return columns if self.friction else columns[:, :0]
 
     def limit(self, samples: JointSamples) -> float:
         """
@@ -158,9 +163,10 @@ class Case:
         No unbiased estimate of moments and axes has a smaller error over many noise realisations.
         (An estimate that assumes right angles is biased, and more accurate if they are right.)
         """
-        nuisance = self.nuisance(samples)
+        columns = self.nuisance(samples)
+        nuisance = Nuisance(columns, np.full(columns.shape[1], FREE))
         problem = ChainProblem(samples.q, samples.tau, np.full(samples.tau.shape, 1.0 / NOISE),
-                               nuisance if len(nuisance) else None)
+                               nuisance)
         solution = solve(problem, true_axes(self.build.arm))
         jacobian = solution.chain.jacobian(self.poses())
         covariance = np.linalg.inv(solution.precision)

@@ -1,12 +1,11 @@
 """
-Gravity from fast motion over the joint range, jointly with inertia rows or with dynamics.
+Gravity from fast motion over the joint range, jointly with dynamics.
 
     python -m bench.estimator.fast_motion --seeds 21,22
 
 Each arm is recorded three times: 60 s at up to 1 rad/s without friction, 60 s at up to 1 rad/s
 with quicker reversals and friction, and 30 s at up to 0.6 rad/s with friction. A line has the RMS
-error of the worst joint in N·m, with known and with unknown axes: of `fit`, which fits a row of
-inertia for each joint jointly with gravity, and of `fit_gravity`, which fits rigid-body dynamics.
+error of the worst joint in N·m, with known and with unknown axes.
 Seeds 0 to 7 and 20 were used for tuning.
 """
 
@@ -19,8 +18,8 @@ import time
 
 from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.estimation.fast_motion import fit_gravity
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
@@ -52,14 +51,13 @@ def main() -> int:
 
 
 def measured(arm: Arm, samples: JointSamples) -> list[str]:
-    """Return a text of errors with known and unknown axes, and processor time of the dynamics."""
+    """Return a text of errors with known and unknown axes, and the processor time."""
     texts = []
     for title, axes in (('known', known_axes(arm)), ('unknown', None)):
         options = FitOptions(geometry=axes)
-        rows = worst(arm, fit(samples, options).model)
         started = time.process_time()
-        dynamics = worst(arm, fit_gravity(samples, options).model)
-        texts.append(f'{title} {rows:.3f} {dynamics:.3f} ({time.process_time() - started:.1f} s)')
+        error = worst(arm, fit(samples, options).model)
+        texts.append(f'{title} {error:.3f} ({time.process_time() - started:.1f} s)')
     return texts
 
 

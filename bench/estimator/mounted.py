@@ -19,9 +19,9 @@ from bench.estimator.fast_motion import poses, recorded, TEST_ARMS, worst
 from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.arm_dynamics import first_moments
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
@@ -87,14 +87,14 @@ def measured(arm: Arm, upright: Arm, samples: JointSamples) -> str:
 
 def inertia_error(arm: Arm, model: GravityModel) -> float:
     """Return the relative RMS error of the inertial torque of the nominal arm."""
-    if model.geometry is None:
+    if model.geometry is None or model.chain is None:
         return float('nan')
     q = poses(arm)[:_POSES]
     qdd = np.random.default_rng(1).uniform(-1.0, 1.0, q.shape)
     at_rest = np.zeros_like(q)
     true = inverse_dynamics(arm, q, at_rest, qdd) - gravity_torque(arm, q)
     predicted = regressor(model.geometry, q, at_rest, qdd) @ nominal_parameters(
-        model.geometry, first_moments(model, model.geometry))
+        model.geometry, model.chain.moments / STANDARD_GRAVITY)
     scale = np.maximum((true ** 2).mean(axis=0), 1e-12)
     return float(np.sqrt((((predicted - true) ** 2).mean(axis=0) / scale).mean()))
 

@@ -21,7 +21,7 @@ from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.simulation.arms import Arm

@@ -16,7 +16,8 @@ import sysconfig
 import tempfile
 
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import read_bag

@@ -11,9 +11,8 @@ from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.predict import effect_torque
-from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -80,9 +79,8 @@ def _learned(samples: JointSamples, options: FitOptions, friction: bool) -> Grav
     """Return a fit from the cache, since several methods and figures use the same one."""
     key = samples.tau.tobytes(), options.formulation, options.geometry is not None, friction
     if key not in _CACHE:
-        effects = requests(['coulomb_friction'], samples.names)
-        _CACHE[key] = (fit_with_effects(samples, samples, effects, options).joint.model
-                       if friction else fit(samples, options).model)
+        effects = [f'coulomb_friction:{name}' for name in samples.names] if friction else []
+        _CACHE[key] = fit(samples, options, effects=effects).model
     return _CACHE[key]
 
 

@@ -18,16 +18,16 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
 import numpy as np
 
 FORMULATIONS = ('per_joint', 'potential', 'chain', 'auto')
-EFFECTS = ('coulomb_friction', 'viscous_friction', 'inertia')
+EFFECTS = ('coulomb_friction', 'viscous_friction')
 # Path in the folder of recordings, and title.
 BAGS = (('ur10_excitation/ur10_exciting_trajectory.db3', 'UR10 (motor currents)'),
         ('panda_excitation/panda_exciting_trajectory.db3', 'Franka Panda (torque sensors)'),
@@ -91,9 +91,9 @@ def evaluate(path: Path, name: str, formulations: tuple[str, ...] = FORMULATIONS
             try:
                 if with_effects:
                     method += ' + effects'
-                    model = fit_with_effects(
-                        samples, parts.fitted, requests(list(EFFECTS), samples.names), options,
-                        RefitOptions(slow=None), use).joint.model
+                    model = refit(
+                        samples, fit(samples, options, use=use).model,
+                        requests(list(EFFECTS), samples.names), RefitOptions(slow=None), use).model
                 else:
                     model = fit(parts.fitted, options).model
             except GravityCompError as problem:

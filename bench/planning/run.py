@@ -30,12 +30,12 @@ from typing import Any
 from bench.planning.baselines import (
     fourier, MORE_SECONDS, played, random_near, random_slow, random_wide)
 from bench.planning.scenes import KINDS, known_axes, Scene
-from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND, Verdict
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.outcome import outcome
@@ -116,8 +116,8 @@ class Case:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.old = scene, scene.recorded()
         axes = known_axes(scene.arm_model) if scene.kind.known_axes or scene.described else None
-        slow = slow_samples(self.old).samples
-        self.model: GravityModel = fit(slow, FitOptions('chain', geometry=axes)).model
+        options = FitOptions('chain', geometry=axes)
+        self.model: GravityModel = model_of(estimate(self.old, options), Switches())
         self.first = diagnose(self.old, self.model)
         self.targets = [scene.truth] if scene.kind.is_ambiguous or scene.small else None
 

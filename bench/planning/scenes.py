@@ -13,7 +13,6 @@ from bench.planning.poor import poor_motion, RATE, SECONDS
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
-from gravity_comp_ros.planning.criterion import power
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.hidden import hidden
@@ -21,8 +20,6 @@ from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
 
-# The power was fitted to the drawn arms. Results are those of the arms of the campaign, with
-# unused seeds.
 ARMS: dict[str, Callable[[], Arm]] = {
     **JUDGED, **{f'drawn{k}': partial(generated_arm, k, right_angles=True) for k in (0, 1, 4, 5)}}
 POOR = ('one_way', 'narrow', 'one_speed', 'one_posture')
@@ -31,6 +28,8 @@ _NOISE = 0.1
 _PAUSE, _TRAVEL = 30.0, 15.0
 # Speed of the motion that could show an effect, rad/s.
 _SPEED = 0.3
+# Separation of a visible effect, standard errors.
+_MIN_SEPARATION = 9.34
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -77,8 +76,8 @@ class Scene:
     """
     An arm with an effect hidden on joint number `joint` (from 0), and its poor recording.
 
-    A `small` effect has a random share of its size, from 1 to 50 %: about half of them are found
-    by a motion of some seconds. The axes of a `described` arm are known.
+    A `small` effect has a random share of its size, from 1 to 50 %; `drawn` is another size. The
+    axes of a `described` arm are known.
     """
 
     arm: str
@@ -88,6 +87,7 @@ class Scene:
     seed: int
     small: bool = False
     described: bool = False
+    drawn: float | None = None
 
     @property
     def name(self) -> str:
@@ -97,6 +97,8 @@ class Scene:
     @property
     def size(self) -> float:
         """Return the size of the hidden effect."""
+        if self.drawn is not None:
+            return self.drawn
         if not self.small:
             return self.kind.size
         drawn = np.random.default_rng([self.seed, len(self.name), *self.name.encode()])
@@ -124,8 +126,7 @@ class Scene:
         Return whether 20 s of wide motion could show the effect if nothing resembled it.
 
         The RMS torque of the effect over that motion, in noise standard deviations, times the
-        square root of the number of samples is its separation from no effect. An effect is visible
-        if a diagnosis has a power of one half at this separation.
+        square root of the number of samples is its separation from no effect.
         """
         arm = self.arm_model
         motion = wide_motion(arm, self.seed)
@@ -133,7 +134,7 @@ class Scene:
         samples = synthesise(arm, motion, options)
         torque = samples.tau - gravity_torque(arm, samples.q)
         rms = float(np.sqrt((torque ** 2).mean(axis=0)).max())
-        return power(rms * np.sqrt(len(samples)) / _NOISE) > 0.5
+        return rms * np.sqrt(len(samples)) / _NOISE > _MIN_SEPARATION
 
     @property
     def disturbance(self) -> Disturbance:

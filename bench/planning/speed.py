@@ -1,5 +1,5 @@
 """
-Processor time of plans for a seven-axis arm, in s.
+Processor time of plans for a seven-axis arm, in s, and that of the estimate.
 
     python -m bench.planning.speed
 """
@@ -10,10 +10,9 @@ import sys
 import time
 
 from bench.planning.scenes import Scene
-from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.targets import named_targets
 
@@ -24,13 +23,16 @@ TARGETS = (None, ('coulomb_friction:iiwa_joint_2',), ('coulomb_friction',), ('gr
 def main() -> int:
     """Print targets, processor time and number of parts."""
     old = Scene('iiwa7', 'coulomb_friction', 1, 'one_way', 0).recorded()
-    model = fit(slow_samples(old).samples, FitOptions('chain')).model
-    diagnosis = diagnose(old, model)
+    estimated = estimate(old, FitOptions('chain'))
+    model = model_of(estimated, Switches())
+    started = time.process_time()
+    estimate(old, FitOptions('chain'), old=model)
+    print(f'estimate from the model: {time.process_time() - started:.1f} s')
     for names in TARGETS:
         targets = None if names is None else named_targets(names, old.names)
         started = time.process_time()
         try:
-            planned = plan(old, model, targets, PlanOptions(), diagnosis)
+            planned = plan(old, model, targets, PlanOptions(), estimated=estimated)
             result = f'{len(planned.expectations)} effects, {len(planned.parts)} parts'
         except OptionError as problem:
             result = str(problem)

@@ -13,7 +13,6 @@ import sys
 from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.planning.criterion import EffectScore, power
 from gravity_comp_ros.planning.targets import OPEN
 import numpy as np
 
@@ -76,12 +75,12 @@ def _is_right(result: dict[str, Any], way: str) -> bool:
 
 def calibration(results: Sequence[dict[str, Any]]) -> str:
     """
-    Return the frequency of found effects by their stated chance at the true size.
+    Return the frequency of found effects by their stated chance.
 
-    A plan assumes a size without an estimate; here the size is that of the simulation.
+    Without an estimate the chance is the mean over the prior of the size; here the size is that
+    of the simulation.
     """
-    pairs = [(true_chance(e), e['outcome'] in FOUND) for e in expectations(results)
-             if 'share' in e]
+    pairs = [(e['chance'], e['outcome'] in FOUND) for e in expectations(results) if 'share' in e]
     lines = ['| stated chance | motions | mean stated | found |', '|---|---|---|---|']
     for low, high in zip(_BINS, _BINS[1:]):
         here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
@@ -89,15 +88,6 @@ def calibration(results: Sequence[dict[str, Any]]) -> str:
             stated, rate = np.mean(here, axis=0)
             lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {rate:.0%} |')
     return '\n'.join(lines)
-
-
-def true_chance(expected: dict[str, Any]) -> float:
-    """Return the power of the diagnosis at the true size of the effect."""
-    if expected['untestable']:
-        return 0.0
-    score = EffectScore((), np.empty(0), expected['unabsorbed'])
-    return (power(expected['share'] * expected['separation'], expected['required_separation'])
-            * score.chance_of_certain_size)
 
 
 def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

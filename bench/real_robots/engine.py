@@ -10,6 +10,8 @@ from bench.real_robots.cases import Case, Run
 from bench.real_robots.product import Outcome
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.problem import Problem
@@ -17,8 +19,6 @@ from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.start import start_chain
 from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
-from gravity_comp_ros.terms.motion import Motion
-from gravity_comp_ros.terms.registry import library_effects
 import numpy as np
 
 

@@ -22,7 +22,8 @@ import time
 from bench.solver.memory import peak_megabytes
 from bench.solver.problems import eq17, long_arm, Problem, random_poses, relative_gap
 from bench.solver.solvers import dense_admm, factors, OTHERS, OURS, Solver
-from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem

@@ -11,10 +11,10 @@ from gravity_comp_ros.api.steps import fit_model, with_enough_motion
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder, TORQUES
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import FitOptions, FitResult
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
-from gravity_comp_ros.estimation.refit import RefitOptions
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 
 # Formulations that use known axes.
@@ -27,9 +27,9 @@ class LearnOptions:
     """
     Options of a fit.
 
-    `formulation` is one of `estimation.fit.CHOICES`; None is the default, which is `chain` if the
-    user names a description. `ordered` is True if the joints are given in the order of the arm;
-    otherwise the order is taken from names or torques.
+    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
+    the user names a description. `ordered` is True if the joints are given in the order of the
+    arm; otherwise the order is taken from names or torques.
 
     :raises OptionError: if a description is named and the formulation does not use axes.
     """
@@ -143,12 +143,11 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
     """
     Return a joint order with a much smaller residual torque, None if there is none.
 
-    If the residual of the chain is white, no other order is searched.
+    If the residual of the fit is white, no other order is searched.
 
     :param result: fit in the order of the recording.
     """
-    chain = result.report.chain
-    if chain is not None and chain.clean:
+    if result.report.white:
         return None
     joints = joint_order_from_torques(with_enough_motion(recording).slow)
     return None if joints is None else JointOrder(joints, TORQUES)

@@ -146,13 +146,6 @@ def coefficients(finding: Finding, limit: int = 3) -> str:
     return values + (f' and {more} more' if more > 0 else '') or '–'
 
 
-def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
-    """Return one line per violated structure test of serial-arm gravity, with its explanation."""
-    return [f'{law.sentence}; ' + ('the effects above explain it' if law.holds_with_effects else
-                                   f'not explained; look for {", ".join(law.suspects)}')
-            for law in diagnosis.laws]
-
-
 def effect_numbers(effect: AppliedEffect, limit: int = 6) -> list[str]:
     """Return the first `limit` coefficients of an effect of a model, one text each."""
     parts = [f'{symbol} = {wording.plus_minus(Estimate(x.value, x.unit, x.ci95))}'

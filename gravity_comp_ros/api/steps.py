@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from gravity_comp_ros.api.axes import KnownAxes
+from gravity_comp_ros.api.gated import apply_gate
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -21,11 +22,9 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fast_motion import fit_gravity
-from gravity_comp_ros.estimation.fit import FitOptions, FitResult
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.refit import refit, RefitOptions
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit, FitResult
+from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
@@ -63,7 +62,8 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     if effects:
         result, refitted = _with_effects(recording, options, effects, speeds, progress)
     else:
-        result, refitted = fit_gravity(recording.slow, options, progress), None
+        result, refitted = fit(recording.samples, options, progress,
+                               use=slow_mask(recording)), None
         warning = _convergence_warning(recording.slow, result, options)
         result = result.with_warning(warning) if warning else result
     if recording.ungated:
@@ -82,7 +82,7 @@ def _convergence_warning(samples: JointSamples, result: FitResult, options: FitO
     options = replace(options, formulation=result.model.formulation, geometry=axes)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
     change = convergence_objection(result.model, samples, noise,
-                                   lambda part: fit_gravity(part, options).model)
+                                   lambda part: fit(part, options).model)
     return '' if change is None else f'{change}. Record more motion'
 
 
@@ -112,13 +112,27 @@ def with_enough_motion(recording: Recording) -> Recording:
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
                   speeds: RefitOptions, progress: Progress | None) -> tuple[FitResult, Refit]:
-    fitted = fit_with_effects(recording.samples, recording.slow,
-                              requests(effects, recording.joints), options, speeds,
-                              recording.use, progress)
-    model = with_step(fitted.joint.model, fitted.gravity, fitted.joint.added, now(),
-                      *fitted.joint.by_joint())
-    report = replace(fitted.fit.report, rmse=dict(zip(model.joints, model.noise.tolist())))
-    return FitResult(model, report, fitted.fit.converged), fitted.joint
+    first = fit(recording.samples, options, progress, use=slow_mask(recording))
+    joint = refit(recording.samples, first.model, requests(effects, recording.joints), speeds,
+                  recording.use, progress)
+    model = with_step(joint.model, first.model, joint.added, now(), *joint.by_joint())
+    report = replace(first.report, rmse=dict(zip(model.joints, model.noise.tolist())))
+    return replace(first, model=model, report=report), joint
+
+
+def slow_mask(recording: Recording) -> BoolArray:
+    """
+    Return the mask (M,) of the usable samples that are slow; all usable ones without a gate.
+
+    The rate of the gate does not matter: rows of the regression are means over time.
+    """
+    if recording.gate is None or recording.gated_before is not None:
+        return recording.usable
+    gate = replace(recording.gate, rate_hz=None)
+    kept = apply_gate(recording.samples, gate).samples
+    mask = np.zeros(len(recording.samples), dtype=bool)
+    mask[rows_of(recording.samples, kept)] = True
+    return mask & recording.usable
 
 
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],

@@ -14,7 +14,7 @@ from gravity_comp_ros.commands.held_out import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model

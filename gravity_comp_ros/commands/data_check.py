@@ -10,7 +10,7 @@ from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
-from gravity_comp_ros.effects.motion_direction import min_widths
+from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 import numpy as np
 
@@ -72,6 +72,6 @@ class DataCheck:
 def check(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
     """Return the data check of diagnosed samples."""
     samples = samples.joints(tuple(diagnosis.joints))
-    still = np.abs(samples.qd) < 0.5 * min_widths(samples)
+    still = np.abs(samples.qd) < 0.5 * min_speeds(speed_noise(samples))
     return DataCheck(describe(samples), dict(zip(samples.names, still.mean(axis=0).tolist())),
                      diagnosis.joints, diagnosis.untestable)

@@ -139,10 +139,6 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
-    if diagnosis.laws:
-        terminal.show('[bold]contradictions to the gravity torque of a serial arm[/bold]')
-        terminal.show(*(f'  {terminal.safe(line)}' for line in
-                        results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.facts.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import degrees
 import time
 
@@ -15,7 +15,7 @@ from gravity_comp_ros.commands import arguments, next_step, reading, refitting, 
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
-from gravity_comp_ros.estimation.fit_report import FitDetails, nuisance_sentence
+from gravity_comp_ros.estimation.fit_report import FitDetails, fitted_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
@@ -65,16 +65,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: FitResult,
           held_out: Comparison | None, seconds: float) -> None:
-    terminal.say(*reading.lines(fitted), *arm.axes.notes,
+    terminal.say(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
                  f'joint order: {arm.order.source}')
     if fitted.holdout:
-        terminal.say(_holdout_sentence(fitted, fitted.holdout))
+        terminal.say(_holdout_sentence(fitted, fitted.holdout, result.report.n_samples))
     terminal.show('', _joint_table(result, held_out), terminal.safe(_solver_sentence(result)))
-    nuisance = nuisance_sentence(result.model.nuisance)
-    if nuisance:
-        terminal.show(terminal.safe(f'{nuisance} (`gravity_comp diagnose` identifies them)'),
-                      'RMSE is the error of gravity alone; the remaining error is with the '
-                      'nuisance terms')
+    effects = fitted_sentence(result.model)
+    if effects:
+        terminal.show(terminal.safe(f'{effects} (`gravity_comp diagnose` identifies them)'))
+    terminal.show('RMSE is the error of the prediction; the remaining error is that with all '
+                  'fitted terms')
     choice = result.report.choice
     terminal.say(f'{choice.formulation} was chosen: {choice.why}')
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
@@ -102,13 +102,20 @@ def _show_next_step(args: argparse.Namespace) -> None:
                        next_step.command('diagnose', args, model=args.output))
 
 
-def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
+def _unthinned(recording: Recording) -> Recording:
+    """Return the recording as it is fitted: slow samples at any rate."""
+    if recording.gate is None:
+        return recording
+    return replace(recording, gate=replace(recording.gate, rate_hz=None))
+
+
+def _holdout_sentence(fitted: Recording, holdout: Holdout, n_fitted: int) -> str:
     if fitted.n_runs > 1:
         what = ', '.join(fitted.reports[block.run].path.name for block in holdout.blocks)
     else:
         what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in holdout.blocks)
     return (f'held out: {what} ({holdout.n_samples} samples); '
-            f'{fitted.slow.n_samples} are fitted')
+            f'{n_fitted} are fitted')
 
 
 def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
@@ -131,21 +138,19 @@ def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
 
 
 def _remaining(report: FitDetails, joint: str) -> str:
-    """Return a joint's remaining error: a constant, and a fraction of the load if any."""
-    relative = report.relative_noise[joint]
-    return f'{report.noise[joint]:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
+    """Return a joint's remaining error, with all fitted effects."""
+    return f'{report.noise[joint]:.4f}'
 
 
 def _solver_sentence(result: FitResult) -> str:
-    chain = result.report.chain
-    if chain is not None:
-        residual = f'the residual is {"" if chain.clean else "not "}white'
-        if result.report.known_axes:
-            tilt = degrees(result.report.base_tilt)
+    report = result.report
+    if result.model.chain is not None:
+        residual = f'the residual is {"" if report.white else "not "}white'
+        if report.known_axes:
+            tilt = degrees(report.base_tilt)
             base = f', base tilted by {tilt:.1f} degrees' if tilt else ''
             return f'chain: axes from the URDF{base}; {residual}'
-        return (f'chain: {counted(chain.starts, "start")}, '
-                f'{counted(sum(chain.square), "right angle")}; {residual}')
+        return f'chain: axes from the torque; {residual}'
     problems = [solution.lasso for solution in result.report.solver]
     ends = [problem.certificate for problem in problems]
     iterations = sum(problem.iterations for problem in problems)

@@ -14,7 +14,7 @@ from gravity_comp_ros.printable import counted
 
 _WHY_OPEN = {
     'ambiguous': 'an alternative explains the data equally well; add at most one of them',
-    'weak': 'below the significance threshold: do not add',
+    'weak': 'too small, uncertain or not physical: do not add',
     'untestable': 'not identifiable with this motion: do not add',
     'unexplained': 'no known effect describes it',
 }
@@ -77,7 +77,7 @@ def _open_lines(finding: Finding) -> list[str]:
     lines = [f'{name} on {wording.where(finding)}: {finding.verdict}, '
              f'{_WHY_OPEN[finding.verdict]}']
     if finding.rivals:
-        lines.append(f'  alternative: {", ".join(finding.rivals)}, slightly larger held-out error')
+        lines.append(f'  alternative: {", ".join(finding.rivals)}, with similar evidence')
     if finding.next_step:
         lines.append(f'  to resolve it: {finding.next_step}')
     return ['  ' + '  ' * line.startswith('  ') + terminal.safe(line) for line in lines]

@@ -12,8 +12,7 @@ from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.display import change
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.refit import RefitOptions
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import undone
@@ -64,13 +63,12 @@ def error_table(result: Refit) -> ScreenTable:
 
 
 def effect_lines(result: Refit) -> list[str]:
-    """Return lines of markup on added, omitted and unchanged effects."""
+    """Return lines of markup on added and omitted effects."""
     lines = [f'added [bold]{terminal.safe(effect.target)}[/bold]: '
              f'{terminal.safe(numbers(effect))}'
              for effect in result.model.applied.effects if effect.target in result.added]
     lines += [terminal.safe(f'omitted {name}: {why}') for name, why in result.skipped.items()]
-    return lines + [terminal.safe(f'{name} is unchanged: not identifiable from this recording')
-                    for name in result.kept]
+    return lines
 
 
 def numbers(effect: AppliedEffect) -> str:

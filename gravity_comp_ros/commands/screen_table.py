@@ -37,7 +37,7 @@ class _Column:
         widest = max((cell_len(cell.plain) for cell in self.cells), default=0)
         if self.folds and not one_line:
             widest = min(widest, _MIN_TEXT_WIDTH)
-        return max(widest, *(cell_len(word) for word in words))
+        return max([widest, *(cell_len(word) for word in words)])
 
     def heading_lines(self, width: int) -> str:
         """Return the heading broken between words."""

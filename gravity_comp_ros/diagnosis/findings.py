@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from gravity_comp_ros.diagnosis.structure_check import StructureViolation
-
 
 class Verdict(StrEnum):
     """Confidence in a finding, the highest first; the last two name no single effect."""
@@ -41,10 +39,15 @@ class Finding:
     One effect, or an unexplained residual, on one joint (None: the whole arm).
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
-    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
-    `runs_better` the share of runs that it improves. `rivals` are alternative explanations.
-    `next_step` is the motion that resolves an open finding, '' for an effect to add. `verdict`
-    is a `Verdict`, which compares and prints as its text.
+    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of its torque (RMS) that gravity
+    and the other terms absorb, `runs_better` the share of runs that it improves, `gain` its log
+    evidence in nats. `rivals` are alternative explanations. `next_step` is the motion that
+    resolves an open finding, '' for an effect to add. `verdict` is a `Verdict`, which compares
+    and prints as its text.
+
+    Of an unexplained residual `nrmse_before` is the held-out error with all effects;
+    `nrmse_after` is that error without the part of the fitted residual that repeats with the
+    angle, which is not held out, and `runs_better` is always 1.
     """
 
     joint: str | None
@@ -58,6 +61,7 @@ class Finding:
     runs_better: float
     why: str
     next_step: str
+    gain: float = 0.0
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
 
@@ -74,7 +78,7 @@ class Finding:
             'setting': dict(self.setting),
             'nrmse_before': self.nrmse_before, 'nrmse_after': self.nrmse_after,
             'base_absorbed': self.base_absorbed, 'runs_better': self.runs_better,
-            'p': self.p, 'why': self.why, 'next_step': self.next_step}
+            'gain': self.gain, 'p': self.p, 'why': self.why, 'next_step': self.next_step}
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ class JointReport:
 @dataclass(frozen=True)
 class Diagnosis:
     """
-    All findings, the strongest first, the reports of all joints, and violated laws of gravity.
+    All findings, the strongest first, and the reports of all joints.
 
     `untestable` maps effects of the whole arm to the reason why they cannot be tested.
     """
@@ -115,11 +119,9 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
-    laws: tuple[StructureViolation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
-                'untestable': dict(self.untestable),
-                'structure': [law.to_json() for law in self.laws]}
+                'untestable': dict(self.untestable)}

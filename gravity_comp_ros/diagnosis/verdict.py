@@ -1,242 +1,174 @@
-"""Verdict on one chosen effect: its confidence, and the reason why it is not higher."""
+"""Verdicts on the terms of an estimate, from the engine's numbers alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.criteria import STANDARD_TERMS
-from gravity_comp_ros.diagnosis.estimates import every_interval_covers_zero, jointly_insignificant
-from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
-from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.diagnosis.options import VerdictOptions
-from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.effects.excitation import insufficient_postures
-from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.diagnosis.findings import Estimate as Size
+from gravity_comp_ros.diagnosis.findings import Finding, Verdict
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
-from gravity_comp_ros.printable import counted
+from gravity_comp_ros.estimation.estimate import Estimate
+from gravity_comp_ros.estimation.estimated_model import (
+    DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
+from gravity_comp_ros.estimation.held_out import HeldOutTorques
+from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.regression.term import Term
 import numpy as np
-
-# Effects that pull a joint towards a rest angle.
-_ELASTIC = ('joint_spring', 'cable_stiffness')
-_COLLINEAR = 'this motion cannot distinguish its coefficients'
-
-
-@dataclass(frozen=True)
-class TorqueRatio:
-    """Ratio of an effect's torque to that of the effect `of`."""
-
-    share: float
-    of: str
+from scipy import special
 
 
 @dataclass(frozen=True, eq=False)
-class EffectEvidence:
+class Evidence:
     """
-    Evidence for one chosen effect, given the others.
+    An estimate with its held-out torques.
 
-    - `gain`: held-out gain in addition to the others; `significant`: whether p is below alpha.
-    - `runs_better`: share of runs that it improves.
-    - `before`, `after`: RMSE of the most affected joint without and with it.
-    - `n_effective`: effective sample size on that joint.
-    - `alternatives`: effects that explain as much.
-    - `indistinguishable`: effects that are collinear with it in this motion.
-    - `sizes`: its coefficients; `n_free`: number of coefficients without a prior.
-    - `unphysical`: why the coefficients are not physical, or None.
-    - `unabsorbed`: share of its torque that gravity does not absorb.
-    - `model_error`: another effect whose model error it may be, or None.
-    - `errors_at_new_poses`: errors (B, J) without and with it, with folds by pose; None if all
-      blocks have the same poses.
+    `predicted` are the targets that the diagnosed model predicts, `n_effective` (N,) the
+    effective sample size of each joint.
     """
 
-    gain: Gain
-    significant: bool
-    runs_better: float
+    estimated: Estimate
+    torques: HeldOutTorques
+    predicted: frozenset[str]
+    n_effective: FloatArray
+    options: DiagnosisOptions
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.estimated.regression.problem.samples.names
+
+    def without_and_with(self, name: str) -> tuple[set[str], set[str]]:
+        """
+        Return the predicted targets without and with an effect, all other terms predicted.
+
+        Dynamics is among the others only if the model predicts it.
+        """
+        others = ({*self.torques.effects} - {DYNAMICS} | self.predicted) - {name}
+        return others, others | {name}
+
+    def acts_on(self, name: str, joint: str | None) -> int:
+        """Return the number of the joint whose error an effect changes most."""
+        if joint is not None:
+            return self.joints.index(joint)
+        size = np.sqrt((self.torques.effects[name] ** 2).mean(axis=0))
+        return int(np.argmax(size / np.maximum(np.ptp(self.torques.tau, axis=0), 1e-12)))
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """Held-out error of the most affected joint without and with an effect, as shares."""
+
     before: float
     after: float
-    n_effective: float
-    alternatives: tuple[str, ...]
-    indistinguishable: tuple[str, ...]
-    sizes: Mapping[str, Estimate]
-    n_free: int
-    unphysical: str | None
-    unabsorbed: float
-    model_error: TorqueRatio | None
-    errors_at_new_poses: tuple[FloatArray, FloatArray] | None
+    runs_better: float
+
+    @classmethod
+    def of(cls, evidence: Evidence, name: str, joint: str | None) -> _HeldOut:
+        n = evidence.acts_on(name, joint)
+        without, with_it = (evidence.torques.residual(targets)[:, n]
+                            for targets in evidence.without_and_with(name))
+        span = max(float(np.ptp(evidence.torques.tau[:, n])), 1e-12)
+        run = evidence.torques.run
+        better = [float((with_it[run == k] ** 2).sum()) < float((without[run == k] ** 2).sum())
+                  for k in np.unique(run)]
+        return cls(float(np.sqrt((without ** 2).mean())) / span,
+                   float(np.sqrt((with_it ** 2).mean())) / span, float(np.mean(better)))
 
 
-def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
-            evidence: EffectEvidence, options: VerdictOptions) -> tuple[Verdict, str]:
-    """Return the verdict on an effect, and why it is not better ('' for the best)."""
-    if evidence.indistinguishable:
-        names = ', '.join(evidence.indistinguishable)
-        return Verdict.UNTESTABLE, f'this motion cannot distinguish it from {names}'
-    reason = _reason_for_weak(fits, chosen, candidate, evidence, options)
+def finding_of(evidence: Evidence, term: Term) -> Finding:
+    """Return the finding of a term of the estimate."""
+    regression = evidence.estimated.regression
+    joint = None if term.joint is None else evidence.joints[term.joint]
+    gain = regression.gains[term.key]
+    unabsorbed = regression.unabsorbed[term.key]
+    values, std = regression.posterior.beta[regression.posterior.at[term]], \
+        regression.posterior.std(term)
+    held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
+    others = tuple(_named(name, number, term, evidence.joints)
+                   for name, number in regression.alternatives[term.key])
+    listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
+    verdict, why = _verdict(evidence, term, gain, unabsorbed, values, std, held_out, others)
+    sizes = _sizes(values_of(listed, values, std)) \
+        if unabsorbed >= regression.problem.options.min_unabsorbed else {}
+    return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
+                   1.0 - unabsorbed, held_out.runs_better, why, _next_step(term, verdict, joint),
+                   gain, p_of(gain - term.log_odds), dict(term.setting))
+
+
+def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, values: FloatArray,
+             std: FloatArray, held_out: _HeldOut,
+             others: tuple[str, ...]) -> tuple[Verdict, str]:
+    """Return the verdict on a term, and why it is not better ('' for the best)."""
+    options, engine = evidence.options, evidence.estimated.regression.problem.options
+    if unabsorbed < engine.min_unabsorbed:
+        return Verdict.UNTESTABLE, (
+            f'gravity absorbs all but {unabsorbed:.1%} of its torque in this motion: their sum is '
+            f'predicted, and its size is not identified')
+    reason = term.effect.implausible(values)
     if reason:
-        return Verdict.WEAK, reason
-    if evidence.alternatives:
-        names = ', '.join(evidence.alternatives)
-        return Verdict.AMBIGUOUS, f'{names} would explain as much'
-    rare = candidate.effect.expectation == Expectation.RARE
-    limit = options.max_rare_coefficients if rare else options.max_coefficients
-    too_few = evidence.n_effective < _required_size(evidence, options)
-    if evidence.n_free > limit and too_few and not _is_evident(evidence, options):
-        return Verdict.WEAK, _too_few_samples(evidence, options)
-    reason = (_too_few_samples(evidence, options) if too_few else
-              _reason_for_likely(fits, chosen, candidate, evidence, options))
-    return (Verdict.LIKELY, reason) if reason else (Verdict.ESTABLISHED, '')
+        return Verdict.WEAK, f'its size is not physical: {reason}'
+    if held_out.after >= (1.0 - options.min_reduction) * held_out.before:
+        return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
+    if (np.abs(values) < 1.96 * std).all():
+        return Verdict.WEAK, 'the interval of every coefficient covers 0'
+    if others:
+        return Verdict.AMBIGUOUS, f'{", ".join(others)} would explain as much'
+    joints = range(len(evidence.joints)) if term.joint is None else [term.joint]
+    size = float(max(evidence.n_effective[n] for n in joints))
+    if size < options.min_effective:
+        return Verdict.LIKELY, (f'the effective sample size is {size:.0f}; '
+                                f'{options.min_effective:.0f} is required')
+    if gain < options.established:
+        return Verdict.LIKELY, (f'its evidence is {gain:.1f} nats; {options.established:.0f} are '
+                                f'required')
+    return Verdict.ESTABLISHED, ''
 
 
-def _reason_for_weak(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
-                     evidence: EffectEvidence, options: VerdictOptions) -> str:
-    """Return why an effect is weak whatever its alternatives, '' if it is not."""
-    if evidence.after >= (1.0 - options.min_reduction) * evidence.before:
-        return 'it hardly reduces the held-out error of the joint'
-    if evidence.n_effective < options.min_effective:
-        return (f'the effective sample size is {evidence.n_effective:.0f}; at least '
-                f'{options.min_effective:.0f} is required')
-    if not evidence.significant:
-        return 'its reduction of the error is not statistically significant'
-    if evidence.unphysical is not None:
-        return f'its size is not physical: {evidence.unphysical}'
-    if evidence.unabsorbed < options.min_unabsorbed:
-        return (f'gravity absorbs all but {evidence.unabsorbed:.1%} of its torque in this motion, '
-                f'so that its size is uncertain')
-    if evidence.model_error is not None:
-        return (f'it has {evidence.model_error.share:.1%} of the torque of '
-                f'{evidence.model_error.of} and may be a model error of that effect')
-    at_new_poses = evidence.errors_at_new_poses
-    if at_new_poses is not None and not within_standard_error(*at_new_poses):
-        return 'it increases the error at poses outside the training set'
-    if every_interval_covers_zero(evidence.sizes):
-        if len(evidence.sizes) == 1 or jointly_insignificant(fits, chosen, candidate):
-            return 'the interval of every coefficient covers 0'
-        if not _is_evident(evidence, options):
-            return _COLLINEAR
-    return ''
-
-
-def _is_evident(evidence: EffectEvidence, options: VerdictOptions) -> bool:
-    """Return whether an effect removes nearly all of the joint's squared error."""
-    return evidence.after ** 2 <= (1.0 - options.evident_reduction) * evidence.before ** 2
-
-
-def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
-                       evidence: EffectEvidence, options: VerdictOptions) -> str:
-    """Return why an effect with enough samples is not established, '' if it is."""
-    fit = fits.fit(candidate.joint_index, chosen)
-    here = np.isin(fit.columns, candidate.columns)
-    if not (np.sign(fit.by_fold[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
-        return 'its sign differs between cross-validation folds'
-    if evidence.runs_better < options.min_runs_better:
-        return f'it reduces the error in only {evidence.runs_better:.0%} of the runs'
-    if every_interval_covers_zero(evidence.sizes):
-        return _COLLINEAR
-    first = next(iter(evidence.sizes.values()))
-    if first.ci95[0] <= 0.0 <= first.ci95[1]:
-        return 'the interval of its first coefficient covers 0'
-    if evidence.errors_at_new_poses is not None:
-        without, with_it = evidence.errors_at_new_poses
-        if not float(with_it.sum()) < float(without.sum()):
-            return 'it does not reduce the error at poses outside the training set'
-    return ''
-
-
-def _required_size(evidence: EffectEvidence, options: VerdictOptions) -> float:
-    """Return the effective sample size that an established effect requires."""
-    return (options.min_effective_established
-            + options.effective_per_coefficient * (evidence.n_free - 1))
-
-
-def _too_few_samples(evidence: EffectEvidence, options: VerdictOptions) -> str:
-    return (f'the effective sample size is {evidence.n_effective:.0f}; '
-            f'{_required_size(evidence, options):.0f} is required for '
-            f'{counted(evidence.n_free, "coefficient")}')
-
-
-def possible_model_error(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
-                         options: VerdictOptions) -> TorqueRatio | None:
-    """
-    Return an effect on the same joint whose model error a rare effect may be.
-
-    An effect that acts on several joints is compared with its confounders of that kind, by the
-    torque of all joints. None if the candidate's torque is large compared with that of each other
-    effect, or is a function of time, which model errors of angle and speed are not.
-    """
-    effect, joint = candidate.effect, candidate.acts_on
-    if effect.expectation == Expectation.MOTION or effect.corrects \
-            or effect.signature == 'time' or effect.name in STANDARD_TERMS:
+def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding | None:
+    """Return the finding of rigid-body dynamics, which every estimate contains; None if small."""
+    regression = evidence.estimated.regression
+    shared, posterior = regression.shared, regression.posterior
+    if DYNAMICS in given or DYNAMICS not in evidence.torques.effects \
+            or not has_dynamics(shared):
         return None
-    size = _torque_size(fits, candidate, chosen)
-    for other in chosen:
-        if other is candidate or other.acts_on != joint:
-            continue
-        name = other.effect.name
-        confounder = name in effect.confounders and name not in STANDARD_TERMS
-        if joint is None and not confounder:
-            continue
-        share = size / max(_torque_size(fits, other, chosen), 1e-12)
-        if share < (options.min_confounder_ratio if confounder else options.min_torque_ratio):
-            return TorqueRatio(share, name)
-    return None
+    held_out = _HeldOut.of(evidence, DYNAMICS, None)
+    if held_out.after >= (1.0 - evidence.options.min_reduction) * held_out.before:
+        return None
+    p = len(shared.point)
+    std = np.sqrt(np.maximum(np.diag(posterior.covariance)[:p], 0.0))
+    effect = all_effects()[DYNAMICS]
+    listed = effect.coefficients_of(regression.motion, 0, {})
+    sizes = values_of(listed, motion_parameters(shared, posterior.beta[:p]),
+                      motion_parameters(shared, std))
+    old, new = map(evidence.torques.block_sums, evidence.without_and_with(DYNAMICS))
+    gain = float(0.5 * len(old) * np.log(old.mean(axis=0) / new.mean(axis=0)).sum())
+    established = gain >= evidence.options.established
+    return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
+                   _sizes(sizes), held_out.before, held_out.after, 0.0, held_out.runs_better,
+                   '' if established else 'few blocks of time show it', '', gain, p_of(gain))
 
 
-def _torque_size(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate]) -> float:
-    """Return the standard deviation of an effect's torque in N·m, over all its joints."""
-    joints = range(fits.n_joints) if candidate.acts_on is None else [candidate.acts_on]
-    return float(np.sqrt(sum(float(fits.torque(joint, chosen, [candidate]).var())
-                             for joint in joints)))
+def p_of(gain: float) -> float:
+    """Return the p-value of a likelihood ratio of `gain` nats with one degree of freedom."""
+    return float(special.erfc(np.sqrt(max(gain, 0.0))))
 
 
-def springs_of_offset(fits: Fits, motion: Motion, candidate: Candidate,
-                      chosen: Sequence[Candidate]) -> tuple[str, ...]:
-    """
-    Return elastic effects that are alternative explanations of an offset on their joint.
-
-    The column of a spring is centred at the mean angle of the motion, that of a cable starts
-    where it becomes taut; an offset in addition moves the rest angle. In a single posture gravity
-    absorbs a spring except for this offset.
-    """
-    if candidate.effect.name != 'torque_offset':
-        return ()
-    if (('joint_spring', candidate.joint) in fits.layout.untestable
-            and insufficient_postures(motion, candidate.joint_index)):
-        return ('joint_spring',)
-    return tuple(c.effect.name for c in chosen
-                 if c.joint == candidate.joint and c.effect.name in _ELASTIC)
+def _named(name: str, number: int | None, term: Term, joints: tuple[str, ...]) -> str:
+    """Return an alternative's name, with its joint if that is another one."""
+    if number == term.joint:
+        return name
+    return target(name, None if number is None else joints[number])
 
 
-def indistinguishable_confounders(fits: Fits, motion: Motion, candidate: Candidate,
-                                  options: VerdictOptions) -> tuple[str, ...]:
-    """Return untestable confounders that are collinear with the effect in this motion."""
-    if candidate.shared or candidate.joint is None:
-        return ()
-    known, names = all_effects(), []
-    own = candidate.effect.columns(motion, candidate.joint, candidate.setting)
-    for name in candidate.effect.confounders:
-        other = known.get(name)
-        if other is None or other.scope != 'joint':
-            continue
-        # A rare confounder does not make a common effect uncertain.
-        if other.expectation == Expectation.RARE != candidate.effect.expectation:
-            continue
-        if (name, candidate.joint) not in fits.layout.untestable:
-            continue
-        settings = other.settings(motion, candidate.joint) or [{}]
-        try:
-            columns = other.columns(motion, candidate.joint, settings[0])
-        except (KeyError, ValueError):
-            continue
-        if _explained_share(own, columns) > options.max_collinearity:
-            names.append(name)
-    return tuple(names)
+def _sizes(values: Mapping[str, object]) -> dict[str, Size]:
+    return {symbol: Size(x.value, x.unit, x.ci95)  # type: ignore[attr-defined]
+            for symbol, x in values.items()}
 
 
-def _explained_share(a: FloatArray, b: FloatArray) -> float:
-    """Return the share of the squares of columns b (M, K) that columns a explain."""
-    basis, _ = np.linalg.qr(a)
-    total = float((b ** 2).sum())
-    return float(((basis.T @ b) ** 2).sum() / total) if total > 0.0 else 0.0
+def _next_step(term: Term, verdict: Verdict, joint: str | None) -> str:
+    """Return the motion that resolves an open finding, '' for an effect to add."""
+    if verdict in (Verdict.ESTABLISHED, Verdict.LIKELY):
+        return ''
+    return term.effect.experiment.format(joint=joint or 'the arm')

@@ -55,13 +55,6 @@ def sentence(finding: Finding) -> str:
     return f'{what}; {change}'
 
 
-def evidence_sentence(name: str, place: str, before: float, after: float, p: float) -> str:
-    """Return the evidence for an effect, before and after as fractions of the torque range."""
-    first, then = _differing(before, after)
-    return (f'{name} on {place}: held-out error {first} → {then} of the torque range, '
-            f'p = {p:.1e} (corrected for multiple testing)')
-
-
 def where(finding: Finding) -> str:
     """Return the joint of a finding, or 'the whole arm'."""
     return 'the whole arm' if finding.joint is None else f'joint {finding.joint}'

@@ -8,9 +8,10 @@ effect. Without a clock it is a run and a time within that run.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import have_common_clock, run_slices, run_time
+from gravity_comp_ros.data.runs import run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Setting
+from gravity_comp_ros.effects.clock import clock_time, has_clock
+from gravity_comp_ros.effects.effect import Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -19,9 +20,7 @@ _PARTS_OF_ONE_RUN = 10
 _PARTS_OF_SEVERAL = 4
 _MAX_RUNS_DIVIDED = 8
 # Step of refined change points, relative to a part of a run.
-_FINER = 0.25
-# Minimum stamp of a clock, in s: simulations and tables begin at 0 each time.
-_MIN_STAMP = 1e8
+_FINER = 0.5
 UNITS = {'run': 'run number', 'time': 's', 'clock': 's'}
 
 
@@ -29,18 +28,14 @@ def change_factor(motion: Motion, setting: Setting) -> FloatArray:
     """
     Return the factor of a change at each sample, (M,): -1 before it, 0 from it on.
 
-    Without `clock`, the setting is one of older models, whose gravity is that of the beginning: 0
-    before, 1 from it on.
+    Without a clock a setting is valid in the recordings that it was found in only.
     """
     samples = motion.samples
-    if 'clock' not in setting:
-        return np.where(_before(samples, setting), 0.0, 1.0)
     if setting['clock'] == 0.0:
         return np.where(_before(samples, setting), -1.0, 0.0)
     if not samples.starts:
         return np.zeros(samples.n_samples)
-    clock = np.array(samples.starts)[samples.runs] + samples.t
-    return np.where(clock < setting['clock'], -1.0, 0.0)
+    return np.where(clock_time(samples) < setting['clock'], -1.0, 0.0)
 
 
 def _before(samples: JointSamples, setting: Setting) -> BoolArray:
@@ -60,22 +55,20 @@ def change_points(motion: Motion) -> list[dict[str, float]]:
     return [point for point in points if change_factor(motion, point).any()]
 
 
-def finer_points(motion: Motion, setting: Setting) -> list[dict[str, float]]:
+def finer_points(motion: Motion, setting: Setting, step: float) -> list[dict[str, float]]:
     """Return change points between a given one and its neighbours."""
-    if 'clock' not in setting:
-        return []
     run = int(setting['run']) - 1
     here = motion.samples.runs == run
     length = float(run_time(motion.samples)[here].max(initial=0.0))
-    step = _FINER * length / _parts(len(run_slices(motion.samples)))
-    moved = [setting['time'] + k * step for k in (-2, -1, 1, 2)]
+    width = step * _FINER * length / _parts(len(run_slices(motion.samples)))
+    moved = [setting['time'] + k * width for k in (-1, 1)]
     return [_point(motion.samples, run, time) for time in moved if 0.0 <= time < length]
 
 
 def _point(samples: JointSamples, run: int, time: float) -> dict[str, float]:
     """Return the setting of a change at `time` s in a run; `clock` is 0 without a clock."""
     stamp = 0.0
-    if samples.starts and have_common_clock(samples) and min(samples.starts) > _MIN_STAMP:
+    if has_clock(samples):
         first = samples.t[np.searchsorted(samples.runs, run)]
         stamp = float(samples.starts[run] + first + time)
     return {'run': run + 1.0, 'time': time, 'clock': stamp}
@@ -85,3 +78,21 @@ def _parts(n_runs: int) -> int:
     if n_runs > _MAX_RUNS_DIVIDED:
         return 1
     return _PARTS_OF_ONE_RUN if n_runs == 1 else _PARTS_OF_SEVERAL
+
+
+class ChangeEffect(Effect):
+    """An effect that begins at a change point, which is its setting."""
+
+    setting_units = UNITS
+    is_static = True
+    resembles_gravity = True
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return change_points(motion)
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return finer_points(motion, setting, step)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return None if change_points(motion) else 'there is no possible change point'

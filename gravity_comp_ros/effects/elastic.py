@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
-    AlternativeModel, Coefficient, Coefficients, Effect, Expectation, Setting, too_much_torque)
+    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -14,14 +14,12 @@ _MIN_TRAVEL = 0.2
 # Minimum travel in rad for harmonics: over less, they are close to a parabola.
 _CRANK_TRAVEL = 1.5
 # Parts of the range in which a cable is slack.
-_CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
-# Exponents of the torque of a cable or hose over its stretch, in addition to 1.
-_CABLE_ORDERS = (1.5, 2.0)
+_CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Exponents of the torque of a cable or hose over its stretch.
+_CABLE_ORDERS = (1.0, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 # Parts of the range in which an end stop acts; a cable acts over larger parts.
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
-# Load, relative to the largest, over which a gear changes between the flanks of its backlash.
-_NO_LOAD = 0.05
 _STIFFNESS = Coefficient('k', 'N·m/rad', 'stiffness')
 _REPELS = 'the torque would push the joint away from its rest position'
 _WHOLE_RANGE = ('move joint {joint} slowly back and forth over its whole range, once in each of '
@@ -30,43 +28,48 @@ _WHOLE_RANGE = ('move joint {joint} slowly back and forth over its whole range, 
 
 class JointSpring(Effect):
     """
-    The column is the angle of a torsion spring, or the harmonics of a spring on a crank.
+    The columns are the angle and the constant of a torsion spring, or harmonics of a crank.
 
-    The torque of a spring between two points is periodic in the angle. Its fundamental is
-    collinear with gravity; the columns are the next harmonics.
+    A spring has a rest angle that the motion need not contain, so its constant is a coefficient
+    of its own. The torque of a spring between two points is periodic in the angle. Its
+    fundamental is collinear with gravity; the columns are the next harmonics.
     """
 
     name = 'joint_spring'
     title = 'Joint spring'
     family = 'elastic'
-    equation = ('tau_n = k (q_n - q_0), q_0 the mean of q_n; or, on a crank, '
-                'sum_m (a_m sin m q_n + b_m cos m q_n), m = 2, 3')
+    equation = ('tau_n = k (q_n - c) + m, c the middle of the range; or, on a crank, '
+                'sum_i (a_i sin i q_n + b_i cos i q_n), i = 2, 3')
     description = ('Spring that pulls the joint towards a rest angle, such as a stiff hose, or '
-                   'spring on a crank, as in a balancer.')
-    coefficients = (_STIFFNESS,)
+                   'spring on a crank, as in a balancer. The rest angle is c - m / k.')
+    coefficients = (_STIFFNESS, Coefficient('m', 'N·m', 'torque in the middle of the range'))
     confounders = ('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
-                   'torque_ripple', 'base_tilt', 'inertia')
+                   'torque_ripple', 'base_tilt')
     experiment = _WHOLE_RANGE
     signature = 'position'
+    uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
-    not_scanned = ('centre', 'overtones')
-    pointwise = True
-    expectation = Expectation.COMMON
-    why_not_negative = _REPELS
+    is_static = True
+    resembles_gravity = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
         if not _is_crank(setting):
-            return q - setting['centre']
+            return np.column_stack([q - setting['centre'], np.ones(len(q))])
         orders = np.arange(2, int(setting['overtones']) + 2)
         return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
 
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.full(len(sizes.columns), 0.3 * sizes.torque)
+
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return a torsion spring about the mean angle, and cranks with 1 and 2 harmonics."""
-        orders = (0.0,) if excitation.travel(motion, joint) < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
-        centre = float(motion.samples.q[:, joint].mean())
-        return [{'centre': centre, 'overtones': count} for count in orders]
+        """Return a torsion spring, and cranks with 1 and 2 harmonics."""
+        low, span = _range(motion, joint)
+        orders = (0.0,) if span < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
+        return [{'centre': low + 0.5 * span, 'overtones': count} for count in orders]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         if not _is_crank(setting):
@@ -78,14 +81,6 @@ class JointSpring(Effect):
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)
 
-    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
-                    joint: int) -> str | None:
-        if _is_crank(setting):
-            # A harmonic can have either sign.
-            return too_much_torque(self.columns(motion, joint, setting) @ np.asarray(values),
-                                   motion, joint)
-        return super().implausible(values, setting, motion, joint)
-
 
 def _is_crank(setting: Setting) -> bool:
     return bool(setting.get('overtones', 0.0))
@@ -96,7 +91,7 @@ def _insufficient_travel(motion: Motion, joint: int) -> str | None:
     if travel < _MIN_TRAVEL:
         return (f'the joint travels {travel:.2g} rad; an elastic torque requires at least '
                 f'{_MIN_TRAVEL:g} rad')
-    return None if travel >= _CRANK_TRAVEL else excitation.insufficient_postures(motion, joint)
+    return None
 
 
 def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -130,15 +125,18 @@ class CableStiffness(Effect):
     confounders = ('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple')
     experiment = f'{_WHOLE_RANGE}; if possible, once with the cables removed'
     signature = 'position'
+    uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': ''}
-    not_scanned = ('half',)
-    pointwise = True
+    is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        order = setting.get('order', 1.0)
+        order = setting['order']
         if not setting['side']:
             twist = motion.samples.q[:, [joint]] - setting['start']
             return twist * (twist / setting['half']) ** 2
@@ -149,18 +147,22 @@ class CableStiffness(Effect):
         """Return starts within the range, sides and orders, and rest angles of a harness."""
         low, span = _range(motion, joint)
 
-        def setting(part: float, side: float) -> dict[str, float]:
-            return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9)}
+        def setting(part: float, side: float, order: float) -> dict[str, float]:
+            return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9),
+                    'order': order}
 
-        taut = [setting(part if side > 0 else 1.0 - part, side)
-                for side in (1.0, -1.0) for part in _CABLE_STARTS]
-        stiffer = [{**one, 'order': order} for order in _CABLE_ORDERS for one in taut]
-        return [*taut, *stiffer, *(setting(rest, 0.0) for rest in _HARNESS_RESTS)]
+        return [*(setting(part if side > 0 else 1.0 - part, side, order) for order in _CABLE_ORDERS
+                  for side in (1.0, -1.0) for part in _CABLE_STARTS),
+                *(setting(rest, 0.0, 3.0) for rest in _HARNESS_RESTS)]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
         _, span = _range(motion, joint)
         return [{**setting, 'start': setting['start'] + part * span}
-                for part in (-0.06, -0.03, 0.03, 0.06)]
+                for part in (-0.06 * step, 0.06 * step)]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.5 * sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)
@@ -179,10 +181,13 @@ class EndStop(Effect):
     experiment = ('move joint {joint} slowly into the end of its range and back several times, '
                   'in different postures of the other joints')
     signature = 'position'
+    uses_gravity = False
+    needs = Needs.SPEED
     source = ('B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral compliant '
               'contact)')
     setting_units = {'start': 'rad', 'side': ''}
-    pointwise = True
+    is_static = True
+    resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -193,12 +198,16 @@ class EndStop(Effect):
         return [{'start': low + (1.0 - depth if side > 0 else depth) * span, 'side': side}
                 for side in (1.0, -1.0) for depth in _STOP_DEPTHS]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
         low, span = _range(motion, joint)
         end = low + span if setting['side'] > 0 else low
         depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
-        return [{**setting, 'start': end + factor * depth} for factor in (0.7, 0.85, 1.15, 1.3)
-                if abs(factor * depth) <= deepest]
+        return [{**setting, 'start': end + factor * depth}
+                for factor in (1.3 ** -step, 1.3 ** step) if abs(factor * depth) <= deepest]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([5.0 * sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := _insufficient_travel(motion, joint):
@@ -231,10 +240,13 @@ class JointFlexibility(Effect):
                   'link, measured with an inclinometer, with that of the encoder, with and '
                   'without a known load')
     signature = 'load'
+    needs = Needs.SPEED
     source = ('M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic '
               'Systems, Measurement and Control 109, 1987')
     scope = 'arm'
-    pointwise = True
+    is_static = True
+    resembles_gravity = True
+    size = 0.02
     why_not_negative = 'the link would deflect against its load'
     largest = 0.01
     why_not_larger = 'no gear deflects by half a degree per newton metre'
@@ -246,22 +258,6 @@ class JointFlexibility(Effect):
         if float(np.abs(self.columns(motion, joint, {})).max(initial=0.0)) < 1e-6:
             return 'this joint carries no gravity torque that could deflect it'
         return _insufficient_travel(motion, joint)
-
-    def alternative(self) -> AlternativeModel:
-        return Backlash(self)
-
-
-class Backlash(AlternativeModel):
-    """Deflection by the sign of the load: the gear rests on one flank or the other."""
-
-    meaning = ('the deflection of the joint follows the sign of its load rather than the amount, '
-               'as with backlash')
-
-    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        load = motion.gravity[:, [joint]]
-        largest = float(np.abs(load).max(initial=0.0))
-        flank = load / np.hypot(load, _NO_LOAD * largest + 1e-12)
-        return -(motion.gradient[:, :, joint] * flank)[:, :, None]
 
 
 EFFECTS = (JointSpring(), CableStiffness(), EndStop(), JointFlexibility())

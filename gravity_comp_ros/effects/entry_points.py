@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import AlternativeModel, ATTRIBUTES, Effect, Setting
+from gravity_comp_ros.effects.effect import ATTRIBUTES, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
@@ -34,9 +34,9 @@ class GuardedEffect(Effect):
 
     def __init__(self, effect: Effect) -> None:
         self.effect = effect
-        # Everything except `columns`, `untestable` and `alternative` is that of the effect.
+        # Everything except `columns` and `untestable` is that of the effect.
         vars(self).update({name: getattr(effect, name) for name in (
-            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread',
+            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'prior_std',
             'implausible')})
         super().__init__()
 
@@ -49,12 +49,6 @@ class GuardedEffect(Effect):
         except Exception as error:  # noqa: B902
             message = printable(error) or type(error).__name__
             return f'the plug-in of {self.name} fails: {message}'
-
-    def alternative(self) -> AlternativeModel | None:
-        other = self.effect.alternative()
-        if other is not None:
-            other.effect = self
-        return other
 
 
 def _fault(effect: Effect, motion: Motion, joint: int) -> str | None:

@@ -8,15 +8,9 @@ import numpy as np
 
 # Maximum travel, in rad, of a joint that counts as at rest.
 STILL = 0.01
-# Minimum speed with a certain direction, in sign widths.
-_CERTAIN = 2.0
 # Minimum share and number of samples of a condition.
 _MIN_SHARE = 0.01
 _MIN_SAMPLES = 5
-# Maximum travel, in rad, of the other joints within one posture.
-_SAME_POSTURE = 0.1
-# Share of a joint's travel at both ends together, in which the posture of the others is compared.
-_ENDS = 0.3
 _MIN_REVERSALS = 4
 
 
@@ -27,7 +21,7 @@ def travel(motion: Motion, joint: int) -> float:
 
 def moving(motion: Motion, joint: int) -> BoolArray:
     """Return whether a joint moves with a certain direction, (M,)."""
-    fast = np.abs(motion.samples.qd[:, joint]) > _CERTAIN * motion.sign_width[joint]
+    fast = np.abs(motion.samples.qd[:, joint]) > motion.min_speed(joint)
     return np.asarray(fast)
 
 
@@ -59,7 +53,7 @@ def insufficient_motion(motion: Motion, joint: int) -> str | None:
         return 'every speed is 0, as in poses at rest, and friction requires motion'
     if travel(motion, joint) < STILL or not _enough(moving(motion, joint)):
         return (f'the joint hardly moves: {travel(motion, joint):.2g} rad of travel, no speed '
-                f'clearly above {_CERTAIN * motion.sign_width[joint]:.2g} rad/s')
+                f'clearly above {motion.min_speed(joint):.2g} rad/s')
     return None
 
 
@@ -86,42 +80,12 @@ def insufficient_speeds(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def insufficient_rest(motion: Motion, joint: int) -> str | None:
-    """Return the reason if the friction of a joint at rest cannot be compared with motion."""
-    if reason := insufficient_motion(motion, joint):
-        return reason
-    free = np.abs(motion.direction(joint)) < 0.5
-    if free.mean() < 2 * _MIN_SHARE or free.sum() < 2 * _MIN_SAMPLES:
-        return ('the joint is never at rest for long, or its friction persists at rest, so that '
-                'this friction cannot be distinguished from an offset')
-    return None
-
-
 def insufficient_load(motion: Motion, joint: int) -> str | None:
     """Return the reason if the gravity torque of a joint hardly varies in size."""
     load = np.abs(motion.gravity[:, joint])
     mean, std = float(load.mean()), float(load.std())
     if std < max(0.1 * mean, 0.02):
         return (f'the load hardly varies (mean {mean:.3g} N·m, standard deviation {std:.2g} N·m)')
-    return None
-
-
-def insufficient_postures(motion: Motion, joint: int) -> str | None:
-    """
-    Return the reason if the other joints are at rest while a joint moves.
-
-    Gravity then absorbs any torque that depends on the angle of the joint: only its gravity
-    torque changes with the posture of the others.
-    """
-    q = motion.samples.q
-    if q.shape[1] == 1 or not len(q):
-        return None
-    others = np.delete(q, joint, axis=1)
-    low, high = np.quantile(q[:, joint], (_ENDS / 2, 1.0 - _ENDS / 2))
-    for end in (q[:, joint] <= low, q[:, joint] >= high):
-        if np.ptp(others[end], axis=0).max() < _SAME_POSTURE:
-            return ('the other joints stand still while this joint moves, so that a torque that '
-                    'depends on its angle cannot be distinguished from gravity')
     return None
 
 

@@ -10,22 +10,17 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import run_slices, session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.clock import origin_of, since
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
+from gravity_comp_ros.effects.motion_direction import DISTANCES, law_of, LAW_UNITS, laws
 import numpy as np
 
 # Minimum duration of a session, minimum time constant, in s, and number of time constants.
-_MIN_DURATION = 60.0
-_MIN_TIME = 15.0
-_TIMES = 5
-# Range of distances, in rad, over which friction builds up after a reversal, and their number.
-# Shorter distances are part of the direction of motion.
-_DISTANCES = (1e-3, 0.1)
-_DISTANCE_COUNT = 6
-# Minimum RMS of a presliding column, which is at most 2.
-_MIN_RMS = 0.02
+_MIN_DURATION = 300.0
+_MIN_TIME = 120.0
+_TIMES = 3
 
 
 class FrictionDrift(Effect):
@@ -34,33 +29,37 @@ class FrictionDrift(Effect):
     name = 'friction_drift'
     title = 'Warm-up of friction'
     family = 'friction'
-    equation = 'tau_n = F_w d_n exp(-t / T), t from the start of the session'
+    equation = 'tau_n = F_w d_n (exp(-t / T) - 1), t from the start of the session'
     description = ('Friction that decreases (or, if negative, increases) with time as the gear '
                    'warms up. Recordings with stamps on one clock are one session.')
-    coefficients = (Coefficient('F_w', 'N·m', 'initial friction in excess of that of a warm '
-                                              'gear'),)
+    coefficients = (Coefficient('F_w', 'N·m', 'friction that the gear loses as it warms up'),)
     confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction', 'degressive_friction')
     experiment = ('repeat the same motion of joint {joint} for 20 minutes from a cold start, and '
                   'again when warm')
     signature = 'time'
+    uses_gravity = False
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
-    setting_units = {'time': 's'}
+    setting_units = {'time': 's', 'origin': 's', **LAW_UNITS}
+    size = 0.03
     corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
                 'load_dependent_friction', 'coupled_friction')
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        warmth = np.exp(-session_time(motion.samples) / setting['time'])
-        return (motion.direction(joint) * warmth)[:, None]
+        warmth = np.expm1(-since(motion.samples, setting['origin']) / setting['time'])
+        return (motion.direction(joint, law_of(setting)) * warmth)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        longest = _longest(motion)
-        return [{'time': float(t)} for t in np.geomspace(
-            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES)]
+        longest, origin = _longest(motion), origin_of(motion.samples)
+        noise = float(motion.speed_noise[joint])
+        middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
+        return [{'time': float(t), 'origin': origin, **law} for t in np.geomspace(
+            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES) for law in middle[::2]]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        return [{'time': setting['time'] * factor} for factor in (0.75, 1.33)]
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         reason = excitation.insufficient_directions(motion, joint)
@@ -76,56 +75,53 @@ def _longest(motion: Motion) -> float:
 
 
 class PreslidingHysteresis(Effect):
-    """Distances up to a fifth of the travel with sufficient excitation are compared."""
+    """Distances longer than those of a reversal, and the rate at which friction builds up."""
 
     name = 'presliding_hysteresis'
     title = 'Presliding hysteresis'
     family = 'friction'
-    equation = 'tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance'
-    description = ('Friction that builds up over a distance after a reversal instead of a jump. '
-                   'It corrects Coulomb friction near reversals.')
+    equation = ('tau_n = F_p z + sigma dz/dt, dz/dq_n = (1 - z sign(dq_n)) / distance')
+    description = ('Friction that builds up over a distance after a reversal, with a damping '
+                   'while it builds up. It corrects Coulomb friction near reversals.')
     coefficients = (Coefficient('F_p', 'N·m', 'friction torque that builds up over the '
-                                              'distance'),)
+                                              'distance'),
+                    Coefficient('sigma', 'N·m·s', 'damping while it builds up'))
     confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'joint_spring',
                    'time_delay')
     experiment = ('move joint {joint} back and forth over 0.2, 1 and 5 degrees at very low speed, '
                   'several times each')
     signature = 'position'
+    uses_gravity = False
     source = ('P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, '
               '1968; P. Dupont et al., Single state elastoplastic friction models, IEEE '
               'Transactions on Automatic Control 47, 2002')
     setting_units = {'distance': 'rad'}
     corrects = DRY
-    why_not_negative = 'friction would precede the motion'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        runs = run_slices(motion.samples)
-        key = f'path {joint}'
-        if key not in motion.memo:
-            motion.memo[key] = np.concatenate([
-                denoised_path(motion.samples.q[run, joint], motion.samples.t[run])
-                for run in runs])
-        column = -motion.direction(joint)
-        for run in runs:
-            column[run] += presliding_state(motion.memo[key][run], setting['distance'])
-        return column[:, None]
+        z = motion.direction(joint, setting)
+        rate = np.concatenate([_rate(z[run], motion.samples.t[run])
+                               for run in run_slices(motion.samples)])
+        return np.column_stack([z, rate])
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1, 0.02]) * sizes.torque
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        longest = min(_DISTANCES[1], 0.2 * excitation.travel(motion, joint))
-        if longest <= _DISTANCES[0]:
-            return []
-        grid = np.geomspace(_DISTANCES[0], longest, _DISTANCE_COUNT)
-        settings = [{'distance': float(d)} for d in grid]
-        return [s for s in settings
-                if float(np.sqrt(np.mean(self.columns(motion, joint, s) ** 2))) > _MIN_RMS]
+        return [{'distance': d} for d in (*DISTANCES[1:], 0.06)
+                if d < 0.2 * excitation.travel(motion, joint)]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
-                for factor in (0.6, 1.6)]
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        return [{'distance': setting['distance'] * 1.5 ** k} for k in (-step, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return (excitation.insufficient_directions(motion, joint)
                 or excitation.insufficient_reversals(motion, joint))
+
+
+def _rate(z: FloatArray, t: FloatArray) -> FloatArray:
+    return np.gradient(z, t) if len(z) > 1 else np.zeros_like(z)
 
 
 EFFECTS = (FrictionDrift(), PreslidingHysteresis())

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, refined_laws, WIDTHS
 import numpy as np
 
-# Minimum Stribeck speed in sign widths: below, it would correct errors of the width.
-_ABOVE_WIDTH = 4.0
+# Minimum Stribeck speed relative to the lowest speed with a certain direction.
+_ABOVE_WIDTH = 2.0
 # Maximum Stribeck speed relative to the top speed: above, it is collinear with viscous friction.
-_BELOW_TOP = 0.35
-_STRIBECK_SPEEDS = 5
+_BELOW_TOP = 0.7
+_STRIBECK_SPEEDS = 4
+# Distances in rad over which its direction reverses, if it persists at rest.
+_DISTANCES = (0.0001, 0.0004, 0.0015)
 # Exponents of the speed between 0, Coulomb friction, and 1, viscous friction.
 _POWERS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
 # Minimum ratio of speeds: below, a power of the speed is nearly linear.
@@ -41,27 +44,35 @@ class StribeckFriction(Effect):
     experiment = ('move joint {joint} back and forth over the same range at five speeds, from the '
                   'lowest steady speed of the drive to ten times that speed')
     signature = 'speed'
+    uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
-    setting_units = {'speed': 'rad/s'}
+    setting_units = {'speed': 'rad/s', **LAW_UNITS}
     corrects = DRY
-    pointwise = True
+    size = 0.05
     why_not_negative = 'friction that increases from low speed on is viscous friction'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
-        return (motion.direction(joint) * fall)[:, None]
+        return (motion.direction(joint, law_of(setting)) * fall)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return speeds, each with directions that vanish or persist at rest."""
         low, high = _stribeck_range(motion, joint)
         if high <= low:
             return []
         count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
-        return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
+        return [{'speed': float(v), **law} for v in np.geomspace(low, high, count)
+                for law in (_narrowest(motion, joint), *({'distance': d} for d in _DISTANCES))]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
         low, high = _stribeck_range(motion, joint)
-        return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
+        speeds = [{**setting, 'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
+                  for k in (-step, step)]
+        return [*speeds, *refined_laws(setting, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):
@@ -76,8 +87,13 @@ class StribeckFriction(Effect):
         return None
 
 
+def _narrowest(motion: Motion, joint: int) -> dict[str, float]:
+    """Return the narrowest law of a direction that the noise of the speed allows."""
+    return {'width': max(WIDTHS[0], float(motion.speed_noise[joint]))}
+
+
 def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
-    return (_ABOVE_WIDTH * float(motion.sign_width[joint]),
+    return (_ABOVE_WIDTH * motion.min_speed(joint),
             _BELOW_TOP * excitation.top_speed(motion, joint))
 
 
@@ -93,19 +109,22 @@ class DegressiveFriction(Effect):
     experiment = ('move joint {joint} back and forth over the same range at five speeds, each '
                   'twice the previous one')
     signature = 'speed'
+    uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('S. Wolf, M. Iskandar, Extending a dynamic friction model with nonlinear viscous '
               'and thermal dependency for a motor and harmonic drive gear, ICRA 2018')
-    setting_units = {'power': ''}
+    setting_units = {'power': '', **LAW_UNITS}
     corrects = ('coulomb_friction', 'viscous_friction')
-    pointwise = True
     why_not_negative = 'this friction increases with speed'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         speed = np.abs(motion.samples.qd[:, joint])
-        return (motion.direction(joint) * speed ** setting['power'])[:, None]
+        direction = motion.direction(joint, law_of(setting))
+        return (direction * speed ** setting['power'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{'power': power} for power in _POWERS]
+        return [{'power': power, **_narrowest(motion, joint)} for power in _POWERS]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):

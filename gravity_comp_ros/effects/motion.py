@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from gravity_comp_ros.data.acceleration import AccelerationOptions, accelerations
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
-from gravity_comp_ros.effects.motion_direction import direction, find_shape, min_widths, Shape
-from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.models.gravity_gradient import gravity_gradient
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import direction, min_speeds, path_of, speed_noise
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
+
+Gradient = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -22,88 +23,74 @@ class Motion:
     - `samples`: measured q, qd and tau of all runs.
     - `qdd` (M, N) in rad/s^2: estimated acceleration.
     - `gravity` (M, N) in N·m: torque predicted by the gravity model.
-    - `known_gradient`: `gradient`, if it is known without the model.
-    - `sign_width` (N,) in rad/s: speed over which the friction of a joint changes its sign.
-    - `model`: the gravity model, for effects derived from its terms.
-    - `hold` (N,) in rad: distance over which the direction of a joint reverses if its friction
-      persists at rest; 0 (default) for a joint without friction at rest.
-    - `ramp` (N,): whether the direction of a joint is a ramp (`motion_direction`); by default not.
-    - `chain`: the serial arm fitted to gravity, if `model` has none.
-    - `directions`: cached directions by joint, independent of the gravity model.
-    - `memo`: cache for results that are the same for all settings of an effect.
+    - `gravity_gradient`: function of poses (M, N) that returns d gravity_n / d q_j (M, N, N) in
+      N·m/rad.
+    - `chain`: the serial arm fitted to gravity, if there is one; `geometry`: its axes and lengths,
+      if a robot description gives them.
+    - `memo`: cache of results that do not depend on gravity.
     """
 
     samples: JointSamples
     qdd: FloatArray
     gravity: FloatArray
-    known_gradient: FloatArray | None
-    sign_width: FloatArray
-    model: GravityModel | None = None
-    hold: FloatArray | None = None
+    gravity_gradient: Gradient
     chain: Chain | None = None
-    ramp: FloatArray | None = None
-    directions: dict[int, FloatArray] = field(default_factory=dict, repr=False, compare=False)
-    memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
-                                        compare=False)
+    geometry: Geometry | None = None
+    memo: dict[object, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+    of_gravity: dict[object, FloatArray] = field(default_factory=dict, init=False, repr=False,
+                                                 compare=False)
 
-    @property
-    def serial_arm(self) -> Chain | None:
-        """Return the serial arm fitted to gravity, if there is one."""
-        return self.chain if self.chain or self.model is None else self.model.chain
+    @classmethod
+    def of(cls, samples: JointSamples, gravity: FloatArray, gravity_gradient: Gradient,
+           chain: Chain | None = None, geometry: Geometry | None = None) -> Motion:
+        """Return the motion of samples with the gravity torque (M, N) of a model."""
+        return cls(samples, accelerations(samples), gravity, gravity_gradient, chain, geometry)
+
+    def with_gravity(self, gravity: FloatArray, gravity_gradient: Gradient,
+                     chain: Chain | None = None, geometry: Geometry | None = None) -> Motion:
+        """Return the same motion with another gravity torque (M, N)."""
+        return replace(self, gravity=gravity, gravity_gradient=gravity_gradient, chain=chain,
+                       geometry=geometry)
 
     @property
     def gradient(self) -> FloatArray:
         """Return d gravity_n / d q_j (M, N, N) in N·m/rad, computed on demand."""
-        if self.known_gradient is not None:
-            return self.known_gradient
-        if 'gradient' not in self.memo:
-            if self.model is None:
-                raise ValueError('a motion without a model has no gradient of its gravity')
-            self.memo['gradient'] = gravity_gradient(self.model, self.samples.q)
-        return self.memo['gradient']
+        if 'gradient' not in self.of_gravity:
+            self.of_gravity['gradient'] = self.gravity_gradient(self.samples.q)
+        return self.of_gravity['gradient']
 
-    def direction(self, joint: int) -> FloatArray:
-        """Return the direction of a joint's friction, (M,), from -1 to 1."""
-        if joint not in self.directions:
-            hold = 0.0 if self.hold is None else float(self.hold[joint])
-            ramp = self.ramp is not None and bool(self.ramp[joint])
-            self.directions[joint] = direction(
-                self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
-                Shape(float(self.sign_width[joint]), hold, ramp))
-        return self.directions[joint]
+    @property
+    def speed_noise(self) -> FloatArray:
+        """Return the standard deviation (N,) of the white noise of the speeds, rad/s."""
+        if 'speed noise' not in self.memo:
+            self.memo['speed noise'] = speed_noise(self.samples)
+        return self.memo['speed noise']
 
-    def with_model(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
-        """Return the motion with another gravity model, and its torque (M, N) if known."""
-        torque = model.predict(self.samples.q) if gravity is None else gravity
-        return replace(self, model=model, gravity=torque, known_gradient=None, chain=None)
+    def min_speed(self, joint: int) -> float:
+        """Return the speed in rad/s above which the direction of a joint is certain."""
+        return float(min_speeds(self.speed_noise[joint]))
 
-    def at(self, rows: IntArray) -> Motion:
-        """Return the motion at samples number `rows`, ascending, for pointwise effects."""
-        directions = {joint: self.direction(joint)[rows]
-                      for joint in range(self.samples.n_joints)}
-        gradient = None if self.known_gradient is None else self.known_gradient[rows]
-        part = replace(self, samples=self.samples.select(rows), qdd=self.qdd[rows],
-                       gravity=self.gravity[rows], known_gradient=gradient, directions=directions)
-        part.memo.update({key: value[rows] for key, value in self.memo.items()})
-        return part
+    def direction(self, joint: int, law: Mapping[str, float]) -> FloatArray:
+        """Return the direction of a joint's friction, (M,), from -1 to 1 (`motion_direction`)."""
+        return self.coupled_direction({joint: 1.0}, law)
 
+    def coupled_direction(self, joints: Mapping[int, float],
+                          law: Mapping[str, float]) -> FloatArray:
+        """Return the direction (M,) of a sum of joints, each times a factor."""
+        key = (tuple(joints.items()), tuple(law.items()))
+        if key not in self.memo:
+            qd = self._sum(self.samples.qd, joints)
+            path = self.path(joints) if 'distance' in law else qd
+            self.memo[key] = direction(self.samples, path, qd, law)
+        return self.memo[key]
 
-def build_motion(samples: JointSamples, model: GravityModel,
-                 options: AccelerationOptions = AccelerationOptions()) -> Motion:
-    """
-    Return the motion of samples with a gravity model; joints are in the model's order.
+    def path(self, joints: Mapping[int, float]) -> FloatArray:
+        """Return the denoised angle (M,) in rad of a sum of joints."""
+        key = ('path', tuple(joints.items()))
+        if key not in self.memo:
+            self.memo[key] = path_of(self.samples, self._sum(self.samples.q, joints))
+        return self.memo[key]
 
-    :raises DataError: if there are no samples.
-    :raises ModelMismatchError: if a joint of the model is not among the samples.
-    """
-    samples = samples.joints(model.joints)
-    if not len(samples):
-        raise DataError('effects cannot be computed: there are no samples')
-    gravity = model.predict(samples.q)
-    residual, narrowest = samples.tau - gravity, min_widths(samples)
-    qdd = accelerations(samples, options)
-    shapes = [find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n], residual[:, n],
-                         float(narrowest[n])) for n in range(samples.n_joints)]
-    return Motion(samples, qdd, gravity, None, np.array([shape.width for shape in shapes]), model,
-                  np.array([shape.hold for shape in shapes]),
-                  ramp=np.array([float(shape.ramp) for shape in shapes]))
+    @staticmethod
+    def _sum(values: FloatArray, joints: Mapping[int, float]) -> FloatArray:
+        return np.asarray(sum(factor * values[:, joint] for joint, factor in joints.items()))

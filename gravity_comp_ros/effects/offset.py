@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
+from gravity_comp_ros.effects.clock import origin_of, since
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -12,9 +14,6 @@ import numpy as np
 _MIN_DURATION = 10.0
 # Minimum time constant relative to the longest session, and number of time constants.
 _MIN_TIME, _TIMES = 0.1, 4
-# Minimum scale error: torque constants have errors of a few percent, and model errors of
-# load-dependent friction are below one percent.
-_MIN_GAIN = 0.02
 
 
 class TorqueOffset(Effect):
@@ -28,11 +27,13 @@ class TorqueOffset(Effect):
                    'coulomb_friction', 'cable_stiffness')
     experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
+    uses_gravity = False
+    needs = Needs.SPEED
+    is_compensable = True
     source = ('M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method for '
               'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
               'Technology 21, 2013')
-    pointwise = True
-    expectation = Expectation.COMMON
+    is_static = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return np.ones((motion.samples.n_samples, 1))
@@ -49,10 +50,12 @@ class TorqueGain(Effect):
     experiment = ('attach a known mass to the arm and compare the change of the torque of joint '
                   '{joint} with weight times lever arm')
     signature = 'load'
+    needs = Needs.SPEED
     source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
               '136, 2014')
-    pointwise = True
+    is_static = True
+    resembles_gravity = True
     largest = 1.0
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 
@@ -65,17 +68,13 @@ class TorqueGain(Effect):
                     'distinguished from an offset')
         return None
 
-    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
-                    joint: int) -> str | None:
-        gain = float(np.abs(values).max())
-        if gain < _MIN_GAIN:
-            return (f'{gain:.2g} is too small: load-dependent friction can cause the same error')
-        return super().implausible(values, setting, motion, joint)
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.1])
 
 
 class TorqueDrift(Effect):
     """
-    The column is the time of the session, or an exponential approach, minus its mean.
+    The column is the time of the session, or an exponential approach.
 
     The rate of a drift by warm-up decreases as exp(-t / T). Time constants from a tenth of the
     longest session to its duration are compared; for longer ones the law is close to linear.
@@ -84,7 +83,7 @@ class TorqueDrift(Effect):
     name = 'torque_drift'
     title = 'Torque drift'
     family = 'offset'
-    equation = ('tau_n = r (s - s_0), s_0 the mean of s, t from the start of the session; s = t '
+    equation = ('tau_n = r s, t from the start of the session; s = t '
                 'or T (1 - exp(-t / T))')
     description = ('Torque signal whose zero point drifts, as with strain gauges that warm up. '
                    'Recordings with stamps on one clock are one session.')
@@ -93,42 +92,36 @@ class TorqueDrift(Effect):
     experiment = ('hold joint {joint} in one pose for the duration of a run, before and after '
                   'moving it')
     signature = 'time'
+    uses_gravity = False
     source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
               'Strain Gauges, HBM, 2012')
-    setting_units = {'centre': 's', 'time': 's'}
-    not_scanned = ('centre',)
-    pointwise = True
+    setting_units = {'origin': 's', 'time': 's'}
+    size = 0.05
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return (_course(motion, setting.get('time')) - setting['centre'])[:, None]
+        t = since(motion.samples, setting['origin'])
+        if 'time' in setting:
+            t = -setting['time'] * np.expm1(-t / setting['time'])
+        return np.asarray(t)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return a linear drift, and exponential ones within parts of the longest session."""
         longest = float(session_time(motion.samples).max(initial=0.0))
-        linear = {'centre': float(session_time(motion.samples).mean())}
-        return [linear, *(_exponential(motion, time) for time in np.geomspace(
-            _MIN_TIME * longest, longest, _TIMES) if time > 0.0)]
+        origin = origin_of(motion.samples)
+        return [{'origin': origin}, *({'origin': origin, 'time': float(time)}
+                for time in np.geomspace(_MIN_TIME * longest, longest, _TIMES) if time > 0.0)]
 
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
         if 'time' not in setting:
             return []
-        return [_exponential(motion, factor * setting['time']) for factor in (0.75, 1.33)]
+        return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         longest = float(session_time(motion.samples).max(initial=0.0))
         if longest < _MIN_DURATION:
             return f'the longest session takes {longest:.3g} s, too short for a drift'
         return None
-
-
-def _course(motion: Motion, time: float | None) -> FloatArray:
-    """Return the time of the session (M,) in s, or T (1 - exp(-t / T)) for T = `time`."""
-    t = session_time(motion.samples)
-    return t if time is None else np.asarray(-time * np.expm1(-t / time))
-
-
-def _exponential(motion: Motion, time: float) -> dict[str, float]:
-    return {'centre': float(_course(motion, time).mean()), 'time': float(time)}
 
 
 EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

@@ -9,13 +9,15 @@ X_e are the columns of effect e, c_e its coefficients. Some columns depend on ea
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.acceleration import accelerations
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from collections.abc import Iterable
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
 import numpy as np
@@ -45,32 +47,29 @@ def effect_torque(model: GravityModel, samples: JointSamples,
     :param gravity: the model's gravity torque (M, N) in N·m, if known.
     :raises ModelMismatchError: as `predict_torque`.
     """
-    samples = samples.joints(model.joints)
-    if not model.applied.effects or not samples.n_samples:
+    return torque_of(model, model.applied.effects, samples, gravity)
+
+
+def fitted_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m of the effects that were fitted and are not predicted.
+
+    :raises ModelMismatchError: as `predict_torque`.
+    """
+    return torque_of(model, model.fitted.effects, samples)
+
+
+def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: JointSamples,
+              gravity: FloatArray | None = None) -> FloatArray:
+    """Return the torque (M, N) in N·m of some effects of a model, without gravity."""
+    samples, effects = samples.joints(model.joints), tuple(effects)
+    if not effects or not samples.n_samples:
         return np.zeros_like(samples.q)
-    return _effect_torque(model, motion_of(model, samples, gravity))
-
-
-def predict_on(model: GravityModel, motion: Motion, rows: IntArray) -> FloatArray:
-    """
-    Return the predicted torque (R, N) in N·m at samples number `rows` (R,) of a motion.
-
-    :param motion: with the model's joints and direction shapes.
-    """
-    if all(installed(applied).pointwise for applied in model.applied.effects):
-        here = motion.at(rows).with_model(model)
-        return here.gravity + _effect_torque(model, here)
-    here = motion.with_model(model)
-    return np.asarray((here.gravity + _effect_torque(model, here))[rows])
-
-
-def _effect_torque(model: GravityModel, motion: Motion) -> FloatArray:
-    total = np.zeros_like(motion.samples.q)
-    for applied in model.applied.effects:
-        effect = installed(applied)
-        joint = joint_number(model, applied)
+    motion, total = motion_of(model, samples, gravity), np.zeros_like(samples.q)
+    for applied in effects:
+        effect, joint = installed(applied), joint_number(model, applied)
         columns = effect.columns(motion, joint, applied.setting)
-        torque = columns @ _coefficients(applied, effect, motion, joint, columns.shape[-1])
+        torque = columns @ coefficients(applied, effect, motion, joint, columns.shape[-1])
         if effect.scope == 'arm':
             total += torque
         else:
@@ -80,23 +79,10 @@ def _effect_torque(model: GravityModel, motion: Motion) -> FloatArray:
 
 def motion_of(model: GravityModel, samples: JointSamples,
               gravity: FloatArray | None = None) -> Motion:
-    """
-    Return the motion from which the columns of a model's effects are computed.
-
-    Unlike `build_motion` it uses the direction shapes stored in the model, so that a prediction
-    does not depend on the measured torque.
-    """
-    shape = model.applied.direction
+    """Return the motion from which the columns of a model's effects are computed."""
     torque = model.predict(samples.q) if gravity is None else gravity
-    return Motion(samples, accelerations(samples), torque, None, shape['width'], model,
-                  shape.get('hold'), ramp=shape.get('ramp'))
-
-
-def direction_of(motion: Motion) -> dict[str, FloatArray]:
-    """Return the direction shapes of a motion, to store in a model (`Applied.direction`)."""
-    none = np.zeros_like(motion.sign_width)
-    return {'width': motion.sign_width, 'hold': none if motion.hold is None else motion.hold,
-            'ramp': none if motion.ramp is None else motion.ramp}
+    return Motion.of(samples, torque, lambda q: gravity_gradient(model, q), model.chain,
+                     model.geometry)
 
 
 def installed(applied: AppliedEffect) -> Effect:
@@ -120,8 +106,13 @@ def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
     return 0 if applied.joint is None else model.joints.index(applied.joint)
 
 
-def _coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint: int,
-                  n_columns: int) -> FloatArray:
+def coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint: int,
+                 n_columns: int) -> FloatArray:
+    """
+    Return the coefficients (K,) of an applied effect in the order of its columns.
+
+    :raises ModelMismatchError: if the installed effect has others.
+    """
     symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
     if set(symbols) != set(applied.coefficients) or len(symbols) != n_columns:
         raise ModelMismatchError(

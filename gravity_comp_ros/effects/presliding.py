@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
@@ -10,6 +13,36 @@ _NOISE_WIDTHS = 3.0
 # Maximum ratio of time steps in an evenly spaced window, and minimum share of such windows.
 _MAX_STEP_RATIO = 1.2
 _MIN_EVEN_SHARE = 0.05
+# Minimum motion, as a share of the distance, that counts as a reversal of a live element. Encoder
+# noise at rest is smaller; it would otherwise erase the state.
+_MIN_REVERSAL = 0.1
+
+
+class LiveElement:
+    """
+    Dahl's element angle by angle, as a control loop reads them.
+
+    :param distance: rad. :param skew: as in `presliding_state`.
+    """
+
+    def __init__(self, distance: float, skew: float = 0.0) -> None:
+        self._distance, self._skew = distance, skew
+        # The last angle in the present direction, and the state there.
+        self._angle: float | None = None
+        self._direction = self._state = 0.0
+
+    def state(self, angle: float) -> float:
+        """Return the state, from -1 to 1, at an angle in rad; angles are in order of time."""
+        if self._angle is None:
+            self._angle = angle
+        moved = angle - self._angle
+        direction = math.copysign(1.0, moved)
+        over = self._distance * (1.0 + self._skew * direction)
+        state: float = _built_up(self._state, direction + self._skew,
+                                 math.exp(-abs(moved) / over))
+        if direction == self._direction or abs(moved) >= _MIN_REVERSAL * self._distance:
+            self._angle, self._direction, self._state = angle, direction, state
+        return state
 
 
 def presliding_state(path: FloatArray, distance: float, skew: float = 0.0) -> FloatArray:
@@ -38,9 +71,14 @@ def presliding_state(path: FloatArray, distance: float, skew: float = 0.0) -> Fl
     states, state = [], 0.0
     for final, factor in zip(level[begin].tolist(), decay.tolist()):
         states.append(state)
-        state = final + (state - final) * factor
+        state = _built_up(state, final, factor)
     initial, since = np.repeat(np.array([states, at_begin]), end - begin, axis=1)
-    return np.asarray(level + (initial - level) * np.exp((since - travelled) / over))
+    return np.asarray(_built_up(initial, level, np.exp((since - travelled) / over)))
+
+
+def _built_up(state: Any, level: Any, decay: Any) -> Any:
+    """Return the state after a motion towards a level; `decay` is exp(-travel / distance)."""
+    return level + (state - level) * decay
 
 
 def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:

@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from gravity_comp_ros.effects import (
-    dynamics, elastic, friction, friction_memory, geometry, lubrication, offset, payload, periodic,
+    elastic, friction, friction_memory, geometry, lubrication, offset, payload, periodic,
     rigid_body, timing)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.entry_points import effects_of
@@ -20,7 +20,7 @@ from gravity_comp_ros.printable import printable
 
 GROUP = 'gravity_comp_ros.effects'
 _FAMILIES = (friction, lubrication, friction_memory, offset, elastic, periodic, geometry, payload,
-             dynamics, rigid_body, timing)
+             rigid_body, timing)
 
 
 def all_effects() -> dict[str, Effect]:

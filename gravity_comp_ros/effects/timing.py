@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -26,14 +26,16 @@ class TimeDelay(Effect):
     experiment = ('move joint {joint} back and forth over the same path at two speeds, with high '
                   'load and without load; a delay is identifiable with load only')
     signature = 'speed'
+    needs = Needs.SPEED
     source = 'Yu 2022, Eq. (18) (slow motion against poses at rest); first-order expansion'
-    pointwise = True
-    needs_speed = True
     largest = 0.5
     why_not_larger = 'no bus has such a delay; compare the clocks of the two signals'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return -np.einsum('mj,mj->m', motion.gradient[:, joint], motion.samples.qd)[:, None]
+
+    def prior_std(self, sizes: Sizes) -> FloatArray:
+        return np.array([0.02])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         rate = float(np.sqrt(np.mean(self.columns(motion, joint, {}) ** 2)))

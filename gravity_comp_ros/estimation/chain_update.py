@@ -22,7 +22,7 @@ from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
-from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept, TOLERANCE
+from gravity_comp_ros.models.kinematic.known_axes import right_angles_kept, TOLERANCE
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.sparse.sparse_change import (
     average_change, Change, ChangeProblem, find_change, full_evidence)

@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
 from gravity_comp_ros.models.kinematic.chain_starts import next_axes
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.start import generic_poses
 import numpy as np
 
 Order = tuple[int, ...]
@@ -64,19 +65,17 @@ def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
 
 
 def _problem(samples: JointSamples) -> ChainProblem:
-    regression = build_regression(samples).thinned(_MAX_SAMPLES)
-    few, terms = regression.samples, regression.linear_terms()
-    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((few.tau ** 2).mean(axis=0)).max()), 1e-9)
-    return ChainProblem(few.q, few.tau, np.full(few.tau.shape, weight), terms.columns,
-                        terms.spread)
+    poses, nuisance = generic_poses(Problem.of(samples), _MAX_SAMPLES)
+    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((poses.tau ** 2).mean(axis=0)).max()), 1e-9)
+    return ChainProblem(poses.q, poses.tau, np.full(poses.tau.shape, weight), nuisance)
 
 
 def _cost(problem: ChainProblem, order: Order) -> float:
     """Return the squared residual of the best chain with its joints in this order."""
     joints = list(order)
-    nuisance = None if problem.nuisance is None else problem.nuisance[:, joints]
+    nuisance = None if problem.nuisance is None else problem.nuisance.of_joints(joints)
     ordered = ChainProblem(problem.q[:, joints], problem.tau[:, joints],
-                           problem.weights[:, joints], nuisance, problem.spread)
+                           problem.weights[:, joints], nuisance)
     rng = np.random.default_rng(0)
     best = solve(ordered, next_axes(rng, len(order), 1, None), options=_QUICK)
     for count in range(2, _STARTS + 1):

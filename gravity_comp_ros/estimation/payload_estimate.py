@@ -23,8 +23,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.known_axes import solve_known
-from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept
+from gravity_comp_ros.models.kinematic.known_axes import (
+    right_angles_kept, solve_known, step_covariance)
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 import numpy as np
@@ -130,10 +130,10 @@ def on_known_axes(model: GravityModel, geometry: Geometry
     geometry = with_estimated_vertical(geometry, JointSamples.single_run(
         geometry.joints, np.arange(len(q)), q, np.zeros_like(q), tau))
     weight = np.sqrt(max(model.coverage.n_samples, 1) / len(q))
-    result = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations)
-    chain = result.solution.chain
+    solution = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations)
+    chain = solution.chain
     _check_misfit(tau - chain.torque(q), sigma, geometry.joints)
-    return chain, result.covariance(), geometry
+    return chain, step_covariance(solution), geometry
 
 
 def _resampled(model: GravityModel, geometry: Geometry

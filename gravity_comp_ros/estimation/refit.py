@@ -1,66 +1,47 @@
 """
-Refit of a model with added effects, evaluated on held-out data.
+Effects added to a model: the same estimate with other switches, judged on held-out data.
 
-Gravity is selected again, jointly with the effects, as in a new fit: features that had absorbed an
-effect disappear when the effect is added. The errors before and after are held-out errors of two
-refits to the same folds, without and with the new effects.
+The effects that a fit found are a part of its posterior already, so that adding one changes what
+is predicted and nothing else. An effect that was not found is forced into the estimate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
-from gravity_comp_ros.data.samples import (
-    BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
-from gravity_comp_ros.effects.motion import build_motion, Motion
-from gravity_comp_ros.effects.predict import (
-    effect_torque, installed, predict_on, predict_torque)
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.data.velocity_check import checked_velocity
+from gravity_comp_ros.effects.predict import motion_of
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
-from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
-from gravity_comp_ros.estimation.effect_fit import (
-    EffectFit, fit_with_terms, replaced_terms)
-from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions
-from gravity_comp_ros.estimation.refit_result import held_out_errors, p_value, Refit
-from gravity_comp_ros.estimation.refit_system import System
-from gravity_comp_ros.estimation.refit_terms import choose_setting, RefitProblem, Term
-from gravity_comp_ros.evaluation.blocks import Blocks, cut
-from gravity_comp_ros.models.applied_effects import AppliedEffect
-from gravity_comp_ros.models.base_level import levelled
+from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
+from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
+from gravity_comp_ros.estimation.fit import key_of
+from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
+from gravity_comp_ros.evaluation.gain import gain
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.nuisance import UNITS
-from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
-
-Progress = Callable[[str, float], None]
-
-# Maximum number of samples of the motion, evenly picked: an hour at 100 Hz becomes one at 11 Hz.
-_MAX_SAMPLES = 40000
-_MAX_ROWS = 10000
-_MAX_FOLDS = 4
-# Maximum factor on a joint's RMSE after a refit, and maximum increase as a share of the arm's
-# largest torque: an offset that gravity had absorbed is no longer predicted.
-_MAX_FACTOR, _MAX_INCREASE = 1.1, 0.1
-# Effects whose coefficients belong to a run or to the time within it.
-_BETWEEN_RUNS = ('payload_change', 'torque_drift', 'friction_drift')
-# Minimum share of slow samples for a fit to these alone. Effects that need no speed are as
-# identifiable in slow motion, in which unmodelled torque (mainly inertia) disturbs gravity less.
-_MIN_SLOW_SHARE = 0.2
-_TILT, _DYNAMICS = 'base_tilt', 'rigid_body_dynamics'
 
 
 @dataclass(frozen=True)
 class RefitOptions:
     """
-    Options of a refit: only samples below `slow` rad/s are fitted, None for all.
+    Which samples are fitted, and when a result is refused.
 
-    Unless `force` is set, all are fitted if slow ones are few, or if the effects require fast
-    motion.
+    `slow` is the largest speed in rad/s of the samples, None for all; with `force` it applies
+    even if few samples are slow, else at least `min_slow` of them must be. `max_increase` is the
+    largest share by which an added effect may increase a joint's held-out error, `max_p` the
+    largest p-value of a significant decrease.
     """
 
     slow: float | None = 0.15
     force: bool = False
+    min_slow: float = 0.2
+    max_increase: float = 0.05
+    max_p: float = 0.05
 
     @classmethod
     def chosen(cls, all_samples: bool, max_speed: float | None = None) -> RefitOptions:
@@ -69,287 +50,199 @@ class RefitOptions:
             return cls(slow=None)
         return cls() if max_speed is None else cls(max_speed, force=True)
 
+    def usable(self, samples: JointSamples, use: BoolArray | None) -> BoolArray:
+        """Return the mask (M,) of the samples to fit."""
+        allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
+        if self.slow is None:
+            return allowed
+        slow = allowed & (np.abs(samples.qd) <= self.slow).all(axis=1)
+        enough = self.force or slow.sum() >= self.min_slow * max(int(allowed.sum()), 1)
+        return slow if enough else allowed
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """
+    A joint's held-out RMSE in N·m without and with the new effects.
+
+    `torque_range` is the range of its measured torque in N·m, 0 if it is constant.
+    """
+
+    before: float
+    after: float
+    torque_range: float
+
+    @property
+    def nrmse_before(self) -> float | None:
+        """Return the error before as a share of the torque's range (Yu 2022, Eq. 16)."""
+        return self.before / self.torque_range if self.torque_range > 0.0 else None
+
+    @property
+    def nrmse_after(self) -> float | None:
+        """Return the error after as a share of the torque's range (Yu 2022, Eq. 16)."""
+        return self.after / self.torque_range if self.torque_range > 0.0 else None
+
+
+@dataclass(frozen=True)
+class Refit:
+    """
+    A model with effects, and its errors on held-out samples.
+
+    `added` are targets; `errors` the held-out errors by joint; `p` is the p-value of their
+    decrease and `helps` whether it is significant. `n_samples` were fitted, fast ones too if
+    `all_speeds`. `skipped` are omitted effects with the reason, `implausible` those in the model
+    with coefficients that are not physical.
+    """
+
+    model: GravityModel
+    added: tuple[str, ...]
+    errors: Mapping[str, HeldOut]
+    p: float
+    helps: bool
+    n_samples: int
+    all_speeds: bool
+    skipped: Mapping[str, str]
+    implausible: Mapping[str, str]
+
+    def warnings(self) -> list[str]:
+        """Return warnings about the new effects."""
+        lines = [f'{name} is not physical: {why}' for name, why in self.implausible.items()]
+        if not self.helps:
+            lines.append('the held-out error does not decrease significantly: these recordings '
+                         'do not require the new effects, or gravity has absorbed them already')
+        return lines
+
+    def by_joint(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return held-out RMSE in N·m by joint, before and after."""
+        return ({name: e.before for name, e in self.errors.items()},
+                {name: e.after for name, e in self.errors.items()})
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the refit as `add --json` prints it; errors in N·m, shares of the range."""
+        return {
+            'added': list(self.added),
+            'held_out': {name: {'rmse_before': e.before, 'rmse_after': e.after,
+                                'nrmse_before': e.nrmse_before, 'nrmse_after': e.nrmse_after}
+                         for name, e in self.errors.items()},
+            'effects': [{'target': e.target, **asdict(e)} for e in self.model.applied.effects],
+            'p': self.p, 'n_samples': self.n_samples, 'all_speeds': self.all_speeds,
+            'left_out': dict(self.skipped), 'implausible': dict(self.implausible)}
+
 
 def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request],
           options: RefitOptions = RefitOptions(), use: BoolArray | None = None,
           progress: Progress | None = None) -> Refit:
     """
-    Return the model with the wanted effects; gravity is selected again, jointly with them.
+    Return the model with the wanted effects; gravity is estimated jointly with them.
 
     :param samples: as recorded, fast motion included, because accelerations and friction with
         memory depend on the samples in between.
     :param use: which samples (M,) may be fitted; None for all.
     :raises DataError: if an effect is in the model already or not identifiable, or samples are
         too few.
-    :raises FitError: if the result predicts the samples worse than the model before.
+    :raises FitError: if an effect increases the held-out error of a joint.
     :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
         of the model is not installed.
     """
-    report = progress or (lambda word, share: None)
-    samples = samples.joints(model.joints)
-    picked = evenly_picked(samples.n_samples, _MAX_SAMPLES)
-    samples, use = samples.select(picked), None if use is None else use[picked]
-    report('motion', 0.0)
-    effects, left_out = _without_tilt(model, effects)
-    base = _base(samples, model, effects)
-    motion = build_motion(samples, base)
-    new, skipped = _new_terms(motion, model, effects)
-    skipped.update(left_out)
+    samples = checked_velocity(samples.joints(model.joints))[0]
+    new, skipped = _new_targets(samples, model, effects)
     if effects and not new:
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
-    old, kept = _old_terms(motion, model)
-    work, all_speeds = _problem(motion, base, kept, (*old, *new), use, options)
-    chosen = _choose_settings(work, old, new, report)
-    report('refit', 0.4)
-    fit_options, known = _formulation(base, chosen[-1])
-    fitted = fit_with_terms(motion, work.rows, base, chosen[-1], kept, fit_options, known)
-    implausible = _implausible(work, fitted.model, chosen[-1])
-    optional = {r.target for r in effects if not r.named} & set(implausible)
-    if optional and len(optional) < len(new):
-        rest = [r for r in effects if r.target not in optional]
-        result = refit(samples, model, rest, options, use, progress)
-        unphysical = {name: implausible[name] for name in sorted(optional)}
-        return replace(result, skipped={**result.skipped, **left_out, **unphysical})
-    report('held-out error', 0.6)
-    residuals = _held_out_residuals(work, fitted, old, chosen, kept, known, report)
-    blocks = cut(samples.select(work.rows), residuals[1])
-    result = Refit(fitted.model, tuple(term.target for term in new),
-                   held_out_errors(work, *residuals),
-                   p_value(work, blocks, *residuals) if new else 1.0, len(work.rows), all_speeds,
-                   skipped, implausible, tuple(effect.target for effect in kept))
+    usable = options.usable(samples, use)
+    old = [effect.target for effect in model.applied.effects]
+    forced = frozenset(key_of(name, model.joints) for name in (*old, *new) if name != DYNAMICS)
+    estimated = estimate(samples, fit_options_of(model), usable, model, forced, None, progress)
+    torques = held_out_torques(estimated)
+    before, after = _predicted(estimated, old), _predicted(estimated, (*old, *new))
+    errors = _errors(torques, before, after, model.joints)
     if new:
-        _check_not_worse(model, fitted.model, motion, work.rows)
-    report('held-out error', 1.0)
-    return result
+        _check_not_worse(errors, options)
+    fitted = model_of(estimated, Switches((*old, *new)))
+    provenance = dict(model.provenance)
+    p = _p_value(torques, before, after) if new else 1.0
+    return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
+                 errors, p, p < options.max_p, int(usable.sum()),
+                 bool(usable.sum() == (len(samples) if use is None else use.sum())), skipped,
+                 _implausible(fitted, new))
 
 
-def _choose_settings(work: RefitProblem, old: list[Term], new: list[Term],
-                     report: Progress) -> list[tuple[Term, ...]]:
-    """Return the old terms, and the new ones with nonlinear parameters, for each fit."""
-    report('settings', 0.2)
-    chosen: list[tuple[Term, ...]] = [tuple(old)] * (work.n_folds + 1)
-    for k, term in enumerate(new):
-        best = choose_setting(work, chosen, term)
-        chosen = [(*terms, one) for terms, one in zip(chosen, best)]
-        report('settings', 0.2 + 0.2 * (k + 1) / len(new))
-    return chosen
+def fit_options_of(model: GravityModel) -> FitOptions:
+    """Return the options with which a model was fitted: its formulation and known axes."""
+    requested = (model.provenance.get('options') or {}).get('formulation', 'auto')
+    formulation = requested if requested in CHOICES else 'auto'
+    if model.geometry is not None:
+        return FitOptions('chain', geometry=model.geometry)
+    return FitOptions(model.formulation if formulation == 'auto' else formulation)
 
 
-def _formulation(model: GravityModel, terms: Sequence[Term]
-                 ) -> tuple[FitOptions, FloatArray | None]:
-    """
-    Return the requested formulation of the model's fit, and its known axes (N, 3, 3).
-
-    Rigid-body dynamics requires axes and moments, which only a chain has.
-    """
-    report = model.provenance.get('report') or {}
-    formulation = (model.provenance.get('options') or {}).get('formulation', 'auto')
-    if formulation not in CHOICES:
-        formulation = 'auto'
-    known = None
-    if model.chain is not None and (report.get('chain') or {}).get('known_axes'):
-        known, formulation = model.chain.axes, 'chain'
-    if any(term.effect.name == _DYNAMICS for term in terms):
-        formulation = 'chain'
-    return FitOptions(formulation), known
-
-
-def _held_out_residuals(work: RefitProblem, fitted: EffectFit, old: list[Term],
-                        chosen: list[tuple[Term, ...]], kept: tuple[AppliedEffect, ...],
-                        known: FloatArray | None,
-                        report: Progress) -> tuple[FloatArray, FloatArray]:
-    """
-    Return held-out residuals (R, N) in N·m without and with the new effects.
-
-    Gravity, nonlinear parameters and coefficients for each fold are fitted to the other folds.
-    """
-    gravity = fitted.estimate.choice.estimate
-    sparse = SparseOptions() if isinstance(gravity, ChainEstimate) else SparseOptions(
-        inflation=gravity.fits[0].inflation)
-    options = FitOptions(fitted.model.formulation, sparse)
-    samples, rows = work.motion.samples, work.rows
-    excluded = _absent_terms(fitted, work.motion, chosen[-1])
-    before, after = (np.empty((len(rows), samples.n_joints)) for _ in range(2))
-    for fold, terms in enumerate(chosen[:-1]):
-        test = work.fold == fold
-        for out, used in ((before, tuple(old)), (after, terms)):
-            if out is after and terms == tuple(old):
-                out[test] = before[test]
-                continue
-            without = fit_with_terms(work.motion, rows[~test], fitted.model, used, kept, options,
-                                     known, warm=True, excluded=excluded)
-            out[test] = samples.tau[rows[test]] - predict_on(without.model, work.motion,
-                                                             rows[test])
-        report('held-out error', 0.6 + 0.4 * (fold + 1) / work.n_folds)
-    return before, after
-
-
-def _absent_terms(fitted: EffectFit, motion: Motion,
-                  terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
-    """
-    Return the nuisance terms that are not in the fit to all samples, as kind and joint number.
-
-    With fewer samples an offset is less distinguishable from a tilt of the base, and friction
-    from an error of the axes. Terms that an effect replaces are not among them: they are fitted
-    without that effect.
-    """
-    nuisance = fitted.estimate.choice.estimate.regression.nuisance
-    every = {(kind, n) for kind in UNITS for n in range(motion.samples.n_joints)}
-    return frozenset(every - {(c.kind, c.joint) for c in nuisance.columns}
-                     - replaced_terms(motion, terms))
-
-
-def _check_not_worse(before: GravityModel, after: GravityModel, motion: Motion,
-                     rows: IntArray) -> None:
-    """
-    Check that the model predicts its own data no worse than the one before.
-
-    :raises FitError: if it does.
-    """
-    tau = motion.samples.tau[rows]
-    old_rmse, rmse = (np.sqrt(((tau - predicted) ** 2).mean(axis=0)) for predicted in (
-        predict_torque(before, motion.samples)[rows], predict_on(after, motion, rows)))
-    allowed = _MAX_INCREASE * np.sqrt((tau ** 2).mean(axis=0)).max()
-    worse = np.flatnonzero(rmse > _MAX_FACTOR * old_rmse + allowed)
-    if worse.size:
-        n = int(worse[np.argmax(rmse[worse] - old_rmse[worse])])
-        raise FitError(f'the model with these effects predicts its own data worse than the one '
-                       f'before: joint {before.joints[n]} {old_rmse[n]:.3g} N·m before, '
-                       f'{rmse[n]:.3g} N·m after. Nothing is changed; record more motion, or add '
-                       f'fewer effects')
-
-
-def _without_tilt(model: GravityModel, effects: Sequence[Request]
-                  ) -> tuple[Sequence[Request], dict[str, str]]:
-    """
-    Return the effects without a base tilt if gravity is a chain, and the reason for omitting it.
-
-    :raises DataError: if nothing else is wanted.
-    """
-    rest = [request for request in effects if request.effect.name != _TILT]
-    is_chain = model.chain is not None or (
-        model.geometry is None and any(request.effect.name == _DYNAMICS for request in rest))
-    if not is_chain or len(rest) == len(effects):
-        return effects, {}
-    if not rest:
-        raise DataError(f'{_TILT} cannot be added: the first axis of a chain includes the tilt '
-                        f'of its base. Fit gravity again, with all recordings that show the tilt')
-    return rest, {_TILT: 'the first axis of a chain includes the tilt of its base, and gravity is '
-                         'fitted again'}
-
-
-def _base(samples: JointSamples, model: GravityModel,
-          effects: Sequence[Request]) -> GravityModel:
-    """
-    Return the model to add to.
-
-    Rigid-body dynamics requires the axes of a chain; a base tilt requires a level model.
-    """
-    names = {request.effect.name for request in effects}
-    if _DYNAMICS in names and model.chain is None and model.geometry is None:
-        chain = fit(samples, FitOptions('chain')).model
-        model = replace(chain, applied=model.applied, history=model.history,
-                        provenance=model.provenance)
-    return levelled(model, samples.q) if _TILT in names and model.energy is not None else model
-
-
-def _new_terms(motion: Motion, model: GravityModel,
-               effects: Sequence[Request]) -> tuple[list[Term], dict[str, str]]:
+def _new_targets(samples: JointSamples, model: GravityModel,
+                 effects: Sequence[Request]) -> tuple[list[str], dict[str, str]]:
     """Return the identifiable wanted effects, and the reasons for omitting the others."""
-    terms, skipped = [], {}
+    motion, known = motion_of(model, samples), all_effects()
+    targets, skipped = [], {}
     for request in effects:
         joint = 0 if request.joint is None else model.joints.index(request.joint)
         present = model.applied.has(request.effect.name, request.joint)
         reason = ('it is in the model already' if present
-                  else request.effect.untestable(motion, joint))
+                  else known[request.effect.name].untestable(motion, joint))
         if reason is None and not request.effect.settings(motion, joint):
             reason = 'this motion does not reach it'
         if reason is None:
-            terms.append(Term(request.effect, request.joint, {}))
-            continue
-        if request.named:
+            targets.append(request.target)
+        elif request.named:
             raise DataError(f'{request.target} cannot be added: {reason}',
                             Hint.IN_MODEL if present else None)
-        skipped[request.target] = reason
-    return terms, skipped
-
-
-def _old_terms(motion: Motion, model: GravityModel
-               ) -> tuple[list[Term], tuple[AppliedEffect, ...]]:
-    """Return the effects to refit, and those that this motion does not excite."""
-    terms, kept = [], []
-    for applied in model.applied.effects:
-        effect = installed(applied)
-        joint = 0 if applied.joint is None else model.joints.index(applied.joint)
-        symbols = {c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)}
-        if effect.untestable(motion, joint) or symbols != set(applied.coefficients):
-            kept.append(applied)
         else:
-            terms.append(Term(effect, applied.joint, applied.setting, applied))
-    return terms, tuple(kept)
+            skipped[request.target] = reason
+    return targets, skipped
 
 
-def _problem(motion: Motion, model: GravityModel, kept: tuple[AppliedEffect, ...],
-             terms: Sequence[Term], use: BoolArray | None,
-             options: RefitOptions) -> tuple[RefitProblem, bool]:
-    """Return the problem of a refit, and whether samples of all speeds are fitted."""
-    samples = motion.samples
-    allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
-    rows, all_speeds = np.flatnonzero(allowed), True
-    needs_speed = any(t.effect.needs_speed for t in terms)
-    if options.slow is not None and (options.force or not needs_speed):
-        slow = allowed & (np.abs(samples.qd) <= options.slow).all(axis=1)
-        if options.force or slow.sum() >= _MIN_SLOW_SHARE * max(len(rows), 1):
-            all_speeds, rows = bool(slow.sum() == len(rows)), np.flatnonzero(slow)
-    rows = rows[evenly_picked(len(rows), _MAX_ROWS)]
-    fixed = np.zeros_like(samples.q)
-    if kept:
-        fixed = effect_torque(replace(model, applied=replace(model.applied, effects=kept)),
-                              samples)
-    residual = (samples.tau - motion.gravity - fixed)[rows]
-    blocks = cut(samples.select(rows), residual)
-    fold = _folds(samples.runs[rows], blocks, terms)
-    work = RefitProblem(motion, model, rows, fold, np.ones(samples.n_joints), fixed[rows])
-    work.sigma = _noise_std(work.system(tuple(t for t in terms if t.old)))
-    return work, all_speeds
+def _predicted(estimated: Estimate, targets: Sequence[str]) -> set[str]:
+    """Return the targets that a model with these switches predicts."""
+    model = model_of(estimated, Switches(targets), with_noise=False)
+    return {effect.target for effect in model.applied.effects}
 
 
-def _folds(runs: IntArray, blocks: Blocks, terms: Sequence[Term]) -> IntArray:
+def _errors(torques: HeldOutTorques, before: set[str], after: set[str],
+            joints: tuple[str, ...]) -> dict[str, HeldOut]:
+    spans, old, new = np.ptp(torques.tau, axis=0), torques.rmse(before), torques.rmse(after)
+    return {name: HeldOut(float(old[n]), float(new[n]), float(spans[n]))
+            for n, name in enumerate(joints)}
+
+
+def _check_not_worse(errors: Mapping[str, HeldOut], options: RefitOptions) -> None:
+    worst = max(errors, key=lambda name: errors[name].after / max(errors[name].before, 1e-12))
+    error = errors[worst]
+    if error.after > (1.0 + options.max_increase) * error.before:
+        raise FitError(f'these effects increase the held-out error of joint {worst} from '
+                       f'{error.before:.3g} to {error.after:.3g} N·m. Nothing is changed; add '
+                       f'fewer effects, or record more motion')
+
+
+def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> float:
     """
-    Return the fold of each row (R,): whole runs if there are several, else blocks of time.
+    Return the p-value of the decrease of the error, over blocks.
 
-    Effects that change from run to run cannot be predicted for a held-out run.
+    The smaller one of the whole arm and of single joints, with a Bonferroni correction for both
+    and for all joints: the noise of other joints would hide an effect on one joint.
     """
-    present = np.unique(runs)
-    if len(present) < 2 or any(term.effect.name in _BETWEEN_RUNS for term in terms):
-        return np.repeat(blocks.fold, np.diff(blocks.starts)) % _MAX_FOLDS
-    fold = np.zeros(len(runs), dtype=np.int64)
-    for number, group in enumerate(np.array_split(present, min(len(present), _MAX_FOLDS))):
-        fold[np.isin(runs, group)] = number
-    return fold
+    old, new = torques.block_sums(before), torques.block_sums(after)
+    changed = np.flatnonzero((old != new).any(axis=0))
+    if not len(changed) or len(old) < 3:
+        return 1.0
+    scale = old.mean(axis=0)
+    whole = gain((old / scale).sum(axis=1, keepdims=True),
+                 (new / scale).sum(axis=1, keepdims=True), 2).p
+    return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * old.shape[1]).p for n in changed))
 
 
-def _noise_std(system: System) -> FloatArray:
-    """Return each joint's noise (N,), never 0."""
-    for _ in range(2):
-        residual = system.residual(system.solve())
-        sigma = np.sqrt((residual ** 2).mean(axis=0))
-        floor = 1e-6 * max(float(np.abs(system.y).max()), 1e-9)
-        sigma = np.maximum(sigma, floor)
-        system = System(system.parts, system.y, sigma, system.prior, system.fold,
-                        int(system.fold.max()) + 1)
-    return sigma
-
-
-def _implausible(work: RefitProblem, model: GravityModel, terms: Sequence[Term]) -> dict[str, str]:
+def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:
     """Return the new effects with coefficients that are not physical, and the reasons."""
-    implausible = {}
-    new = [term for term in terms if term.old is None]
-    motion = work.motion.with_model(model) if new else work.motion
-    for term in new:
-        applied = next(e for e in model.applied.effects if e.target == term.target)
-        values = np.array([c.value for c in applied.coefficients.values()])
-        reason = term.effect.implausible(values, term.setting, motion, work.joint_index(term))
-        if reason:
-            implausible[term.target] = reason
-    return implausible
+    reasons, known = {}, all_effects()
+    for effect in model.applied.effects:
+        if effect.target in targets:
+            values = np.array([c.value for c in effect.coefficients.values()])
+            reason = known[effect.name].implausible(values)
+            if reason:
+                reasons[effect.target] = reason
+    return reasons

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.models import noise
 import numpy as np
 
 # Maximum |z| of full weight, and of any weight.
@@ -27,8 +28,8 @@ _MAX_ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class ExcludedSamples:
-    """Excluded samples of one joint: their number, first and last time in s, and their runs."""
+class Outliers:
+    """Outliers of one joint: the number of samples, first and last time in s, and their runs."""
 
     n: int
     first: float
@@ -83,13 +84,19 @@ def _ridge(rows: FloatArray, target: FloatArray, weights: FloatArray, ratio: flo
     return np.asarray(np.linalg.solve(gram, rows @ (weights * target)))
 
 
-def excluded_samples(samples: JointSamples, weights: FloatArray) -> Mapping[str, ExcludedSamples]:
-    """Return the samples without weight, by name of each joint that has any."""
-    excluded = {}
-    for n, name in enumerate(samples.names):
-        rows = np.flatnonzero(weights[:, n] == 0.0)
-        if rows.size:
-            first, last = (samples.run_labels[samples.runs[row]] for row in rows[[0, -1]])
-            excluded[name] = ExcludedSamples(rows.size, float(samples.t[rows[0]]),
-                                             float(samples.t[rows[-1]]), first, last)
-    return excluded
+def outliers(rows: JointSamples, count: IntArray, residual: FloatArray) -> Mapping[str, Outliers]:
+    """
+    Return the rows whose residual is beyond any weight, by name of each joint that has any.
+
+    :param rows: means over short times, R of them.
+    :param count: number of samples of each row (R,).
+    :param residual: of the rows, (R, N) in N·m.
+    """
+    weights, by_joint = huber_weights(residual, noise.floor(rows.tau)), {}
+    for n, name in enumerate(rows.names):
+        places = np.flatnonzero(weights[:, n] == 0.0)
+        if places.size:
+            first, last = (rows.run_labels[rows.runs[place]] for place in places[[0, -1]])
+            by_joint[name] = Outliers(int(count[places].sum()), float(rows.t[places[0]]),
+                                      float(rows.t[places[-1]]), first, last)
+    return by_joint

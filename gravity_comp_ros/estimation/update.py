@@ -14,21 +14,23 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import law_of
+from gravity_comp_ros.effects.predict import fitted_torque, motion_of
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS, motion_torque
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque, reversal_std
+from gravity_comp_ros.estimation.estimated_model import DYNAMICS
+from gravity_comp_ros.estimation.nominal_motion import motion_torque
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
 from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import INERTIA
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
@@ -37,6 +39,9 @@ import numpy as np
 _MAX_WHITE_TIME = 2.0
 # Maximum relative change of the noise std for which the step is not solved again.
 _NOISE_TOLERANCE = 0.15
+COULOMB = 'coulomb_friction'
+# Factor by which the speed or distance of a reversal changes with the payload.
+_WIDTH_FACTOR = 1.8
 
 
 @dataclass(frozen=True)
@@ -100,14 +105,12 @@ def update(model: GravityModel, samples: JointSamples,
 
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None) -> UpdateResult:
-    # Friction, offsets and inertia identified before the change are kept, and inertia is part of
-    # the torque of a nominal arm.
-    nominal = None if any(effect.name in MOTION_EFFECTS for effect in model.applied.effects) \
-        else geometry
-    kept = model.nuisance if nominal is None else model.nuisance.without(INERTIA)
-    samples = replace(measured, tau=measured.tau - nuisance_torque(kept, measured))
+    # Friction and offsets identified before the change are kept.
+    with_dynamics = any(effects.has(DYNAMICS, None) for effects in (model.applied, model.fitted))
+    nominal = None if with_dynamics else geometry
+    samples = replace(measured, tau=measured.tau - fitted_torque(model, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
-    reversal = sigma ** 2 / (sigma ** 2 + reversal_std(kept, measured) ** 2)
+    reversal = sigma ** 2 / (sigma ** 2 + reversal_std(model, measured) ** 2)
     new = _new_samples(model, samples, sigma, reversal)
     if nominal is not None:
         samples = _without_motion(model, samples, new, nominal)
@@ -121,10 +124,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     report = details(model, step, measured, rmse, sigma)
     provenance = {**model.provenance,
                   'updates': [*model.provenance.get('updates', []), report.to_json()]}
-    nuisance = step.model.nuisance
-    if nuisance.noise.size:
-        nuisance = replace(nuisance, noise=sigma)
-    updated = replace(step.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
+    updated = replace(step.model, noise=np.maximum(sigma, rmse), residual_std=sigma,
                       coverage=_coverage(model, samples), provenance=provenance,
                       payload_path=payload_path(model, step.model))
     return UpdateResult(updated, report)
@@ -175,10 +175,39 @@ def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
     base = GravityModel.from_energy(
         geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
-    direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
-    return replace(base, applied=replace(model.applied, direction=direction),
-                   history=model.history, nuisance=model.nuisance.in_order(order),
-                   geometry=geometry)
+    residual = None if model.residual_std is None else model.residual_std[order]
+    applied, fitted = effects_on_axes(model)
+    return replace(base, applied=applied, history=model.history, fitted=fitted,
+                   residual_std=residual, geometry=geometry)
+
+
+def effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
+    """
+    Return the predicted and the fitted effects of a model whose gravity is put on known axes.
+
+    Dynamics with lengths between axes have no coefficients there; a nominal arm replaces them.
+    """
+    if model.geometry is not None:
+        return model.applied, model.fitted
+    return model.applied.without({DYNAMICS}), model.fitted.without({DYNAMICS})
+
+
+def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return the standard deviation (M, N) in N·m of Coulomb friction near reversals.
+
+    The speed over which friction reverses depends on load and lubrication. In samples other than
+    those of the fit it is uncertain by the factor `_WIDTH_FACTOR`.
+    """
+    motion, std = motion_of(model, samples), np.zeros(samples.q.shape)
+    for effect in (*model.applied.effects, *model.fitted.effects):
+        if effect.name == COULOMB and effect.joint is not None:
+            n, (size,) = model.joints.index(effect.joint), effect.coefficients.values()
+            wide, narrow = (motion.direction(n, {name: factor * value for name, value in
+                                                 law_of(effect.setting).items()})
+                            for factor in (_WIDTH_FACTOR, 1.0 / _WIDTH_FACTOR))
+            std[:, n] = 0.5 * np.abs(size.value * (wide - narrow))
+    return std
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,

@@ -120,4 +120,4 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,
-                   nuisance=model.nuisance, geometry=model.geometry)
+                   fitted=model.fitted, residual_std=model.residual_std, geometry=model.geometry)

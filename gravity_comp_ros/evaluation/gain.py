@@ -2,8 +2,7 @@
 Gain of an effect in held-out error, block by block, and its significance.
 
 A gain is the mean over blocks of log(error before / error after), tested by Student's t over
-blocks. The logarithm limits the weight of a single block with a wrong fit or a disturbance. Two
-kinds of effect act in few blocks only and have tests of their own.
+blocks. The logarithm limits the weight of a single block with a wrong fit or a disturbance.
 """
 
 from __future__ import annotations
@@ -39,36 +38,6 @@ def gain(before: FloatArray, after: FloatArray, tests: float) -> Gain:
     return Gain(d, share(before, after), min(1.0, tests * _p(d, float(d.std(ddof=1)))))
 
 
-def gain_in_few_blocks(before: FloatArray, after: FloatArray, tests: float) -> Gain:
-    """
-    Return the gain of an effect that acts in few blocks only, as `gain` does.
-
-    The standard deviation is that of the blocks below the median: random gains are symmetric
-    about it, and large gains in a few blocks must not increase the uncertainty.
-    """
-    d = log_ratio(before, after)
-    return Gain(d, share(before, after), min(1.0, tests * _p(d, _std_below_median(d))))
-
-
-def gain_of_fast_motion(before: FloatArray, after: FloatArray, tests: float) -> Gain:
-    """
-    Return the gain of an effect that only fast motion excites.
-
-    As `gain_in_few_blocks`, but the test uses the decrease of each block's RMSE: relative changes
-    of the small errors in slow blocks are no evidence against a torque of acceleration.
-    """
-    decrease = (np.sqrt(before) - np.sqrt(after)).sum(axis=1)
-    d = log_ratio(before, after)
-    p = _p(decrease, _std_below_median(decrease)) if d.mean() > 0.0 else 1.0
-    return Gain(d, share(before, after), min(1.0, p * tests))
-
-
-def _std_below_median(d: FloatArray) -> float:
-    """Return a standard deviation from the values below the median."""
-    below = np.minimum(d - np.median(d), 0.0)
-    return float(np.sqrt(2.0 * (below ** 2).mean()))
-
-
 def _p(d: FloatArray, std: float) -> float:
     """Return the p-value of Student's one-sided test for a mean above 0."""
     error = max(std / np.sqrt(len(d)), 1e-300)
@@ -80,12 +49,6 @@ def share(before: FloatArray, after: FloatArray) -> float:
     of_all = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
     typical = 1.0 - float(np.exp(-log_ratio(before, after).mean() / before.shape[1]))
     return max(of_all, typical)
-
-
-def within_standard_error(better: FloatArray, other: FloatArray) -> bool:
-    """Return whether errors `other` (B, J) are within one standard error of `better`."""
-    excess = log_ratio(other, better)
-    return bool(excess.mean() <= excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
 def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:

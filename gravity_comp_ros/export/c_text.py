@@ -207,8 +207,7 @@ FUNCTIONS = {
     'gc_ramp': """\
 static gc_real gc_ramp(gc_real x)
 {
-    const gc_real half = GC_C(0.5) * x;
-    return half > GC_C(1.0) ? GC_C(1.0) : half < GC_C(-1.0) ? GC_C(-1.0) : half;
+    return x > GC_C(1.0) ? GC_C(1.0) : x < GC_C(-1.0) ? GC_C(-1.0) : x;
 }
 """,
     'gc_beyond': """\

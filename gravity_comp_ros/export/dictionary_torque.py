@@ -3,19 +3,18 @@ The torque of an effect as a sum over the dictionary, if it is one.
 
 A sum over products of one factor {1, sin q_n, cos q_n} per joint is determined by its values at
 the 3^N poses whose angles are 0 and ±2 pi / 3: along each joint, three values give the three
-weights. Other poses, speeds and times show whether the torque is such a sum.
+weights. Other poses and speeds show whether the torque is such a sum.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.effect import Needs
+from gravity_comp_ros.effects.predict import installed, torque_of
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
+from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of as sums_at
 import numpy as np
 
 # Number of joints up to which 3^N poses are evaluated at once.
@@ -31,26 +30,25 @@ def dictionary_torque(model: GravityModel, effect: AppliedEffect
     n = model.n_joints
     if n > _MAX_JOINTS:
         return None
-    alone = replace(model, applied=replace(model.applied, effects=(effect,)), history=())
     angles = np.array([0.0, 2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0])
     grid = np.stack(np.meshgrid(*n * [angles], indexing='ij'), axis=-1).reshape(-1, n)
     rng = np.random.default_rng(0)
     others, speeds = rng.uniform(-3.0, 3.0, (_CHECKED, n)), rng.normal(0.0, 1.0, (_CHECKED, n))
     try:
-        at_grid = effect_torque(alone, _at(model, grid, 0.0 * grid))
-        at_others = effect_torque(alone, _at(model, others, speeds))
+        if installed(effect).needs is not Needs.SPEED:
+            return None
+        at_grid = torque_of(model, [effect], _at(model, grid, 0.0 * grid))
+        at_others = torque_of(model, [effect], _at(model, others, speeds))
     except GravityCompError:
         return None
     scale = float(np.abs(at_grid).max(initial=1e-9))
     torques = tuple(_sum(values, scale, n) for values in at_grid.T)
-    deviation = np.abs(torque_of(torques, others) - at_others).max()
+    deviation = np.abs(sums_at(torques, others) - at_others).max()
     return torques if deviation <= 1e3 * _ROUNDING * scale else None
 
 
 def _at(model: GravityModel, q: FloatArray, qd: FloatArray) -> JointSamples:
-    """Return samples at these poses over several minutes."""
-    return JointSamples.single_run(model.joints, np.linspace(0.0, 600.0, len(q)), q, qd,
-                                   np.zeros_like(q))
+    return JointSamples.single_run(model.joints, np.arange(len(q)), q, qd, np.zeros_like(q))
 
 
 def _sum(values: FloatArray, scale: float, n: int) -> Expansion:

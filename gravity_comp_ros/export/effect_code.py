@@ -2,9 +2,10 @@
 C statements of the effects of a model whose torque depends on pose and speed alone.
 
 Each law repeats the equation of its effect (`effects`), with g the gravity torque and d the
-direction of motion; tests compare both. An effect without a law here, such as a base tilt, is
+direction of motion; tests compare both. An effect without a law here, such as a tool force, is
 written as a sum over the dictionary if its torque is one (`dictionary_torque`). Others depend on
-time, on earlier samples or on acceleration, and are left out with the reason.
+time, on earlier samples or on acceleration, and are left out with the reason. So is friction whose
+direction depends on the path (`distance`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.export.dictionary_torque import dictionary_torque
 from gravity_comp_ros.export.gravity_code import sum_code
@@ -19,6 +21,7 @@ from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 
+_NOT_A_FUNCTION = 'its torque is not a function of pose and speed alone'
 # Coefficient symbols, and settings that remain numbers; other settings select the code.
 Law = Callable[['_Effect'], str]
 
@@ -45,7 +48,6 @@ class _Effect:
     model: GravityModel
     effect: AppliedEffect
     numbers: Numbers
-    widths: dict[int, str]
     used: set[str] = field(default_factory=set)
 
     @property
@@ -70,18 +72,16 @@ class _Effect:
         """Return the expression of a nonlinear parameter."""
         return self.numbers.add(f'{self._name()} {name}', self.effect.setting[name], positive)
 
-    def choice(self, name: str, default: float = 0.0) -> float:
+    def choice(self, name: str) -> float:
         """Return a nonlinear parameter that selects the code."""
-        return float(self.effect.setting.get(name, default))
+        return float(self.effect.setting[name])
 
-    def direction(self) -> str:
-        """Return the expression of the joint's direction of motion, -1 to 1."""
-        n, shape = self.joint, self.model.applied.direction
-        if n not in self.widths:
-            self.widths[n] = self.numbers.add(f'{self.model.joints[n]} direction width rad/s',
-                                              shape['width'][n], positive=True)
-        ramp = 'ramp' in shape and bool(shape['ramp'][n])
-        return smooth(self.qd, self.widths[n], ramp)
+    def direction(self, speed: str = '') -> str:
+        """Return the direction of a speed, by default the joint's (`smooth_sign`), -1 to 1."""
+        speed = speed or self.qd
+        if 'ramp' in self.effect.setting:
+            return f'gc_ramp({speed} / {self.setting("ramp", positive=True)})'
+        return f'GC_TANH({speed} / {self.setting("width", positive=True)})'
 
     def _name(self) -> str:
         """Return the target with the settings that select the code."""
@@ -90,12 +90,7 @@ class _Effect:
         return ' '.join([self.effect.target, *chosen])
 
 
-_CHOICES = ('side', 'order', 'overtones', 'partner', 'sign', 'ramp', 'power')
-
-
-def smooth(speed: str, width: str, ramp: bool) -> str:
-    """Return the expression of a smoothed sign (`effects.motion_direction.smooth_sign`)."""
-    return f'gc_ramp({speed} / {width})' if ramp else f'GC_TANH({speed} / {width})'
+_CHOICES = ('side', 'order', 'overtones', 'partner', 'sign', 'power')
 
 
 def _hinge(e: _Effect) -> str:
@@ -105,7 +100,7 @@ def _hinge(e: _Effect) -> str:
 def _spring(e: _Effect) -> str:
     orders = range(2, int(e.choice('overtones')) + 2)
     if not orders:
-        return f'{e.c("k")} * ({e.q} - {e.setting("centre")})'
+        return f'{e.c("k")} * ({e.q} - {e.setting("centre")}) + {e.c("m")}'
     return ' + '.join([f'{e.c(f"a_{m}")} * GC_SIN(GC_C({m}.0) * {e.q})' for m in orders]
                       + [f'{e.c(f"b_{m}")} * GC_COS(GC_C({m}.0) * {e.q})' for m in orders])
 
@@ -115,7 +110,7 @@ def _cable(e: _Effect) -> str:
     if not e.choice('side'):
         twist = f'({e.q} - {e.setting("start")})'
         return f'{k} * gc_cubic{twist[:-1]}, {e.setting("half", positive=True)})'
-    order = e.choice('order', 1.0)
+    order = e.choice('order')
     if order == 1.0:
         return f'{k} * {_hinge(e)}'
     return (f'{k} * gc_power({_hinge(e)}, {e.setting("half", positive=True)}, '
@@ -134,9 +129,7 @@ def _stribeck(e: _Effect) -> str:
 
 def _coupled(e: _Effect) -> str:
     partner, sign = int(e.choice('partner')) - 1, '+' if e.choice('sign') > 0 else '-'
-    width = e.setting('width', positive=True)
-    speed = f'({e.qd} {sign} qd[{partner}])'
-    return f'{e.c("F_k")} * {smooth(speed, width, bool(e.choice("ramp")))}'
+    return f'{e.c("F_k")} * {e.direction(f"({e.qd} {sign} qd[{partner}])")}'
 
 
 STATIC: Mapping[str, Law] = {
@@ -169,18 +162,20 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
     lines: dict[bool, list[str]] = {True: [], False: []}
     included: list[str] = []
     left_out: dict[str, str] = {}
-    widths: dict[int, str] = {}
     for effect in model.applied.effects:
         law = STATIC.get(effect.name) or FRICTION.get(effect.name)
+        if 'distance' in law_of(effect.setting):
+            left_out[effect.target] = _NOT_A_FUNCTION
+            continue
         if law is None or effect.joint is None:
             torques = dictionary_torque(model, effect)
             if torques is None:
-                left_out[effect.target] = 'its torque is not a function of pose and speed alone'
+                left_out[effect.target] = _NOT_A_FUNCTION
             else:
                 lines[True] += sum_code(model.joints, torques, numbers, f'{effect.target} ')
                 included.append(effect.target)
             continue
-        trial = _Effect(model, effect, Numbers(), dict(widths))
+        trial = _Effect(model, effect, Numbers())
         try:
             law(trial)
             if trial.used != set(effect.coefficients):
@@ -189,7 +184,7 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
             left_out[effect.target] = ('its coefficients or nonlinear parameters are not those '
                                        'of the law that is exported')
             continue
-        written = _Effect(model, effect, numbers, widths)
+        written = _Effect(model, effect, numbers)
         is_static = effect.name in STATIC
         lines[is_static].append(f'    tau[{written.joint}] += {law(written)};')
         included.append(effect.target)

@@ -6,10 +6,9 @@ Data only: reading a model file must not require the library of effects, which c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
@@ -71,29 +70,21 @@ def target(name: str, joint: str | None) -> str:
 @dataclass(frozen=True, eq=False)
 class Applied:
     """
-    All effects of a model.
+    A set of effects of a model.
 
-    `direction` are the parameters of the direction of motion in the fitted data, by name, (N,)
-    each. `width` in rad/s, the speed over which friction changes sign, is always among them.
-
-    :raises DataError: if effects come without these parameters, one is not finite or negative, or
-        an effect is given twice.
+    :raises DataError: if an effect is given twice.
     """
 
     effects: tuple[AppliedEffect, ...] = ()
-    direction: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        arrays = {name: np.asarray(x, dtype=np.float64) for name, x in self.direction.items()}
-        for name, array in arrays.items():
-            if array.ndim != 1 or not np.isfinite(array).all() or (array < 0.0).any():
-                raise DataError(f'effects: a {name} of the direction is negative or not finite')
-        object.__setattr__(self, 'direction', arrays)
-        if self.effects and not (arrays.get('width', np.zeros(1)) > 0.0).all():
-            raise DataError('effects: the width of the direction is missing')
         targets = [effect.target for effect in self.effects]
         if len(set(targets)) < len(targets):
             raise DataError(f'effects: one is given twice among {", ".join(targets)}')
+
+    def without(self, targets: Collection[str]) -> Applied:
+        """Return the set without some targets."""
+        return Applied(tuple(e for e in self.effects if e.target not in targets))
 
     def has(self, name: str, joint: str | None) -> bool:
         """Return whether the model has this effect."""

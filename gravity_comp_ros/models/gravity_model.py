@@ -17,7 +17,6 @@ from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import NuisanceTerms
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import Uncertainty
@@ -87,7 +86,9 @@ class GravityModel:
     chain from which the energy was expanded, None in other formulations; `uncertainty` is None for
     `per_joint`. `applied` are effects in addition to gravity; `predict` returns gravity alone, and
     `effects.predict` adds them. `history` lists the changes of the model, the latest last.
-    `nuisance` are terms fitted jointly with gravity and not predicted. `payload_path` is the
+    `fitted` are effects that were found in the fitted data and are not predicted: adding one moves
+    it to `applied`. `residual_std` (N,) in N·m is the residual's standard deviation with all of
+    them, None if it is that of the prediction. `payload_path` is the
     energy in J that a payload added; it determines how a load acts on the joints of an arm of
     unknown lengths (`estimation.payload_path`). `geometry` are the axes of the arm, if the chain
     was fitted on those of a description.
@@ -107,7 +108,8 @@ class GravityModel:
     uncertainty: Uncertainty | None = None
     applied: Applied = Applied()
     history: tuple[Step, ...] = ()
-    nuisance: NuisanceTerms = NuisanceTerms()
+    fitted: Applied = Applied()
+    residual_std: FloatArray | None = None
     payload_path: Expansion | None = None
     geometry: Geometry | None = None
 
@@ -127,12 +129,9 @@ class GravityModel:
         if self.geometry is not None and self.geometry.joints != self.joints:
             raise DataError(f'model: a geometry of {", ".join(self.geometry.joints)}, but joints '
                             f'{", ".join(self.joints)}')
-        for effect in self.applied.effects:
+        for effect in (*self.applied.effects, *self.fitted.effects):
             if effect.joint is not None and effect.joint not in self.joints:
                 raise DataError(f'model: effect {effect.target} is on an unknown joint')
-        for name, numbers in self.applied.direction.items():
-            if len(numbers) != n:
-                raise DataError(f'model: {name} of the direction for {len(numbers)} of {n} joints')
 
     @classmethod
     def from_energy(cls, joints: tuple[str, ...], formulation: str, energy: Expansion,
@@ -152,7 +151,7 @@ class GravityModel:
     @property
     def noise_with_nuisance(self) -> FloatArray:
         """Return the residual's standard deviation (N,) in N·m with nuisance terms fitted."""
-        return self.nuisance.noise if self.nuisance.noise.size else self.noise
+        return self.noise if self.residual_std is None else self.residual_std
 
     def predict(self, q: FloatArray) -> FloatArray:
         """

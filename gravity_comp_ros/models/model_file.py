@@ -20,15 +20,12 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel, Step
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import NuisanceTerm, NuisanceTerms
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty, Uncertainty
 import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
-# Models with effects have a version of their own, so that a program without support for effects
-# refuses them instead of predicting gravity alone. Models of gravity alone keep version 1.
-_GRAVITY_ONLY, _WITH_EFFECTS = 1, 2
+VERSION = 3
 # Maximum size of a model file; ten joints with every feature take 2 MB.
 _MAX_BYTES = 64 * 2 ** 20
 
@@ -44,8 +41,7 @@ def save_model(path: Path | str, model: GravityModel) -> None:
         body = _to_json(model)
     except (TypeError, ValueError) as problem:
         raise ModelFileError(f'cannot write model {path}: {problem}') from problem
-    version = _WITH_EFFECTS if 'applied' in body else _GRAVITY_ONLY
-    document = {'format': FORMAT, 'version': version, 'sha256': _checksum(body), 'model': body}
+    document = {'format': FORMAT, 'version': VERSION, 'sha256': _checksum(body), 'model': body}
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     write_atomically(Path(path), text.encode(), ModelFileError)
 
@@ -72,9 +68,9 @@ def load_model(path: Path | str) -> GravityModel:
     document = _read(path)
     if document.get('format') != FORMAT:
         raise ModelFileError(f'{path} is not a model file of this package')
-    if document.get('version') not in (_GRAVITY_ONLY, _WITH_EFFECTS):
+    if document.get('version') != VERSION:
         raise ModelFileError(f'{path} has version {document.get("version")!r}; this program '
-                             f'reads versions {_GRAVITY_ONLY} and {_WITH_EFFECTS}')
+                             f'reads version {VERSION}. Fit the model again')
     body = document.get('model')
     if not isinstance(body, dict) or not _is_signed(body, document.get('sha256')):
         raise ModelFileError(f'{path} is damaged: its checksum does not match. Fit it again or '
@@ -140,8 +136,10 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
                          'moments': model.chain.moments.tolist()}
     if model.uncertainty is not None:
         body['covariance'] = model.uncertainty.covariance.tolist()
-    if model.nuisance.width.size:
-        body['nuisance'] = model.nuisance.to_json()
+    if model.fitted.effects:
+        body['fitted'] = [_effect_json(effect) for effect in model.fitted.effects]
+    if model.residual_std is not None:
+        body['residual_std'] = model.residual_std.tolist()
     if model.payload_path is not None:
         body['payload_path'] = _terms(model.payload_path)
     if model.geometry is not None:
@@ -157,9 +155,7 @@ def _terms(expansion: Expansion) -> dict[str, list]:
 
 
 def _applied_json(model: GravityModel) -> dict[str, Any]:
-    applied = model.applied
-    return {'direction': {name: x.tolist() for name, x in applied.direction.items()},
-            'effects': [_effect_json(effect) for effect in applied.effects],
+    return {'effects': [_effect_json(effect) for effect in model.applied.effects],
             'history': [_step_json(step) for step in model.history]}
 
 
@@ -177,8 +173,10 @@ def _step_json(step: Step) -> dict[str, Any]:
 
 def _from_json(body: dict[str, Any]) -> GravityModel:
     model = _gravity(body)
-    if 'nuisance' in body:
-        model = replace(model, nuisance=_nuisance(body['nuisance']))
+    if 'fitted' in body:
+        model = replace(model, fitted=Applied(tuple(map(_effect, body['fitted']))))
+    if 'residual_std' in body:
+        model = replace(model, residual_std=_floats(body['residual_std']))
     if 'payload_path' in body:
         model = replace(model, payload_path=_expansion(body['payload_path']))
     if 'geometry' in body:
@@ -186,20 +184,9 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
     if 'applied' not in body:
         return model
     parts = body['applied']
-    applied = Applied(tuple(_effect(effect) for effect in parts['effects']),
-                      {name: _floats(x) for name, x in parts['direction'].items()})
+    applied = Applied(tuple(_effect(effect) for effect in parts['effects']))
     return replace(model, applied=applied,
                    history=tuple(_step(step) for step in parts['history']))
-
-
-def _nuisance(parts: dict[str, Any]) -> NuisanceTerms:
-    terms = tuple(
-        NuisanceTerm(_text(term['kind']), _text(term['joint']), float(term['value']),
-                     float(term['std']),
-                     None if term['source'] is None else _text(term['source']))
-        for term in parts['terms'])
-    return NuisanceTerms(terms, _floats(parts['width']), _floats(parts['hold']),
-                         _floats(parts['noise']), _floats(parts.get('ramp', [])))
 
 
 def _effect(parts: dict[str, Any]) -> AppliedEffect:

@@ -293,9 +293,10 @@ def _no_fault(table: Hypotheses, explained: float, unchanged: float,
     combined = ('a body explains the change only with an effort of {} of {:.3g} times the earlier '
                 'one: its sensor or its drive is faulty')
     every = ('the effort of {} is {:.3g} times the earlier one: another unit or gain, no payload')
-    faults = [*((alone, name, 0.0, table.gain(k)) for k, name in enumerate(names)),
-              *((combined, name, OPTIONS.both_odds, table.body_and_gain(k))
-                for k, name in enumerate(names)), (every, 'all joints', 0.0, table.factor())]
+    loaded = table.loaded_joints()
+    faults = [*((alone, names[k], 0.0, table.gain(k)) for k in loaded),
+              *((combined, names[k], OPTIONS.both_odds, table.body_and_gain(k)) for k in loaded),
+              (every, 'all joints', 0.0, table.factor())]
     lead, text = -np.inf, ''
     for sentence, name, odds, fit in faults:
         change, evidence = float(fit.mean[0]), fit.log_evidence - odds

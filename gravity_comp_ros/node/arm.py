@@ -22,7 +22,7 @@ from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.realtime_effects import EffectsInUse
 from gravity_comp_ros.node.sent_torque import SentTorqueHistory
 from gravity_comp_ros.node.slow_samples import (
-    DelayedSamples, expected_residual, LiveNuisance, residual_noise, SlowSample)
+    DelayedSamples, expected_residual, LiveResidual, residual_noise, SlowSample)
 from gravity_comp_ros.node.torque_source import TorqueSource, UncertainChange
 from gravity_comp_ros.node.watch import ModelWatch, PayloadWatch
 import numpy as np
@@ -51,7 +51,7 @@ class Arm:
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.payload = PayloadWatch(joints, settings.suspect_after)
         self._watch: ModelWatch | None = None
-        self._nuisance: LiveNuisance | None = None
+        self._residual: LiveResidual | None = None
         # Sums of squared residuals since the last report: with and without nuisance terms.
         self._squares = np.zeros((2, len(joints)))
         self.n_residual = 0
@@ -135,7 +135,7 @@ class Arm:
         """
         self._model = model
         self._watch = ModelWatch(model, before, learned)
-        self._nuisance = LiveNuisance(model)
+        self._residual = LiveResidual(model)
         self.payload.forget()
         self._effects = EffectsInUse(model, self._settings)
         self._source, self._change, self._share = TorqueSource.of(model), change, None
@@ -199,13 +199,12 @@ class Arm:
     def _record_residual(self, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics, model watch and payload watch."""
         reading, model = sample.reading, self._model
-        if model is None or self._watch is None or self._nuisance is None:
+        if model is None or self._watch is None or self._residual is None:
             return
         q, qd, tau = reading.q, reading.qd, reading.tau
         qdd = reading.acceleration() if sample.qdd is None else sample.qdd
         gravity = model.predict_one(q)
-        error = tau - self._effects.predicted(reading, gravity)
-        residual = error - self._nuisance.torque(q, qd, qdd)
+        error, residual = self._residual.of(sample, gravity, qdd)
         self._squares += np.square([error, residual])
         self.n_residual += 1
         if self.distance(q).any():

@@ -30,13 +30,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.slow_samples import moving_rms
+from gravity_comp_ros.node.slow_samples import friction_size, moving_rms, rms, TYPICAL_SPEED
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.
@@ -51,9 +51,7 @@ _MOMENT_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)
 _BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
 # Prior standard deviations relative to friction: of friction and of offset, both plus noise.
 _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
-# Speed at which the prior torque of a viscous term is that of the noise, rad/s.
-_TYPICAL_SPEED = 0.1
-# Speed over which friction changes its sign where the model has no width, rad/s.
+# Speed over which friction changes its sign where the model has no law of it by speed, rad/s.
 _WIDTH = 0.01
 
 
@@ -148,6 +146,10 @@ class Hypotheses:
         knots = np.arange(0.0, t[-1] + _FORCE_TIME, _FORCE_TIME)
         hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
         return self.explain(self.body, _FORCE_STD * np.tile(hats, self._noise.size) * torque)
+
+    def loaded_joints(self) -> list[int]:
+        """Return the joints whose torque exceeds the noise; others have no gain to test."""
+        return np.flatnonzero(rms(self.before) > self._noise).tolist()
 
     def gain(self, joint: int) -> Explanation:
         """Return the fit of another gain of one joint, and a constant torque of it."""
@@ -244,17 +246,17 @@ def _friction_columns(samples: JointSamples, friction: FloatArray, model: Gravit
                       noise: FloatArray) -> FloatArray:
     """Return columns (3N, N, M) of friction and offset that may have changed."""
     m, n = samples.q.shape
-    kinds = model.nuisance.of(COULOMB), model.nuisance.of(VISCOUS)
-    width = model.nuisance.width if model.nuisance.width.size else np.full(n, _WIDTH)
+    sizes = friction_size(model)
+    laws = {effect.joint: speed_law(effect.setting, _WIDTH) for effect in (
+        *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
-        coulomb, viscous = (abs(kind[name].value) if name in kind else 0.0 for kind in kinds)
-        # Includes friction that is an effect of the model.
-        size = max(coulomb, float(np.abs(friction[:, k]).max(initial=0.0)))
+        # Includes a torque at rest.
+        size = max(float(sizes[k]), float(np.abs(friction[:, k]).max(initial=0.0)))
         qd = samples.qd[:, k]
         columns[k, :, k] = [
-            (noise[k] + _FRICTION_STD * size) * np.tanh(qd / max(width[k], 1e-9)),
-            qd * (noise[k] / _TYPICAL_SPEED + _FRICTION_STD * viscous),
+            (noise[k] + _FRICTION_STD * size) * smooth_sign(qd, laws.get(name, {'width': _WIDTH})),
+            (noise[k] + _FRICTION_STD * size) * qd / TYPICAL_SPEED,
             np.full(m, noise[k] + _OFFSET_STD * size)]
     return columns.reshape(3 * n, n, m)
 

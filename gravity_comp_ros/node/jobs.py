@@ -7,36 +7,31 @@ leaves the decision about a result to `acceptance`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 import time
 
 from gravity_comp_ros.data.runs import in_one_run
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.effects.predict import effect_torque, predict_torque
+from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, FitError, GravityCompError, ModelMismatchError
+from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation import robust
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
-from gravity_comp_ros.estimation.payload_estimate import on_known_axes
+from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
+from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.estimation.payload_path import payload_path
+from gravity_comp_ros.estimation.refit import fit_options_of
+from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
-from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.models.nuisance import INERTIA
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import compare, Prediction, reference_noise
 from gravity_comp_ros.node.checks import Check
@@ -54,7 +49,6 @@ import numpy as np
 MIN_FULL_FIT_SAMPLES = 100
 # Kind of a fit, as in replies and diagnostics.
 CHANGE, FULL_FIT = 'change of the old model', 'full fit'
-SPARSE = f'{FULL_FIT}, potential'
 # Margin of the held-out error by which a sparse potential must beat a chain, and a full fit a
 # change of the old model. On about thirty held-out samples a model that was wrong at other poses
 # was better by a tenth.
@@ -63,11 +57,10 @@ _SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
 MAX_OUTLIERS = 0.3
-# Number of poses drawn from the trained range for a chain, and of those with the smallest
-# standard deviation; largest RMS error of the chain in units of the model's noise.
-_DRAWN, _KEPT, _MAX_ERROR = 600, 200, 1.0
-# A candidate model, with how it was fitted.
+# A candidate model, with how it was fitted; a torque of a model at samples (M, N), N·m.
 Candidate = tuple[str, GravityModel]
+Torque = Callable[[GravityModel, JointSamples], FloatArray]
+_chains = ChainOfModel()
 
 
 def fitting() -> Work:
@@ -89,21 +82,24 @@ def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
     :raises DataError: if there are too few samples.
     """
     start = time.monotonic()
-    diagnosis = diagnose(job.samples, job.model)
+    options = FitOptions() if job.model is None else fit_options_of(job.model)
+    estimated = estimate(job.samples, options, old=job.model)
+    diagnosis = conclude(estimated, job.model)
     # Named as `gravity_comp add` and the parameter `effects` accept them.
     ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
                         for item in diagnosis.findings)
-    lines = [wording.verdict(diagnosis), *filter(None, [ranking, _next_motion(job, diagnosis)]),
+    motion = _next_motion(job, estimated, diagnosis)
+    lines = [wording.verdict(diagnosis), *filter(None, [ranking, motion]),
              f'{len(job.samples)} slow samples, {time.monotonic() - start:.1f} s']
     return DiagnosisResult(job.number, ' | '.join(lines))
 
 
-def _next_motion(job: DiagnosisJob, diagnosis: Diagnosis) -> str:
+def _next_motion(job: DiagnosisJob, estimated: Estimate, diagnosis: Diagnosis) -> str:
     """Return the motion that resolves open findings as text; empty if there is none."""
     if job.model is None:
         return ''
     try:
-        planned = plan(job.samples, job.model, diagnosis=diagnosis)
+        planned = plan(job.samples, job.model, diagnosis=diagnosis, estimated=estimated)
     except GravityCompError:
         return ''
     parts = '; '.join(part.sentence for part in planned.parts)
@@ -118,8 +114,8 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     if chain is None or chain.joints != samples.names:
         return PayloadResult(job.number, False, True, 'the effort has changed; a payload cannot '
                              'be tested, because no serial chain explains this arm', since)
-    others = effect_torque(model, samples) + nuisance_torque(model.nuisance, samples)
-    gravity, noise = without_torque(model, samples, others), residual_noise(model)
+    others = effect_torque(model, samples) + fitted_torque(model, samples)
+    gravity, noise = replace(samples, tau=samples.tau - others), residual_noise(model)
     table = Hypotheses(gravity, others, model, chain, noise, job.payload,
                        axes_under(chain, job.geometry))
     reference = reference_noise(expected_residual(model), gravity, table.before)
@@ -221,10 +217,9 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
 
 
 def _converged(model: GravityModel, job: FitJob) -> Check:
-    options = FitOptions(model.formulation,
-                         geometry=job.geometry if model.geometry is not None else None)
+    options = _options(job, model.formulation)
     why = convergence_objection(model, job.train, residual_noise(model),
-                                lambda early: full_fit(replace(job, train=early), options))
+                                lambda part: full_fit(replace(job, train=part), options))
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
@@ -295,7 +290,7 @@ def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, 
     best = predicted(model, job)
     for name, other in others:
         prediction = predicted(other, job)
-        margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN if name == SPARSE else 0.0
+        margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN
         if compare(prediction, best, job.train, job.held_out, margin=margin).is_better:
             how, model, best = name, other, prediction
     return how, model, best
@@ -340,32 +335,41 @@ def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidat
     """
     Yield models fitted to the samples alone, of the formulation of the job.
 
-    With `auto` these are the chain and then the sparse potential by ADMM; known axes are tested
-    against the samples (`estimation.formulation_choice`).
+    With `auto` these are the chain, which may fail, and the potential.
     """
-    if job.formulation != 'auto':
-        yield first or (FULL_FIT, full_fit(job, FitOptions(job.formulation)))
-        return
-    if first is not None and first[0] == SPARSE:
-        # The chain has failed.
-        yield first
-        return
-    known = job.geometry is not None and job.geometry.joints == job.train.names
-    options = FitOptions('auto', geometry=job.geometry) if known else FitOptions('chain')
-    # The sparse fit must succeed; the chain may fail.
-    with suppress(FitError, DataError):
-        yield first or (f'{FULL_FIT}, chain', full_fit(job, options))
-    yield SPARSE, full_fit(job, FitOptions('potential'))
+    formulations = ('chain', 'potential') if job.formulation == 'auto' else (job.formulation,)
+    for formulation in formulations:
+        how = f'{FULL_FIT}, {formulation}'
+        with suppress(FitError, DataError) if formulation != formulations[-1] else nullcontext():
+            yield first if first is not None and first[0] == how else (
+                how, full_fit(job, _options(job, formulation)))
+
+
+def _options(job: FitJob, formulation: str) -> FitOptions:
+    """Return the options of a full fit, with known axes if it uses them."""
+    known = formulation == 'chain' and job.geometry is not None \
+        and job.geometry.joints == job.train.names
+    return FitOptions(formulation, geometry=job.geometry if known else None)
 
 
 def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
-    """Return a model fitted to the training samples alone, with the requested effects."""
-    # Without a request the effects of the model in use are fitted again.
+    """
+    Return a model fitted to the training samples alone, with the requested effects.
+
+    Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
+    gravity, and what holds the arm must not be assigned to another effect.
+
+    :raises FitError: if there are too few samples.
+    :raises DataError: if the samples do not excite a requested effect.
+    """
+    # Without a request the effects of the model in use are predicted again.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
     requested = requests(targets, job.train.names)
-    model = (fit_with_effects(job.train, job.train, requested, options).joint.model if requested
-             else fit(job.train, options).model)
+    names = {request.effect.name for request in requested}
+    tested = [effect for effect in all_effects().values()
+              if not effect.resembles_gravity or effect.name in names]
+    model = requested_fit(job.train, requested, options, tested).model
     if job.base is None or job.base.joints != model.joints:
         return model
     # Distances learned from earlier payloads stay valid.
@@ -374,15 +378,17 @@ def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
 
 def predicted(model: GravityModel, job: FitJob) -> Prediction:
     """Return the torque of a model at the samples of a job, effects included."""
-    return Prediction(predict_torque(model, job.train), predict_torque(model, job.held_out),
-                      residual_noise(model),
-                      *interleaved_nuisance(model, job.train, job.held_out))
+    def both(torque: Torque) -> tuple[FloatArray, FloatArray]:
+        return interleaved(lambda samples: torque(model, samples), job.train, job.held_out)
+
+    (train, held_out), (fitted, fitted_held_out) = both(predict_torque), both(fitted_torque)
+    return Prediction(train, held_out, residual_noise(model), fitted, fitted_held_out)
 
 
-def interleaved_nuisance(model: GravityModel, train: JointSamples,
-                         held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
+def interleaved(torque: Callable[[JointSamples], FloatArray], train: JointSamples,
+                held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
     """
-    Return nuisance torque (M, N) in N·m at interleaved training and held-out samples.
+    Return a torque (M, N) in N·m at interleaved training and held-out samples.
 
     The direction of friction at rest follows from the path of the joint, so both sets are
     evaluated together in order of time.
@@ -390,106 +396,21 @@ def interleaved_nuisance(model: GravityModel, train: JointSamples,
     both = concatenate((train, held_out))
     order = np.argsort(both.t, kind='stable')
     if (np.diff(both.t[order]) <= 0.0).any():
-        return (nuisance_torque(model.nuisance, train),
-                nuisance_torque(model.nuisance, held_out))
-    torque = np.empty_like(both.tau)
-    torque[order] = nuisance_torque(model.nuisance, in_one_run(both, order))
-    return torque[:len(train)], torque[len(train):]
-
-
-def without_torque(model: GravityModel, samples: JointSamples,
-                   torque: FloatArray) -> JointSamples:
-    """
-    Return the samples minus a torque (M, N) in N·m that includes a model's nuisance terms.
-
-    If the model has inertia terms, the rest has no inertia: the accelerations are then 0.
-    """
-    qdd = np.zeros_like(samples.q) if model.nuisance.of(INERTIA) else samples.qdd
-    return replace(samples, tau=samples.tau - torque, qdd=qdd)
+        return torque(train), torque(held_out)
+    values = np.empty_like(both.tau)
+    values[order] = torque(in_one_run(both, order))
+    return values[:len(train)], values[len(train):]
 
 
 def _gravity_samples(model: GravityModel, job: FitJob) -> tuple[JointSamples, FloatArray]:
     """Return all samples without the effects and nuisance terms of a model, and these (M, N)."""
+    def others(samples: JointSamples) -> FloatArray:
+        return effect_torque(model, samples) + fitted_torque(model, samples)
+
     both = concatenate((job.train, job.held_out))
-    torque = effect_torque(model, both) + np.concatenate(
-        interleaved_nuisance(model, job.train, job.held_out))
-    return without_torque(model, both, torque), torque
+    torque = np.concatenate(interleaved(others, job.train, job.held_out))
+    return replace(both, tau=both.tau - torque), torque
 
 
 def _targets(model: GravityModel) -> set[str]:
     return {effect.target for effect in model.applied.effects}
-
-
-def axes_under(model: GravityModel, geometry: Geometry | None) -> Geometry | None:
-    """Return the axes of a chain, its own or those described; None if it has neither."""
-    for axes in (model.geometry, geometry):
-        if axes is not None and model.chain is not None and model.joints == axes.joints and (
-                np.abs(model.chain.axes[1:] - axes.rotations[1:]).max(initial=0.0) < 1e-6):
-            return axes
-    return None
-
-
-class BaseChains:
-    """
-    Converts models to chains, against which a change is tested; keeps the last one.
-
-    A potential model of a serial arm and its chain predict the same torque. A chain fitted to the
-    torque of a potential model, at the poses with the smallest standard deviation, separates the
-    gravity of that model by links.
-    """
-
-    def __init__(self) -> None:
-        self._key: bytes = b''
-        self._chain: GravityModel | None = None
-
-    def of(self, model: GravityModel, geometry: Geometry | None) -> GravityModel | None:
-        """Return the gravity of a model as a chain, None where no chain explains it."""
-        parts = [part for torque in model.torques for part in (torque.indices, torque.weights)]
-        if geometry is not None:
-            parts += [geometry.rotations, geometry.origins]
-        key = b'|'.join(np.ascontiguousarray(part).tobytes() for part in parts)
-        if key != self._key:
-            self._key, self._chain = key, as_chain(model, geometry)
-        return self._chain
-
-
-_chains = BaseChains()
-
-
-def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityModel | None:
-    """
-    Return the gravity of a model as a chain model of the same joints in the same order.
-
-    :param geometry: axes of the arm where they are known; the chain then has these axes.
-    """
-    if geometry is not None and geometry.joints == model.joints:
-        with suppress(ModelMismatchError, np.linalg.LinAlgError):
-            return _chain_model(model, *on_known_axes(model, geometry))
-    if model.chain is not None and model.uncertainty is not None:
-        return model
-    if model.uncertainty is None:
-        return None
-    rng = np.random.default_rng(0)
-    q = rng.uniform(model.coverage.q_min, model.coverage.q_max, (_DRAWN, model.n_joints))
-    noise = np.maximum(model.noise, 1e-3 * float(model.noise.max()) + 1e-9)
-    q = q[np.argsort((model.predict_std(q) / noise).max(axis=1))[:_KEPT]]
-    torque = model.predict(q)
-    samples = JointSamples.single_run(
-        model.joints, np.arange(len(q)), q, np.zeros_like(q),
-        torque + noise * rng.standard_normal(q.shape))
-    try:
-        result = fit_chain(samples)
-    except (FitError, DataError, np.linalg.LinAlgError):
-        return None
-    if (rms(result.chain.torque(q) - torque) > _MAX_ERROR * noise).any():
-        return None
-    return _chain_model(model, result.chain, result.covariance)
-
-
-def _chain_model(model: GravityModel, chain: Chain, covariance: FloatArray,
-                 geometry: Geometry | None = None) -> GravityModel:
-    result = GravityModel.from_energy(
-        model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
-        chain, ChainUncertainty(chain, covariance))
-    return replace(result, applied=model.applied, history=model.history, nuisance=model.nuisance,
-                   payload_path=model.payload_path, geometry=geometry)

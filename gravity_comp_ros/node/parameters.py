@@ -64,8 +64,9 @@ class Parameters:
         True, 'Fit automatically in an open epoch. If false, only `~/refit` fits.')
     formulation: str = parameter(
         'auto', 'Formulation of the model: `potential` is one sparse energy for all joints; '
-        '`chain` is this energy with the structure of a serial arm; `auto` selects the one with '
-        'the smaller held-out error; `per_joint` is a separate sum per joint, as in the paper.',
+        '`chain` is this energy with the structure of a serial arm; `auto` accepts a chain whose '
+        'residual is white or small, and otherwise selects the one with the smaller held-out '
+        'error; `per_joint` is a separate sum per joint, as in the paper.',
         choices=('auto', 'potential', 'chain', 'per_joint'))
     effects: tuple[str, ...] = parameter(
         (), 'Effects that a full fit estimates jointly with gravity, as `NAME` or `NAME:JOINT`. '

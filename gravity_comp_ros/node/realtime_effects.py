@@ -1,33 +1,29 @@
-"""Effects of a model from the present pose and speed, in the prediction and the feed-forward."""
+"""Effects of a model sample by sample: in the prediction, the residual and the feed-forward."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.predict import installed, joint_number
+from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
+from gravity_comp_ros.effects.presliding import LiveElement
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import GravityCompError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import Compensation
 import numpy as np
 
-# Effects whose torque depends on pose and speed alone. The others depend on history (drift,
-# presliding) or acceleration, or describe the measurement and are no torque of their own.
-INSTANTANEOUS = (
-    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
-    'asymmetric_friction', 'load_dependent_friction', 'torque_offset', 'joint_spring',
-    'cable_stiffness', 'torque_ripple')
-# Those whose torque may be sent to the drives. Compensation of an end stop, a ripple or an
-# asymmetric friction is not safe.
-COMPENSABLE = (
-    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
-    'load_dependent_friction', 'torque_offset', 'joint_spring', 'cable_stiffness')
+# Weighted joints whose sum moves, and the distance in rad over which their friction reverses.
+_ElementKey = tuple[tuple[tuple[int, float], ...], float]
 
 
 @dataclass(frozen=True)
@@ -52,64 +48,141 @@ class CompensateOptions:
         if not (0.0 < self.speed < np.inf and 0.0 < self.top_speed < np.inf):
             raise OptionError('compensation: speeds must be positive')
 
+    def smooth(self, effect: AppliedEffect) -> AppliedEffect:
+        """
+        Return an effect whose friction changes its sign over at least `speed`.
+
+        Friction that persists at rest is compensated in motion only: a torque that remains where
+        the arm has stopped would push it.
+        """
+        if not law_of(effect.setting):
+            return effect
+        others = {name: value for name, value in effect.setting.items()
+                  if name not in law_of(effect.setting)}
+        law = {name: max(value, self.speed)
+               for name, value in speed_law(effect.setting, self.speed).items()}
+        return replace(effect, setting={**others, **law})
+
+
+@dataclass(frozen=True)
+class _Moment(Motion):
+    """A motion of one sample, whose directions by a distance follow from the earlier ones."""
+
+    elements: dict[_ElementKey, LiveElement] = field(default_factory=dict)
+
+    def coupled_direction(self, joints: Mapping[int, float],
+                          law: Mapping[str, float]) -> FloatArray:
+        """Return the direction (1,) of a sum of joints, each times a factor."""
+        if 'distance' not in law:
+            return smooth_sign(self._sum(self.samples.qd, joints), law)
+        key = (tuple(joints.items()), law['distance'])
+        # Two effects of a joint may share an element: it is read once in each sample.
+        if key not in self.memo:
+            if key not in self.elements:
+                self.elements[key] = LiveElement(law['distance'])
+            angle = float(self._sum(self.samples.q, joints)[0])
+            self.memo[key] = np.array([self.elements[key].state(angle)])
+        return self.memo[key]
+
 
 @dataclass(frozen=True, eq=False)
 class _Term:
-    effect: AppliedEffect
+    """An effect of a model; `factors` (K,) are the coefficients in the order of its columns."""
+
+    effect: Effect
+    applied: AppliedEffect
     joint: int
-    coefficients: FloatArray
+    factors: FloatArray
 
-    def torque(self, motion: Motion) -> float:
-        columns = installed(self.effect).columns(motion, self.joint, self.effect.setting)
-        return float(columns[0] @ self.coefficients)
+    @classmethod
+    def of(cls, model: GravityModel, applied: AppliedEffect, moment: Motion) -> _Term:
+        """
+        Return an effect after one evaluation, so that errors occur before the loop.
+
+        :raises ModelMismatchError: if it was fitted by another version, or is not installed.
+        """
+        effect, joint = installed(applied), joint_number(model, applied)
+        try:
+            columns = effect.columns(moment, joint, applied.setting)
+            return cls(effect, applied, joint,
+                       coefficients(applied, effect, moment, joint, columns.shape[-1]))
+        except (ModelMismatchError, AttributeError, LookupError, ValueError) as problem:
+            raise ModelMismatchError(
+                f'effect {applied.target} of the model was fitted by another version and is left '
+                'out; fit it again') from problem
+
+    def add_to(self, total: FloatArray, moment: Motion) -> None:
+        """Add the torque to that of all joints (N,), N·m."""
+        torque = self.effect.columns(moment, self.joint, self.applied.setting)[0] @ self.factors
+        if self.effect.scope == 'arm':
+            total += torque
+        else:
+            total[self.joint] += torque
 
 
-class InstantEffects:
+class LiveEffects:
     """
-    The torque of the effects of a model that depend on pose and speed alone.
+    The torque of some effects of a model, sample by sample in order of time.
 
-    :param only: the effects to include, as targets `NAME:JOINT`; None for all.
-    :param options: limits of a compensation; None for the unchanged torque.
+    Effects that need the history are left out (`left_out`, as targets). `problem` is the reason
+    why others are.
+
+    :param effects: effects of the model; `options` are limits if they are compensated.
     """
 
-    def __init__(self, model: GravityModel, only: Sequence[str] | None = None,
+    def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect],
                  options: CompensateOptions | None = None) -> None:
-        self.options = options
-        self.left_out = tuple(effect.target for effect in model.applied.effects
-                              if effect.name not in INSTANTANEOUS)
-        self._terms = [_term(model, effect) for effect in model.applied.effects
-                       if effect.name in INSTANTANEOUS and (only is None or effect.target in only)]
-        n = model.n_joints
-        width = model.applied.direction.get('width', np.full(n, np.inf))
-        self._width = width if options is None else np.maximum(width, options.speed)
-        self._ramp = model.applied.direction.get('ramp')
+        self.options, self.problem = options, ''
         self._model = model
-        self._zeros = np.zeros((1, n)), np.zeros((1, n, n))
+        self._elements: dict[_ElementKey, LiveElement] = {}
+        self._terms: list[_Term] = []
+        left_out = []
+        rest = np.zeros((3, model.n_joints))
+        for applied in effects:
+            try:
+                if installed(applied).needs is Needs.HISTORY:
+                    left_out.append(applied.target)
+                    continue
+                used = applied if options is None else options.smooth(applied)
+                self._terms.append(_Term.of(model, used, self._moment(*rest, elements={})))
+            except ModelMismatchError as problem:
+                self.problem = str(problem)
+        self.left_out = tuple(left_out)
 
     @property
     def targets(self) -> tuple[str, ...]:
         """The included effects, as `NAME:JOINT`."""
-        return tuple(term.effect.target for term in self._terms)
+        return tuple(term.applied.target for term in self._terms)
 
-    def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray) -> FloatArray:
+    def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+               qdd: FloatArray | None = None) -> FloatArray:
         """
         Return the torque of the effects (N,) in N·m, in addition to gravity.
 
-        :param q: pose (N,) in rad.
-        :param qd: speed (N,) in rad/s.
+        :param q: pose (N,) in rad. :param qd: speed (N,) in rad/s.
         :param gravity: the model's torque at that pose (N,) in N·m.
+        :param qdd: acceleration (N,) in rad/s^2; without one effects that need it are neglected.
         """
         total = np.zeros(len(q))
         if not self._terms:
             return total
         if self.options is not None:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
-        sample = JointSamples.single_sample(self._model.joints, q, qd)
-        motion = Motion(sample, self._zeros[0], gravity[None], self._zeros[1], self._width,
-                        self._model, ramp=self._ramp)
+        moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
         for term in self._terms:
-            total[term.joint] += term.torque(motion)
+            if qdd is not None or term.effect.needs is Needs.SPEED:
+                term.add_to(total, moment)
         return total if self.options is None else self.options.fraction * total
+
+    def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+                qdd: FloatArray | None = None, *,
+                elements: dict[_ElementKey, LiveElement]) -> _Moment:
+        model = self._model
+        return _Moment(
+            JointSamples.single_sample(model.joints, q, qd),
+            (np.zeros_like(q) if qdd is None else qdd)[None], gravity[None],
+            lambda poses: gravity_gradient(model, poses), model.chain, model.geometry,
+            elements=elements)
 
 
 def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...]:
@@ -123,30 +196,12 @@ def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...
     except OptionError as problem:
         raise OptionError(f'parameter compensate: {problem}') from problem
     for request in requested:
-        if request.effect.name not in COMPENSABLE:
+        if not request.effect.is_compensable:
+            allowed = [effect.name for effect in all_effects().values() if effect.is_compensable]
             raise OptionError(
                 f'parameter compensate: {request.effect.name} is refused; only these depend on '
-                f'pose and speed alone and may be sent to a drive: {", ".join(COMPENSABLE)}')
+                f'pose and speed alone and may be sent to a drive: {", ".join(allowed)}')
     return tuple(request.target for request in requested)
-
-
-def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
-    """Return an effect after one evaluation, so that errors occur before the loop."""
-    n, joint = model.n_joints, joint_number(model, effect)
-    pose = np.zeros((1, n))
-    motion = Motion(JointSamples.single_sample(model.joints, pose[0], pose[0]), pose, pose,
-                    np.zeros((1, n, n)), np.ones(n), model)
-    try:
-        symbols = [c.symbol for c in
-                   installed(effect).coefficients_of(motion, joint, effect.setting)]
-        term = _Term(effect, joint, np.array([effect.coefficients[symbol].value
-                                              for symbol in symbols]))
-        term.torque(motion)
-    except (AttributeError, LookupError, ValueError) as problem:
-        raise ModelMismatchError(
-            f'effect {effect.target} of the model was fitted by another version and is left out; '
-            'fit it again') from problem
-    return term
 
 
 class EffectsInUse:
@@ -162,24 +217,26 @@ class EffectsInUse:
     def __init__(self, model: GravityModel | None, settings: Parameters) -> None:
         self.problem = ''
         self._model = model
-        self._all: InstantEffects | None = None
-        self._sent: InstantEffects | None = None
+        self._all: LiveEffects | None = None
+        self._sent: LiveEffects | None = None
         if model is None or not model.applied.effects:
             if settings.compensate:
                 self.problem = 'the model has no effect to compensate'
             return
+        self._all = LiveEffects(model, model.applied.effects)
+        self.problem = self._all.problem
         try:
             requested = compensable(settings.compensate, model.joints)
-            every = InstantEffects(model)
-            sent = InstantEffects(model, requested, CompensateOptions(
-                settings.compensate_fraction, settings.compensate_speed, settings.max_speed))
-        except GravityCompError as problem:
+        except OptionError as problem:
             self.problem = str(problem)
             return
-        self._all = every if every.targets else None
+        sent = LiveEffects(
+            model, [effect for effect in model.applied.effects if effect.target in requested],
+            CompensateOptions(settings.compensate_fraction, settings.compensate_speed,
+                              settings.max_speed))
         self._sent = sent if sent.targets else None
         if requested and not sent.targets:
-            self.problem = 'the model has none of the effects to compensate'
+            self.problem = self.problem or 'the model has none of the effects to compensate'
 
     @property
     def sent(self) -> tuple[str, ...]:

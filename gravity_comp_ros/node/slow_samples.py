@@ -1,9 +1,9 @@
 """
 Slow samples as they arrive: their acceleration, and their residual without nuisance terms.
 
-A fit estimates friction, offset and inertia jointly with gravity (`models.nuisance`), and the
-model does not predict them. They are subtracted from the live residual before it is compared with
-the noise of the training.
+A fit estimates friction, offset, inertia and other effects jointly with gravity, and the model
+does not predict them (`GravityModel.fitted`). They are subtracted from the live residual before it
+is compared with the noise of the training.
 """
 
 from __future__ import annotations
@@ -13,18 +13,21 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from gravity_comp_ros.data.acceleration import AccelerationOptions, RecentVelocity
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.motion_direction import smooth_sign
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import torque_of
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.realtime_effects import LiveEffects
 import numpy as np
 
 # Relative change of friction with temperature and load.
 DRIFT = 0.3
 # Minimum noise of a joint as a fraction of the largest; a joint without gravity has almost none.
 MIN_NOISE_FRACTION = 0.05
-_MIN_WIDTH = 1e-6
+# Family of the effects that are friction, number of steps of a motion that measures its size, and
+# their speed, rad/s.
+FRICTION, _SWEEP, TYPICAL_SPEED = 'friction', 20, 0.1
 # Speed below which a joint is at rest for its friction, rad/s.
 REST_SPEED = 0.01
 
@@ -39,10 +42,21 @@ def residual_noise(model: GravityModel) -> FloatArray:
 @lru_cache(maxsize=8)
 def expected_residual(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,), N·m, of that residual plus the drift of friction."""
-    coulomb = model.nuisance.of(COULOMB)
-    size = np.array([abs(coulomb[name].value) if name in coulomb else 0.0
-                     for name in model.joints])
-    return np.hypot(residual_noise(model), DRIFT * size)
+    return np.hypot(residual_noise(model), DRIFT * friction_size(model))
+
+
+@lru_cache(maxsize=8)
+def friction_size(model: GravityModel) -> FloatArray:
+    """Return the RMS friction (N,) in N·m of a model over a sweep through its trained range."""
+    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + _SWEEP)[:, None]
+    q = coverage.q_min + share * (coverage.q_max - coverage.q_min)
+    sweep = JointSamples.single_run(model.joints, np.arange(len(q)), q,
+                                    np.full_like(q, TYPICAL_SPEED), np.zeros_like(q))
+    known = {name for name, effect in all_effects().items() if effect.family == FRICTION}
+    friction = [effect for effect in (*model.applied.effects, *model.fitted.effects)
+                if effect.name in known]
+    # The first sample has no direction yet where friction depends on the path.
+    return rms(torque_of(model, friction, sweep)[1:])
 
 
 def rms(values: FloatArray) -> FloatArray:
@@ -62,50 +76,29 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
 
 
-class LiveNuisance:
+class LiveResidual:
     """
-    The nuisance terms of a model, sample by sample.
+    The residual of a model sample by sample in order of time, with and without nuisance terms.
 
-    Where static friction keeps its direction at rest (`effects.motion_direction`), so does this.
+    Friction that persists at rest does so here, too (`effects.presliding`).
     """
 
     def __init__(self, model: GravityModel) -> None:
-        n, nuisance = model.n_joints, model.nuisance
-        self._size = {kind: np.array([
-            terms[name].value if name in terms else 0.0 for name in model.joints])
-            for kind, terms in ((kind, nuisance.of(kind)) for kind in (COULOMB, VISCOUS, OFFSET))}
-        self._width = np.maximum(nuisance.width if nuisance.width.size else np.ones(n),
-                                 _MIN_WIDTH)
-        self._inertia = np.zeros((n, n))
-        for term in nuisance.terms:
-            if term.kind == INERTIA and {term.joint, term.source or term.joint} <= set(
-                    model.joints):
-                joint, source = (model.joints.index(name)
-                                 for name in (term.joint, term.source or term.joint))
-                self._inertia[joint, source] += term.value
-        hold = nuisance.hold if nuisance.hold.size else np.zeros(n)
-        self._ramp = nuisance.ramp > 0.0 if nuisance.ramp.size else np.zeros(n, dtype=bool)
-        self._holds = hold > 0.0
-        self._hold = np.where(self._holds, hold, 1.0)
-        self._direction = np.zeros(n)
-        self._q: FloatArray | None = None
+        self._predicted = LiveEffects(model, model.applied.effects)
+        self._fitted = LiveEffects(model, model.fitted.effects)
 
-    def torque(self, q: FloatArray, qd: FloatArray, qdd: FloatArray | None) -> FloatArray:
+    def of(self, sample: SlowSample, gravity: FloatArray,
+           qdd: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """
-        Return the nuisance torque (N,) in N·m at pose q (N,), speed qd and acceleration qdd.
+        Return measured minus predicted torque (N,) in N·m, and the same minus nuisance torque.
 
-        Without an acceleration inertia is neglected.
+        :param gravity: the model's torque at the pose (N,), N·m.
+        :param qdd: acceleration (N,) in rad/s^2; without one inertia is neglected.
         """
-        moved = np.zeros_like(q) if self._q is None else q - self._q
-        self._q = q
-        sign = np.sign(moved)
-        kept = np.where(sign == 0.0, self._direction, sign + (self._direction - sign) * np.exp(
-            -np.abs(moved) / self._hold))
-        self._direction = np.where(self._holds, kept,
-                                   smooth_sign(qd, self._width, self._ramp))
-        torque = (self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
-                  + self._size[OFFSET])
-        return np.asarray(torque if qdd is None else torque + self._inertia @ qdd)
+        reading = sample.reading
+        error = reading.tau - gravity - self._predicted.torque(
+            reading.q, reading.qd, gravity, qdd)
+        return error, error - self._fitted.torque(reading.q, reading.qd, gravity, qdd)
 
 
 @dataclass(eq=False)

@@ -1,156 +1,209 @@
 """
-Design criteria of a target effect: T-optimality for discrimination, D-optimality for estimation.
+Criterion of a motion: the evidence of each target against its alternatives.
 
-T-optimality (Atkinson & Fedorov 1975) is the squared distance of the target's torque from the
-closest fit of an alternative, nuisance terms fitted jointly,
+Let M be the information on a target's coefficients and those of an alternative, the terms of the
+base eliminated (the Schur complement of the posterior's precision). If the target's size has the
+second moments Sigma, the score of coefficients x has the second moments M_xx + M_xt Sigma M_tx, so
+that their expected log evidence is, with their prior covariance S,
 
-    lambda = theta.T (S_ee - S_ea S_aa^-1 S_ae) theta,
+    1/2 tr((M_xx + S^-1)^-1 (M_xx + M_xt Sigma M_tx)) - 1/2 log |I + M_xx S|.
 
-where S is the information matrix with the nuisance terms projected out (a Schur complement). The
-criterion is the minimum over the alternatives. D-optimality uses the information on the
-coefficients, S_ee.
+The separation is that of the target minus that of an alternative, the gain that of the target. The
+utility is logarithmic in the smallest of them, so that one target does not take the whole time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
+from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.planning.sums import Sums
+from gravity_comp_ros.regression.shared import State
+from gravity_comp_ros.regression.term import Term
 import numpy as np
-from scipy import special
-from scipy.linalg import cho_factor, cho_solve
 
-# Power of a diagnosis: the separation, in standard errors, with power 0.5, and the standard
-# deviation of its logarithm. They allow for the many effects and joints that a diagnosis tests, on
-# held-out data. Fitted to simulated arms (`bench.planning.calibrate`).
-_HALF_POWER, _LOG_STD = 9.34, 0.66
-# Standard deviation of the logarithm of the unabsorbed share in a diagnosis, relative to that of a
-# plan: the diagnosis fits gravity again.
-_ABSORPTION_LOG_STD = 0.3
-# Separation from which on the utility grows with the logarithm of the information.
-_UTILITY_SCALE = 4.0
+Terms = tuple[Term, ...]
+# Motions that are scored at a time, which bounds the memory.
+_BATCH = 32
+# Poses at which the standard deviation of gravity is evaluated.
+_POSES = 300
+# A joint is uncertain if the standard deviation of its gravity exceeds this share of its torque
+# scale, and this multiple of the noise of a row.
+_MIN_OF_TORQUE, _MIN_OF_NOISE = 0.01, 0.5
 
 
-@dataclass(frozen=True)
-class EffectScore:
+@dataclass(frozen=True, eq=False)
+class Question:
     """
-    Separation of a target from its alternatives, and standard errors of its coefficients.
+    A target's term, the terms of its `base`, and alternatives that replace it.
 
-    `separations` are the square roots of lambda: first with nuisance terms only, then with each
-    alternative. `std` (K,) are standard errors of the target's coefficients, fitted jointly with
-    the nuisance terms. `unabsorbed` is the share of the target's torque outside the gravity terms
-    of a diagnosis; below `MIN_UNABSORBED` the diagnosis reports an uncertain size at any noise.
+    If the recordings contain the term, `mean` (K,) and `moment` (K, K), the second moments of its
+    coefficients, are those of the present estimate (`is_measured`), else those of the prior.
     """
 
-    separations: tuple[float, ...]
+    target: Target
+    term: Term
+    base: Terms
+    alternatives: tuple[Term, ...]
+    mean: FloatArray
+    moment: FloatArray
+    is_measured: bool
+
+
+@dataclass(frozen=True, eq=False)
+class GravityQuestion:
+    """
+    Standard deviation of the gravity torque over the recorded poses (V-optimality).
+
+    `joints` are the uncertain ones, the largest first; `mean_square` (N, P, P) the means over the
+    poses of the outer products of the derivatives of a joint's gravity by the shared parameters.
+    """
+
+    joints: tuple[int, ...]
+    mean_square: FloatArray
+    places: IntArray
     std: FloatArray
-    unabsorbed: float = 1.0
 
-    @property
-    def separation(self) -> float:
-        """Return the separation from the closest alternative."""
-        return min(self.separations)
+    @classmethod
+    def of(cls, sums: Sums, all_joints: bool) -> GravityQuestion | None:
+        """Return the question of a regression; None if no joint is uncertain."""
+        regression = sums.planned.regression
+        problem = regression.problem
+        q = problem.samples.q[evenly_picked(problem.samples.n_samples, _POSES)]
+        columns = regression.shared.columns(State(q, 0.0 * q, 0.0 * q))
+        square = np.einsum('pni,pnj->nij', columns, columns) / len(q)
+        p = columns.shape[2]
+        std = _gravity_std(regression.posterior.covariance[None, :p, :p], square)[0]
+        limit = np.maximum(_MIN_OF_TORQUE * problem.scale.torque,
+                           _MIN_OF_NOISE * regression.noise)
+        joints = [int(n) for n in np.argsort(-std) if all_joints or std[n] > limit[n]]
+        return cls(tuple(joints), square, sums.with_shared(regression.terms),
+                   std) if joints else None
 
-    @property
-    def closest(self) -> int | None:
-        """Return the number of the closest alternative, None if nuisance terms are closer."""
-        number = int(np.argmin(self.separations))
-        return number - 1 if number else None
-
-    def without(self, alternatives: Collection[int]) -> EffectScore:
-        """Return the score without some alternatives, given by number."""
-        return replace(self, separations=tuple(
-            np.inf if k - 1 in alternatives else s for k, s in enumerate(self.separations)))
-
-    @property
-    def chance_of_certain_size(self) -> float:
-        """Return the probability that the unabsorbed share in a diagnosis is large enough."""
-        ratio = max(self.unabsorbed, 1e-9) / MIN_UNABSORBED
-        return float(special.ndtr(np.log(ratio) / _ABSORPTION_LOG_STD))
-
-    @property
-    def utility(self) -> float:
-        """
-        Return the utility that the selection of a motion maximises.
-
-        It is logarithmic in the information: the effect may be smaller than assumed, and one
-        target must not take the whole duration.
-        """
-        effective = self.chance_of_certain_size * self.separation
-        return float(np.log1p((effective / _UTILITY_SCALE) ** 2))
+    def std_after(self, sums: Sums, a: FloatArray) -> FloatArray:
+        """Return the standard deviations (C, N) in N·m with sums (C, L, L)."""
+        here, p = self.places, self.mean_square.shape[1]
+        precision = a[:, here[:, None], here] + np.diag(sums.std[here] ** -2.0)
+        covariance = np.asarray(np.linalg.inv(precision)[:, :p, :p], dtype=np.float64)
+        return _gravity_std(covariance, self.mean_square)
 
 
-def power(separation: float, required: float = 0.0) -> float:
-    """
-    Return the probability that a diagnosis detects an effect with this separation.
-
-    :param required: the separation that its minimum share of the error corresponds to
-        (`DesignContext.required_separation`).
-    """
-    half = max(_HALF_POWER, required)
-    return float(special.ndtr(np.log(max(separation, 1e-9) / half) / _LOG_STD))
+def _gravity_std(covariance: FloatArray, mean_square: FloatArray) -> FloatArray:
+    variance = np.einsum('cij,nji->cn', covariance, mean_square, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def effect_score(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
-                 size: FloatArray, n_gravity: int = 0, gravity_factor: float = 1.0
-                 ) -> EffectScore:
-    """
-    Return the score of a target from an information matrix (P, P).
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """Utilities of sums for some questions, the last one gravity."""
 
-    :param prior: prior information (Z,) on the nuisance terms, which come first.
-    :param widths: the number of columns of the target, then of each alternative.
-    :param size: assumed coefficients (K,) of the target.
-    :param n_gravity: the number of gravity parameters, the first of the nuisance terms.
-    :param gravity_factor: ratio of the torque shares outside the gravity terms of a diagnosis and
-        outside these.
-    """
-    z, k = len(prior), widths[0]
-    marginal = _schur_complement(information, prior, slice(z, None))
-    own = marginal[:k, :k]
-    separations = [_norm(own, size)]
-    at = k
-    for width in widths[1:]:
-        there, full = slice(at, at + width), slice(z + at, z + at + width)
-        inverse = _pseudo_inverse(marginal[there, there], information[full, full])
-        cross = marginal[:k, there]
-        separations.append(_norm(own - cross @ inverse @ marginal[there, :k], size))
-        at += width
-    target = slice(z, z + k)
-    variance = np.diag(_pseudo_inverse(own, information[target, target]))
-    std = np.where(np.diag(own) > 1e-9 * np.diag(information[target, target]),
-                   np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    unabsorbed = _unabsorbed(information, prior[:n_gravity], target, size)
-    return EffectScore(tuple(separations), std, gravity_factor * unabsorbed)
+    sums: Sums
+    questions: tuple[Question, ...]
+    gravity: GravityQuestion | None
+
+    @cached_property
+    def _open(self) -> IntArray:
+        """Return the coefficients that differ between the models that are compared."""
+        terms = dict.fromkeys(t for q in self.questions
+                              for t in (q.term, *q.alternatives))
+        return self.sums.places(tuple(terms))
+
+    @cached_property
+    def _common(self) -> IntArray:
+        """Return the coefficients of all models but the open ones."""
+        terms = dict.fromkeys(t for q in self.questions for t in q.base)
+        places = self.sums.with_shared(tuple(terms))
+        return places[~np.isin(places, self._open)]
+
+    def utilities(self, a: FloatArray) -> FloatArray:
+        """Return the utilities (C, Q) of sums (C, L, L)."""
+        return np.concatenate([self._utilities(a[k:k + _BATCH])
+                               for k in range(0, len(a), _BATCH)])
+
+    def _utilities(self, a: FloatArray) -> FloatArray:
+        utilities = []
+        if self.questions:
+            marginal = _eliminated(a, self._common, self._open, self.sums.std)
+            number = np.full(len(self.sums.std), -1)
+            number[self._open] = np.arange(len(self._open))
+            utilities = [np.log1p(np.maximum(self._separation(marginal, number, q), 0.0)
+                                  / self._needed(q)) for q in self.questions]
+        if self.gravity is not None:
+            joints = list(self.gravity.joints)
+            std = self.gravity.std_after(self.sums, a)[:, joints]
+            ratio = self.gravity.std[joints] / np.maximum(std, 1e-12)
+            utilities.append(np.log(ratio).mean(axis=1))
+        return np.stack(utilities, axis=1)
+
+    def _needed(self, question: Question) -> float:
+        """Return the nats that resolve a target."""
+        options = self.sums.planned.regression.problem.options
+        return options.min_gain + options.margin - question.term.log_odds
+
+    def _separation(self, marginal: FloatArray, number: IntArray,
+                    question: Question) -> FloatArray:
+        """Return the expected nats (C,) of a target over its closest alternative."""
+        places, std = self.sums.places, self.sums.std[self._open]
+        own = number[places((question.term,))]
+        base = number[places(tuple(t for t in question.base if number[self.sums.at[t][0]] >= 0))]
+        others = [number[places((other,))] for other in question.alternatives]
+        kept = np.concatenate([own, *others])
+        information, size = _eliminated(marginal, base, kept, std), std[kept]
+        target = np.arange(len(own))
+        gain = smallest = _expected_evidence(information, target, target, question.moment, size)
+        start = len(own)
+        for other in others:
+            here = np.arange(start, start + len(other))
+            smallest = np.minimum(smallest, gain - _expected_evidence(
+                information, here, target, question.moment, size))
+            start += len(other)
+        return smallest
 
 
-def _schur_complement(information: FloatArray, prior: FloatArray, columns: slice) -> FloatArray:
-    """Return the information on columns with the first Z terms, of this prior, projected out."""
-    z = len(prior)
-    known = information[:z, :z] + np.diag(prior)
-    scale = 1.0 / np.sqrt(np.diag(known))
-    factor = cho_factor(known * np.outer(scale, scale) + 1e-10 * np.eye(z))
-    cross = information[:z, columns] * scale[:, None]
-    return np.asarray(information[columns, columns] - cross.T @ cho_solve(factor, cross))
+def _expected_evidence(information: FloatArray, here: IntArray, target: IntArray,
+                       moment: FloatArray, std: FloatArray) -> FloatArray:
+    """Return the expected log evidence (C,) of coefficients if the target is present."""
+    size = std[here]
+    own = information[:, here[:, None], here] * np.outer(size, size)
+    side = information[:, here[:, None], target] * size[:, None]
+    score = own + side @ moment @ side.transpose(0, 2, 1)
+    whole = own + np.eye(len(here))
+    explained = np.trace(np.linalg.solve(whole, score), axis1=1, axis2=2)
+    return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(whole)[1])
 
 
-def _unabsorbed(information: FloatArray, gravity: FloatArray, target: slice,
-                size: FloatArray) -> float:
-    """Return the share of the target's torque outside the gravity columns, with their prior."""
-    whole = _norm(information[target, target], size)
-    if not len(gravity) or whole == 0.0:
-        return 1.0
-    return _norm(_schur_complement(information, gravity, target), size) / whole
+def _eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -> FloatArray:
+    """Return the Schur complement (C, K, K) on `kept` with `gone` of their prior eliminated."""
+    own = a[:, kept[:, None], kept]
+    if not len(gone):
+        return np.asarray(own)
+    size = std[gone]
+    # In units of the prior the matrix is at least 1.
+    whole = a[:, gone[:, None], gone] * np.outer(size, size) + np.eye(len(gone))
+    side = a[:, gone[:, None], kept] * size[:, None]
+    return np.asarray(own - side.transpose(0, 2, 1) @ np.linalg.solve(whole, side))
 
 
-def _norm(information: FloatArray, size: FloatArray) -> float:
-    return float(np.sqrt(max(0.0, float(size @ information @ size))))
+def unabsorbed(sums: Sums, question: Question, a: FloatArray) -> float:
+    """Return the share of a term's torque (RMS) that its base leaves with sums (L, L)."""
+    own, base = sums.at[question.term], sums.with_shared(question.base)
+    information = _eliminated(a[None], base, own, sums.std)[0]
+    share = np.trace(information) / max(np.trace(a[np.ix_(own, own)]), 1e-300)
+    return float(np.sqrt(max(share, 0.0)))
 
 
-def _pseudo_inverse(matrix: FloatArray, full: FloatArray) -> FloatArray:
-    """Return the inverse of marginal information, 0 in directions without any."""
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    floor = 1e-9 * max(float(np.trace(full)), 1e-12)
-    inverse = np.where(values > floor, 1.0 / np.maximum(values, floor), 0.0)
-    return np.asarray((vectors * inverse) @ vectors.T)
+def coefficients(sums: Sums, places: IntArray, a: FloatArray, b: FloatArray
+                 ) -> tuple[FloatArray, FloatArray]:
+    """Return posterior mean (K,) and covariance (K, K) of coefficients from sums (L, L), (L,)."""
+    size = sums.std[places]
+    whole = a[np.ix_(places, places)] * np.outer(size, size) + np.eye(len(places))
+    covariance = np.asarray(np.linalg.inv(whole), dtype=np.float64)
+    return size * (covariance @ (size * b[places])), covariance * np.outer(size, size)
+
+
+def total(sums: Sums, added: Sequence[FloatArray]) -> FloatArray:
+    """Return the sums (L, L) of the recordings and of some paths."""
+    return np.asarray(sum(added, sums.recorded))

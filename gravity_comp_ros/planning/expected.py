@@ -32,13 +32,14 @@ class Expectation:
     """
     Expected result of a target, before and after the motion.
 
-    The chances are the power of a diagnosis. Separations from the closest fit of the alternatives
-    are in standard errors; `closest_alternative` may be ''. `half_width` is half the 95 % interval
-    of each coefficient after the motion, by symbol, with its unit. `assumed` are the coefficients
-    of the effect, estimates from the recordings if `size_is_measured`. `untestable` gives the
-    reason why a diagnosis will not test the effect, '' if it will. A rare effect must remove a
-    minimum share of the error: `required_separation`, 0 for other effects. `unabsorbed` is the
-    share of its torque outside the gravity terms.
+    The chances are the probabilities that an effect of the assumed size is found, and separated
+    from every alternative. `gain` (after the motion) and the separations from the closest
+    alternative are medians in nats of log evidence; `closest_alternative` may be ''. `half_width`
+    is half the 95 % interval of each coefficient after the motion, by symbol, with its unit.
+    `assumed` are estimates of the coefficients if `size_is_measured`, else the standard deviations
+    of their prior. `untestable` gives the reason why the effect is not identified after the
+    motion, '' if it is. `unabsorbed` is the share of its torque (RMS) that the other terms
+    leave.
     """
 
     target: Target
@@ -48,10 +49,10 @@ class Expectation:
     closest_alternative: str
     assumed: dict[str, float]
     size_is_measured: bool
+    gain: float
     separation_before: float
     separation: float
     untestable: str
-    required_separation: float = 0.0
     unabsorbed: float = 1.0
 
     @property
@@ -65,8 +66,8 @@ class Expectation:
                   for symbol, (width, unit) in self.half_width.items()}
         return {'effect': self.target.effect, 'joint': self.target.joint,
                 'chance_before': self.chance_before, 'chance': self.chance,
-                'separation_before': self.separation_before, 'separation': self.separation,
-                'required_separation': self.required_separation, 'unabsorbed': self.unabsorbed,
+                'gain': self.gain, 'separation_before': self.separation_before,
+                'separation': self.separation, 'unabsorbed': self.unabsorbed,
                 'untestable': self.untestable or None,
                 'closest_alternative': self.closest_alternative or None,
                 'assumed': self.assumed, 'size_is_measured': self.size_is_measured,
@@ -78,7 +79,7 @@ class GravityExpectation:
     """
     Standard deviation of a joint's gravity torque over the recorded poses, N·m.
 
-    It is that of `GravityModel.predict_std`, before and after a fit to the motion.
+    It is the root mean square, before and after a fit that includes the motion.
     """
 
     joint: str

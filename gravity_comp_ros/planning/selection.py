@@ -1,4 +1,4 @@
-"""Selection of candidate parts: greedy by information per time, then by exchange."""
+"""Selection of candidate parts: greedy by utility per time, then by exchange."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
-from gravity_comp_ros.planning.context import DesignContext
-from gravity_comp_ros.planning.criterion import EffectScore
-from gravity_comp_ros.planning.objectives import Objective, Score
+from gravity_comp_ros.planning.criterion import Criterion, total, unabsorbed
 from gravity_comp_ros.planning.segments import Limits, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
@@ -18,39 +15,28 @@ import numpy as np
 _MAX_EXCHANGE_ROUNDS = 2
 # Number of parts from which a selection is grown.
 _SEEDS = 3
+# Candidates that are scored together, and those that are tried in an exchange.
+_TOGETHER, _TRIED = 16, 48
 # Smallest gain in utility that counts.
 _MIN_GAIN = 0.02
-# Weight of auxiliary objectives; that of targets is 1.
-_AUXILIARY_WEIGHT = 0.5
 # A part informs about a target if its gain is at least this share of its largest.
 _MIN_GAIN_SHARE = 0.3
-# A target with a smaller chance of a certain size counts as untestable.
-_MIN_CHANCE_OF_SIZE = 0.9
 # Shortest time by which a gain is divided, s.
 _MIN_TIME = 0.5
 
 
 class Selector:
-    """Selects candidate parts by the utility of their information and that of the recordings."""
+    """Selects candidate parts by the utility of their sums and those of the recordings."""
 
-    def __init__(self, space: Workspace, context: DesignContext,
-                 objectives: tuple[Sequence[Objective], Sequence[Objective]],
-                 parts: Sequence[Part], limits: Limits, duration: float) -> None:
-        """
-        Compute the information of every candidate.
-
-        :param objectives: those of targets, and auxiliary ones of less weight.
-        """
-        self._space, self._context, self._limits = space, context, limits
-        self._n_targets, self._duration = len(objectives[0]), duration
-        self._objectives = [*objectives[0], *objectives[1]]
-        self._weights = [1.0] * len(objectives[0]) + [_AUXILIARY_WEIGHT] * len(objectives[1])
+    def __init__(self, space: Workspace, criterion: Criterion, parts: Sequence[Part],
+                 limits: Limits, duration: float) -> None:
+        self._space, self._criterion, self._limits = space, criterion, limits
+        self._duration = duration
         self._travel_times: dict[bytes, float] = {}
         self._colliding: set[int] = set()
-        self._gradient = any(objective.uses_gradient for objective in self._objectives)
         self._parts = [part for part in parts if self._time([part]) <= duration]
-        self._recorded = [objective.recorded_information() for objective in self._objectives]
-        self._of_parts = [self._part_information(part) for part in self._parts]
+        self._added = criterion.sums.added([part.segments for part in self._parts]) if (
+            self._parts) else np.zeros((0, *criterion.sums.recorded.shape))
 
     def select(self) -> list[Part]:
         """
@@ -58,14 +44,15 @@ class Selector:
 
         No part comes twice: repetition averages noise, but not unmodelled torque at its poses.
         """
-        chosen = max([self._grown([]), *map(self._grown, self._seeds())], key=self._utility)
+        if not self._parts:
+            return []
+        order = np.argsort(-self._alone).tolist()
+        seeds = [[k] for k in order[:_SEEDS] if self._alone[k] > _MIN_GAIN and self._is_clear(k)]
+        chosen = max([self._grown([]), *map(self._grown, seeds)], key=self._utility)
         for _ in range(_MAX_EXCHANGE_ROUNDS):
             if not self._exchange(chosen):
                 break
         self._make_testable(chosen)
-        n_untestable = self._n_untestable(chosen)
-        if n_untestable:
-            chosen = self._grown_testable(chosen, n_untestable)
         return self._ordered([self._parts[k] for k in chosen])
 
     def assemble(self, chosen: Sequence[Part]) -> tuple[list[Segment],
@@ -75,99 +62,88 @@ class Selector:
         times = []
         at, time = self._space.start, 0.0
         for part in chosen:
-            segments = self._travel(at, part.base)
+            segments = travel(self._space, at, part.base, self._limits) or []
             time += sum(segment.duration for segment in segments)
             times.append((time, time + part.duration))
             motion += [*segments, *part.segments]
             time += part.duration
             at = part.base
-        motion += self._travel(at, self._space.start)
-        return motion, times
-
-    def scores_before(self) -> list[Score]:
-        """Return the scores of the targets with the recordings alone."""
-        return self._scores(self._recorded)[:self._n_targets]
-
-    def scores_after(self, motion: Sequence[Segment]) -> list[Score]:
-        """Return the scores of the targets with the recordings and a whole motion."""
-        planned = self._context.planned(motion, self._gradient)
-        return self._scores([old + objective.planned_information(planned) for objective, old
-                             in zip(self._objectives, self._recorded)])[:self._n_targets]
-
-    def untestable(self, both: Motion) -> list[str | None]:
-        """Return for each target why a diagnosis cannot test it, None if it can."""
-        return [objective.untestable(both) for objective in self._objectives[:self._n_targets]]
+        return [*motion, *(travel(self._space, at, self._space.start, self._limits) or [])], times
 
     def informs(self, part: Part) -> list[int]:
-        """Return the numbers of the targets about which a part by itself gives information."""
-        new = self._of_parts[next(k for k, p in enumerate(self._parts) if p is part)]
-        gains = [0.0 if b is None else objective.score(a + b).utility - objective.score(a).utility
-                 for objective, a, b in zip(self._objectives[:self._n_targets], self._recorded,
-                                            new)]
+        """Return the numbers of the questions about which a part alone gives information."""
+        number = next(k for k, p in enumerate(self._parts) if p is part)
+        gains = self._gains_alone[number]
         return [k for k, gain in enumerate(gains)
-                if gain > max(_MIN_GAIN, _MIN_GAIN_SHARE * max(gains))]
+                if gain > max(_MIN_GAIN, _MIN_GAIN_SHARE * gains.max())]
 
     @cached_property
-    def _gains_alone(self) -> list[float]:
-        """Return the gain of each part by itself over the recordings."""
-        utilities = self._utilities(self._recorded)
-        return [self._gain(self._recorded, utilities, k) for k in range(len(self._parts))]
+    def _gains_alone(self) -> FloatArray:
+        """Return the gain of each part by itself, by question (C, Q)."""
+        recorded = self._criterion.sums.recorded
+        after = np.concatenate([self._criterion.utilities(recorded + self._added[k:k + 64])
+                                for k in range(0, len(self._added), 64)])
+        return np.asarray(after - self._criterion.utilities(recorded[None]))
 
-    def _by_gain_alone(self) -> list[int]:
-        return np.argsort(self._gains_alone)[::-1].tolist()
+    @cached_property
+    def _alone(self) -> FloatArray:
+        return np.asarray(self._gains_alone.sum(axis=1))
 
-    def _seeds(self) -> list[list[int]]:
-        """Return the parts of largest gain; growing by gain per time omits long ones."""
-        return [[k] for k in self._by_gain_alone()[:_SEEDS]
-                if self._gains_alone[k] > _MIN_GAIN and self._is_clear(k)]
+    def _sums(self, chosen: Sequence[int]) -> FloatArray:
+        return total(self._criterion.sums, [self._added[k] for k in chosen])
 
-    def _grown(self, chosen: list[int], max_untestable: int | None = None) -> list[int]:
+    def _utility(self, chosen: Sequence[int]) -> float:
+        return float(self._criterion.utilities(self._sums(chosen)[None]).sum())
+
+    def _gains(self, chosen: Sequence[int], more: Sequence[int]) -> FloatArray:
+        """Return the gains (C,) of parts in addition to chosen ones."""
+        after = self._criterion.utilities(self._sums(chosen) + self._added[list(more)])
+        return np.asarray(after.sum(axis=1) - self._utility(chosen))
+
+    def _grown(self, chosen: list[int]) -> list[int]:
         """Return a selection with parts added until none has a gain."""
-        chosen = list(chosen)
-        while (best := self._best_addition(chosen, max_untestable)) is not None:
+        chosen, bounds = list(chosen), self._alone.copy()
+        while (best := self._best_addition(chosen, bounds)) is not None:
             chosen.append(best)
         return chosen
 
-    def _grown_testable(self, chosen: list[int], n_untestable: int) -> list[int]:
+    def _best_addition(self, chosen: list[int], bounds: FloatArray) -> int | None:
         """
-        Return a selection grown from a part that makes more targets testable, if there is one.
+        Return the part of largest gain per time, None if there is none.
 
-        Parts at one posture can make a target of other parts untestable: the ends of a joint's
-        travel are then visited in that posture only.
+        `bounds` (C,) are the last known gains. A gain rarely rises while parts are added, so only
+        the parts whose rate by the bound exceeds the best rate are scored again.
         """
-        order = sorted(range(len(self._parts)), key=lambda k: -self._gains_alone[k])
-        seeds = [k for k in order if self._n_untestable([k]) < n_untestable and self._is_clear(k)]
-        trials = [self._grown([k], self._n_untestable([k])) for k in seeds[:_SEEDS]]
-        return max(trials, key=self._utility, default=chosen)
-
-    def _best_addition(self, chosen: list[int], max_untestable: int | None) -> int | None:
-        """Return the part of largest gain per time, None if there is none."""
-        used, known = self._time_of(chosen), self._total(chosen)
-        utilities, rates = self._utilities(known), {}
-        for k in self._free(chosen):
-            time = self._time_of([*chosen, k])
-            if time <= self._duration and (gain := self._gain(known, utilities, k)) > _MIN_GAIN:
-                rates[k] = gain / max(time - used, _MIN_TIME)
-        return next((k for k in sorted(rates, key=lambda k: -rates[k]) if self._is_clear(k)
-                     and (max_untestable is None
-                          or self._n_untestable([*chosen, k]) <= max_untestable)), None)
+        used = self._time_of(chosen)
+        times = {k: max(self._time_of([*chosen, k]) - used, _MIN_TIME) for k in self._free(chosen)}
+        order = sorted((k for k, time in times.items() if used + time <= self._duration
+                        or self._time_of([*chosen, k]) <= self._duration),
+                       key=lambda k: -bounds[k] / times[k])
+        best, rate = None, 0.0
+        for start in range(0, len(order), _TOGETHER):
+            group = order[start:start + _TOGETHER]
+            if best is not None and bounds[group[0]] / times[group[0]] <= rate:
+                break
+            bounds[group] = self._gains(chosen, group)
+            for k in group:
+                if (bounds[k] > _MIN_GAIN and bounds[k] / times[k] > rate and self._is_clear(k)):
+                    best, rate = k, bounds[k] / times[k]
+        return best
 
     def _exchange(self, chosen: list[int]) -> bool:
         """Exchange parts in place where that has a gain; return whether any was exchanged."""
         improved = False
         for place in range(len(chosen)):
             rest = [*chosen[:place], *chosen[place + 1:]]
-            known = self._total(rest)
-            utilities = self._utilities(known)
-            best, largest = chosen[place], self._gain(known, utilities, chosen[place])
-            for k in self._free(rest):
-                # The travel between parts depends on their order.
-                if self._time_of([*chosen[:place], k, *chosen[place + 1:]]) > self._duration:
-                    continue
-                gain = self._gain(known, utilities, k)
-                if gain > largest + _MIN_GAIN and self._is_clear(k):
-                    best, largest = k, gain
-            if best != chosen[place]:
+            # The travel between parts depends on their order.
+            fits = [k for k in np.argsort(-self._alone).tolist() if k in self._free(rest)
+                    and self._time_of([*chosen[:place], k, *chosen[place + 1:]])
+                    <= self._duration][:_TRIED]
+            gains = dict(zip(fits, self._gains(rest, fits))) if fits else {}
+            own = float(self._gains(rest, [chosen[place]])[0])
+            best = next((k for k in sorted(gains, key=lambda k: -gains[k])
+                         if self._is_clear(k)), None)
+            if best is not None and gains[best] > own + _MIN_GAIN:
                 chosen[place], improved = best, True
         return improved
 
@@ -176,41 +152,36 @@ class Selector:
 
     def _is_clear(self, k: int) -> bool:
         """Return whether a part is free of collisions; a colliding one is excluded."""
-        _, (path, _, _) = sampled(self._parts[k].segments, self._context.rate)
+        _, (path, _, _) = sampled(self._parts[k].segments, self._criterion.sums.planned.rate)
         if self._space.is_clear(path):
             return True
         self._colliding.add(k)
         return False
 
     def _make_testable(self, chosen: list[int]) -> None:
-        """Exchange parts in place until every target that some part can show is testable."""
-        n_untestable = self._n_untestable(chosen)
-        if not chosen or not n_untestable:
-            return
-        for k in self._by_gain_alone():
-            if not n_untestable:
+        """Add or exchange parts until every target that some part can show is testable."""
+        open_now = self._n_untestable(chosen)
+        for k in np.argsort(-self._alone).tolist()[:_TRIED]:
+            if not chosen or not open_now:
                 return
-            if (k in chosen or self._n_untestable([*chosen, k]) >= n_untestable
-                    or not self._is_clear(k)):
+            if (k in chosen or not self._is_clear(k)
+                    or self._n_untestable([*chosen, k]) >= open_now):
                 continue
-            trials = [[*chosen, k]] + [[*chosen[:n], k, *chosen[n + 1:]]
-                                       for n in range(len(chosen))]
+            trials = [[*chosen, k], *([*chosen[:n], k, *chosen[n + 1:]]
+                                      for n in range(len(chosen)))]
             trials = [trial for trial in trials if self._time_of(trial) <= self._duration
-                      and self._n_untestable(trial) < n_untestable]
+                      and self._n_untestable(trial) < open_now]
             if trials:
                 chosen[:] = trials[int(np.argmax([self._utility(trial) for trial in trials]))]
-                n_untestable = self._n_untestable(chosen)
+                open_now = self._n_untestable(chosen)
 
     def _n_untestable(self, chosen: Sequence[int]) -> int:
-        """Return the number of targets that are untestable with a selection, or absorbed."""
-        motion = [segment for k in chosen for segment in self._parts[k].segments]
-        if not motion:
+        """Return the number of targets that are untestable with a selection."""
+        path = [segment for k in chosen for segment in self._parts[k].segments]
+        if not path:
             return 0
-        reasons = self.untestable(self._context.joined(motion))
-        scores = self._scores(self._total(chosen))
-        return sum(reason is not None or (isinstance(score, EffectScore) and
-                                          score.chance_of_certain_size < _MIN_CHANCE_OF_SIZE)
-                   for reason, score in zip(reasons, scores))
+        after = self._sums(chosen)
+        return sum(bool(reason) for reason in untestable(self._criterion, path, after))
 
     def _ordered(self, parts: list[Part]) -> list[Part]:
         """Return parts grouped by joint and posture, unless that takes too long."""
@@ -235,37 +206,22 @@ class Selector:
                 segment.duration for segment in segments)
         return self._travel_times[key]
 
-    def _travel(self, a: FloatArray, b: FloatArray) -> list[Segment]:
-        # `_time` of the selected parts is finite, so the travel exists.
-        return travel(self._space, a, b, self._limits) or []
 
-    def _part_information(self, part: Part) -> list[FloatArray | None]:
-        """Return the information of a part by objective; None if it does not move the joint."""
-        motion = self._context.planned(part.segments, self._gradient)
-        return [objective.planned_information(motion)
-                if objective.joint is None or objective.joint in part.joints else None
-                for objective in self._objectives]
+def untestable(criterion: Criterion, path: Sequence[Segment], after: FloatArray) -> list[str]:
+    """
+    Return for each question why recordings and path do not identify it, '' if they do.
 
-    def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
-        """Return the information of the recordings and a selection."""
-        total = list(self._recorded)
-        for k in chosen:
-            total = [a if b is None else a + b for a, b in zip(total, self._of_parts[k])]
-        return total
-
-    def _scores(self, information: Sequence[FloatArray]) -> list[Score]:
-        return [objective.score(each) for objective, each in zip(self._objectives, information)]
-
-    def _utilities(self, information: Sequence[FloatArray]) -> list[float]:
-        return [score.utility for score in self._scores(information)]
-
-    def _gain(self, known: Sequence[FloatArray], utilities: Sequence[float], k: int) -> float:
-        """Return the increase of the weighted utility by a part."""
-        return sum(weight * (objective.score(a + b).utility - utility)
-                   for weight, objective, a, b, utility
-                   in zip(self._weights, self._objectives, known, self._of_parts[k], utilities)
-                   if b is not None)
-
-    def _utility(self, chosen: Sequence[int]) -> float:
-        """Return the weighted utility of the recordings and a selection."""
-        return float(np.dot(self._weights, self._utilities(self._total(chosen))))
+    :param after: the sums (L, L) of both.
+    """
+    sums, reasons = criterion.sums, []
+    limit = sums.planned.regression.problem.options.min_unabsorbed
+    both = sums.planned.joined(path) if criterion.questions else None
+    for question in criterion.questions:
+        assert both is not None
+        term = question.term
+        reason = term.effect.untestable(both, term.joint_number) or ''
+        share = unabsorbed(sums, question, after)
+        if not reason and share < limit:
+            reason = f'the other terms absorb all but {share:.1%} of its torque'
+        reasons.append(reason)
+    return reasons

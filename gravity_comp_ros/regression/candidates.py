@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.terms.effect import Effect, Expectation, Setting, Sizes
-from gravity_comp_ros.terms.motion import Motion
 import numpy as np
 
 
@@ -71,12 +71,14 @@ class Candidates:
     """
     Candidate terms: `of_joint` (N lists) act on one joint, `of_arm` on several.
 
-    `untestable` are the reasons why effects are not among them.
+    `untestable` are the reasons why effects are not among them. `excluded` are those of one joint
+    at one setting: they are not selected, but a term that one of them could replace is ambiguous.
     """
 
     of_joint: tuple[tuple[Term, ...], ...]
     of_arm: tuple[Term, ...]
     untestable: Mapping[Key, str]
+    excluded: tuple[Term, ...] = ()
 
 
 def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates:
@@ -85,17 +87,23 @@ def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates
     of_joint: list[list[Term]] = [[] for _ in range(n)]
     of_arm: list[Term] = []
     untestable: dict[Key, str] = {}
+    excluded: list[Term] = []
     for effect in effects:
+        if effect.is_shared:
+            continue
         for joint in range(n) if effect.per_joint else (None,):
             number = 0 if joint is None else joint
             reason = effect.untestable(factory.motion, number)
             settings = [] if reason else effect.settings(factory.motion, number)
             if not settings:
                 untestable[effect.name, joint] = reason or 'this motion does not reach it'
+            if reason and effect.scope == 'joint':
+                excluded += [factory.term(effect, joint, setting)
+                             for setting in effect.settings(factory.motion, number)[:1]]
             place = of_joint[number] if effect.scope == 'joint' else of_arm
             place += [factory.term(effect, joint, setting, len(settings))
                       for setting in settings]
-    return Candidates(tuple(map(tuple, of_joint)), tuple(of_arm), untestable)
+    return Candidates(tuple(map(tuple, of_joint)), tuple(of_arm), untestable, tuple(excluded))
 
 
 def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term, ...]:
@@ -107,7 +115,8 @@ def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term,
     """
     terms = []
     for effect in effects:
-        if effect.expectation is not Expectation.COMMON or effect.is_static:
+        if (effect.expectation is not Expectation.COMMON or effect.is_shared
+                or effect.is_static):
             continue
         for joint in range(factory.motion.samples.n_joints):
             if effect.untestable(factory.motion, joint) is None:

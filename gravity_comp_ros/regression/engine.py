@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of, common_terms
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.gains import gain, score_of
@@ -19,8 +21,6 @@ from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
-from gravity_comp_ros.terms.effect import Effect
-from gravity_comp_ros.terms.motion import Motion
 import numpy as np
 
 _MAD = 1.4826
@@ -166,6 +166,11 @@ def huber_weights(residual: FloatArray, options: EngineOptions) -> FloatArray:
 
 
 def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:
-    """Return the keys of the terms that could replace one within the margin."""
+    """
+    Return the keys of the terms that could replace one within the margin.
+
+    They include effects of its joint that this motion does not make testable.
+    """
     lowest = search.posterior.log_evidence - search.options.margin
-    return tuple(other.key for evidence, other in search.alternatives(term) if evidence > lowest)
+    others = [*search.alternatives(term), *search.excluded_alternatives(term)]
+    return tuple(dict.fromkeys(other.key for evidence, other in others if evidence > lowest))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.options import EngineOptions
@@ -14,7 +15,6 @@ from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.states import States, states_of
 from gravity_comp_ros.regression.term import Term
-from gravity_comp_ros.terms.motion import Motion
 import numpy as np
 
 

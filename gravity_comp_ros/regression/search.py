@@ -229,8 +229,16 @@ class Search:
             for gain, other in self._ranking(without, pool, rest, minimum):
                 if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
                     chosen[other.key] = gain, other
+        return self._replacing(term, [other for _, other in chosen.values()])
+
+    def excluded_alternatives(self, term: Term) -> list[tuple[float, Term]]:
+        """Return the untestable effects of its joint that could replace a term, likewise."""
+        return self._replacing(term, [other for other in self.candidates.excluded
+                                      if other.joint == term.joint])
+
+    def _replacing(self, term: Term, others: Iterable[Term]) -> list[tuple[float, Term]]:
         trials = []
-        for _, other in chosen.values():
+        for other in others:
             terms = self._exchanged(term, other)
             if is_consistent(terms):
                 trials.append((self._solved(terms).log_evidence, other))

@@ -8,10 +8,11 @@ times that of the right one.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, NuisanceDesign, rough_fit
+from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.kinematic.nuisance import Nuisance
 from gravity_comp_ros.regression.problem import Problem
 import numpy as np
 
@@ -35,8 +36,7 @@ def start_chain(problem: Problem) -> Chain:
     samples, nuisance = generic_poses(problem, _POSES)
     fits: list[ChainFit] = []
     for seed in range(_SEARCHES):
-        fits.append(rough_fit(samples, SearchOptions(starts=_STARTS, rivals=0, seed=seed), None,
-                              nuisance))
+        fits.append(rough_fit(samples, nuisance, SearchOptions(_STARTS, seed)))
         if sum(each.clean for each in fits) == _CLEAN:
             break
     return min(fits, key=_log_noise).chain
@@ -47,19 +47,12 @@ def _log_noise(fit: ChainFit) -> float:
     return float(np.log(fit.noise.absolute).mean())
 
 
-def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, NuisanceDesign]:
+def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]:
     """Return means over rows as samples, and the generic columns of each joint."""
     mean, samples = problem.rows.mean, problem.samples
     rows = np.unique(np.linspace(0, problem.rows.n_rows - 1, count).astype(int))
     q, qd, qdd = (mean(x)[rows] for x in (samples.q, samples.qd, problem.motion.qdd))
-    n = samples.n_joints
-    columns: list[FloatArray] = []
-    for joint in range(n):
-        for values in (np.ones(len(rows)), np.tanh(qd[:, joint] / _WIDTH), qd[:, joint],
-                       qdd[:, joint]):
-            column = np.zeros((n, len(rows)))
-            column[joint] = values
-            columns.append(column)
+    columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd])
     poses = JointSamples.single_run(samples.names, np.arange(len(rows), dtype=np.float64), q, qd,
                                     problem.y[rows])
-    return poses, NuisanceDesign(np.array(columns), None, np.tile(_SPREAD, n))
+    return poses, Nuisance(columns.transpose(2, 0, 1), np.array(_SPREAD))

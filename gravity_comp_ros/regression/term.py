@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.terms.effect import Effect
+from gravity_comp_ros.effects.effect import Effect
 import numpy as np
 
 Key = tuple[str, int | None]

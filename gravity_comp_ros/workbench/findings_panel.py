@@ -7,11 +7,11 @@ from collections.abc import Callable
 from bokeh.layouts import column, row
 from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.planning.targets import OPEN
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.views.effects import coefficients, label, structure
+from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import plan_panel, widgets
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.plan_panel import PlanActions
@@ -34,7 +34,6 @@ def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
                                'The diagnosis is running; the views below are ready.'))
     else:
         elements += _findings(opened, add, plans)
-        elements.append(widgets.html(_structure(opened, session.diagnosis)))
         elements += plan_panel.planned(opened, plans)
     if stage is not None and stage.model.applied.effects:
         applied = ', '.join(e.target for e in stage.model.applied.effects)
@@ -88,14 +87,6 @@ def _finding_html(number: int, finding: Finding) -> str:
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; error '
             f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
-
-
-def _structure(opened: OpenSession, diagnosis: Diagnosis) -> str:
-    html = structure(diagnosis)
-    if not html or not opened.session.findings():
-        return html
-    # Collapsed below findings, so that the first view fits on the same screen.
-    return markup.folded('Structure of the torques', html)
 
 
 def _quiet(text: str) -> UIElement:

@@ -15,8 +15,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.refit import RefitOptions
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.plan import Plan, plan
 from gravity_comp_ros.planning.targets import named_targets

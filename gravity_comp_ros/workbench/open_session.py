@@ -9,7 +9,7 @@ import time
 from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice

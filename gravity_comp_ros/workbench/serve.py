@@ -22,7 +22,7 @@ from bokeh.server.server import BaseServer
 from bokeh.server.util import bind_sockets
 from bokeh.util.warnings import BokehUserWarning
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store

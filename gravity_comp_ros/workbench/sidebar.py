@@ -10,7 +10,7 @@ from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
 from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES
+from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session

@@ -15,11 +15,10 @@ examples:
   gravity_comp add torque_offset:wrist --model arm.json run1.mcap --dry-run
   gravity_comp add --undo --model arm.json
 
-Gravity and effects are fitted jointly to the whole recordings. The fit uses slow samples, unless
-they are few or the effect requires fast motion (inertia, Coriolis, delay); --all-samples and
---max-speed override this. Errors are held-out errors, of whole runs or of blocks of time. If
-another effect explains the recordings equally well, `add` lists it. docs/effects.md describes
-every effect.
+Gravity and effects are fitted jointly. The fit uses slow samples if at least a fifth are slow,
+else all; --all-samples and --max-speed override this. Errors are held-out errors, of whole runs or
+of blocks of time. If another effect explains the recordings equally well, `add` lists it.
+docs/effects.md describes every effect.
 """
 
 

@@ -19,11 +19,12 @@ which recordings: the fitted recordings and any others of the same arm with the 
 or fast. More runs resolve more findings; errors are always held-out errors.
 
 verdicts:
-  established   explains held-out data in nearly every run, without an alternative: add it
+  established   strong evidence without an alternative, and a smaller held-out error: add it
   likely        the same with less evidence: add it
   ambiguous     another effect explains the data equally well; both are listed, with the motion
                 that distinguishes them. Add at most one of them
-  weak          below the significance threshold: do not add
+  weak          hardly reduces the held-out error, or its size is not physical or not different
+                from 0: do not add
   untestable    not identifiable with this motion: do not add
   unexplained   a repeating residual that no known effect describes
 Established and likely effects were selected jointly: add all of them with the printed command.

@@ -19,9 +19,9 @@ examples:
 which recordings: slow motion (every joint under 0.15 rad/s) through the poses of the task, every
 joint in both directions, with a constant payload; a minute or more, two runs rather than one.
 
-The fit uses slow samples. If they are too few, it uses all samples and fits inertia jointly with
-gravity. With --holdout the saved model is fitted without the held-out data; `compare --holdout`
-uses that data.
+Gravity is fitted jointly with friction, inertia and other effects, to slow samples, or to all if
+fewer than 100 of at least 200 are slow. With --holdout the saved model is fitted without the
+held-out data; `compare --holdout` uses that data.
 """
 
 
@@ -32,8 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='model file to write (without it, the fit is only shown)')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS, default=None,
                         help='potential: one potential energy for all joints; chain: potential '
-                        'energy of a serial arm; auto: the one of these two with the smaller '
-                        'held-out error; per_joint: each joint separately, as in Yu 2022 '
+                        'energy of a serial arm; auto: the chain if its residual is white or '
+                        'small, else the one of these two with the smaller held-out error; '
+                        'per_joint: each joint separately, as in Yu 2022 '
                         '(default: auto; chain with --urdf)')
     parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
                         const=0.2, default=None, help='share of the data held out of the fit '

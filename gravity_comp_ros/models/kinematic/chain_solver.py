@@ -11,13 +11,13 @@ any moment of the arm: it sets unidentifiable moments to 0 and hardly affects th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.kinematic.nuisance import Nuisance, WeightedNuisance
 from gravity_comp_ros.models.least_squares import lstsq
-from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 from scipy.linalg import lapack
 
@@ -48,16 +48,13 @@ class ChainProblem:
     """
     Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N).
 
-    `nuisance` (K, N, M) are nuisance columns, torque per unit of coefficient; `spread` (K,) are
-    the prior standard deviations of their coefficients, per N·m of noise (None: all are free).
-    Columns and target are whitened against them (`models.sparse.projected`).
+    Columns and target are whitened against the `nuisance` columns.
     """
 
     q: FloatArray
     tau: FloatArray
     weights: FloatArray
-    nuisance: FloatArray | None = None
-    spread: FloatArray | None = None
+    nuisance: Nuisance | None = None
     moment_precision: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -97,32 +94,22 @@ class ChainProblem:
     @cached_property
     def weighted_nuisance(self) -> WeightedNuisance:
         """Return the nuisance columns in units of the noise."""
-        return WeightedNuisance(self.nuisance, self.row_weights, self.spread)
+        none = Nuisance.none(self.n_joints, len(self.q))
+        return WeightedNuisance(self.nuisance or none, self.row_weights)
 
     def with_weights(self, weights: FloatArray) -> ChainProblem:
         """Return the same problem with other weights (M, N)."""
-        return ChainProblem(self.q, self.tau, weights, self.nuisance, self.spread)
+        return replace(self, weights=weights)
 
     def select(self, keep: IntArray) -> ChainProblem:
         """Return the problem of some of the samples."""
-        nuisance = None if self.nuisance is None else self.nuisance[:, :, keep]
-        return ChainProblem(self.q[keep], self.tau[keep], self.weights[keep], nuisance,
-                            self.spread)
-
-    def nuisance_coefficients(self, chain: Chain) -> FloatArray:
-        """Return the best-fitting nuisance coefficients (K,) given the gravity of a chain."""
-        return self._coefficients(self.tau - chain.torque(self.q))
+        nuisance = None if self.nuisance is None else self.nuisance.select(keep)
+        return ChainProblem(self.q[keep], self.tau[keep], self.weights[keep], nuisance)
 
     def residual(self, chain: Chain) -> FloatArray:
         """Return the residual (M, N) in N·m of a chain and the nuisance terms."""
         residual = self.tau - chain.torque(self.q)
-        if self.nuisance is None:
-            return residual
-        return np.asarray(residual - np.tensordot(self._coefficients(residual), self.nuisance,
-                                                  axes=(0, 0)).T)
-
-    def _coefficients(self, residual: FloatArray) -> FloatArray:
-        return self.weighted_nuisance.coefficients(self.row_weights * residual.T)
+        return residual - self.weighted_nuisance.torque(self.row_weights * residual.T).T
 
 
 @dataclass(frozen=True, eq=False)

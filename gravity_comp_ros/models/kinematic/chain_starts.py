@@ -37,9 +37,6 @@ _DRAWS, _COMPARED = 16, 500
 # Limit of `structure` for white residuals. Global minima have -3 to -5 (fitting removed part of
 # the noise), local ones 1 to 30.
 STRUCTURE_LIMIT = 0.0
-# The same limit for a final fit of all samples with right angles. Of twelve recordings of Eq. (17)
-# with white noise alone the right chain has -2.8 to 0.8.
-FINAL_STRUCTURE_LIMIT = 1.0
 _MAX_REWEIGHTINGS = 2
 # Limit of the lag-1 autocorrelation of white noise, in standard deviations.
 _WHITE = 4.0
@@ -50,47 +47,33 @@ class SearchOptions:
     """
     Extent of the search: at most `starts` starts, drawn from `seed`.
 
-    If the result is uncertain, `rivals` more starts seek alternative chains; 0 where the
-    uncertainty is not used.
-
-    :raises OptionError: if `starts` is below 1 or `rivals` below 0.
+    :raises OptionError: if `starts` is below 1.
     """
 
-    starts: int = 40
+    starts: int
     seed: int = 0
-    rivals: int = 16
 
     def __post_init__(self) -> None:
         if self.starts < 1:
             raise OptionError(f'chain: starts is {self.starts}; it must be at least 1')
-        if self.rivals < 0:
-            raise OptionError(f'chain: `rivals` is {self.rivals}; it must be at least 0')
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """A minimum of the full problem, the number of starts, and whether its residual is white."""
+    """A minimum of the full problem, and whether its residual is white."""
 
     solution: Solution
-    starts: int
     clean: bool
 
 
-def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
-           start: FloatArray | None = None) -> SearchResult:
-    """
-    Return the best minimum of all starts.
-
-    :param start: axes (N, 3, 3) of the first start.
-    """
+def search(problem: ChainProblem, options: SearchOptions) -> SearchResult:
+    """Return the best minimum of all starts."""
     few = thinned(problem)
     rng = np.random.default_rng(options.seed)
     best: Solution | None = None
     hits = 0
     for count in range(1, options.starts + 1):
-        axes = start if count == 1 and start is not None else next_axes(
-            rng, problem.n_joints, count, best)
-        tried = solve(few, axes, options=COARSE)
+        tried = solve(few, next_axes(rng, problem.n_joints, count, best), options=COARSE)
         if best is not None and tried.cost >= (1.0 - 1e-3) * best.cost:
             hits += tried.cost <= (1.0 + _SAME_MINIMUM) * best.cost
             if hits >= _HITS:
@@ -102,11 +85,11 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
         best = tried
         if not _is_clean(few, tried):
             continue
-        result = _refined(problem, best, count)
+        result = _refined(problem, best)
         if result.clean:
             return result
     assert best is not None
-    return _refined(problem, best, count)
+    return _refined(problem, best)
 
 
 def structure(problem: ChainProblem, solution: Solution) -> float:
@@ -140,10 +123,10 @@ def thinned(problem: ChainProblem, count: int = _COARSE_SAMPLES) -> ChainProblem
     return problem.select(np.linspace(0, len(problem.q) - 1, count).astype(int))
 
 
-def _refined(problem: ChainProblem, coarse: Solution, count: int) -> SearchResult:
+def _refined(problem: ChainProblem, coarse: Solution) -> SearchResult:
     """Return the minimum of the full problem near a coarse one."""
     solution = solve(problem, coarse.chain.axes)
-    return SearchResult(solution, count, _is_clean(problem, solution))
+    return SearchResult(solution, _is_clean(problem, solution))
 
 
 def _is_clean(problem: ChainProblem, solution: Solution) -> bool:

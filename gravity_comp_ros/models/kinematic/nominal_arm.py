@@ -82,19 +82,6 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
     return parameters, masses, missing
 
 
-def mean_inertia(geometry: Geometry, parameters: FloatArray) -> FloatArray:
-    """Return the inertia (N,) in kg·m^2 about each joint, the mean over random poses."""
-    n = geometry.n_joints
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
-    inertia = np.empty(n)
-    for joint in range(n):
-        unit = np.zeros_like(q)
-        unit[:, joint] = 1.0
-        torque = regressor(geometry, q, np.zeros_like(q), unit) @ parameters
-        inertia[joint] = torque[:, joint].mean()
-    return inertia
-
-
 def _points(geometry: Geometry) -> list[FloatArray]:
     """Return the candidate points of masses of each link, (P, 3) in m in its own frame."""
     ends = [*geometry.origins[1:], np.zeros(3)]

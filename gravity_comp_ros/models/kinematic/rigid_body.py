@@ -21,22 +21,14 @@ the identifiable ones, with the others grouped into them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import about_z, skew
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
 # Parameters of each link: mass, first moment and inertia about the origin of its frame.
 PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
-# Index of the first inertia.
-_INERTIAS = 4
-# Order of selection of the base parameters: those about the axis first, then first moments; the
-# others are grouped into them.
-_ORDER = (9, 4, 5, 6, 8, 1, 2, 7, 3, 0)
-# A column is linearly dependent if less than this share of it lies outside the span of the others.
-_DEPENDENT = 1e-7
 
 
 def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
@@ -112,33 +104,3 @@ def _times(v: FloatArray) -> FloatArray:
     result[:, 1, 1], result[:, 1, 3], result[:, 1, 4] = x, y, z
     result[:, 2, 2], result[:, 2, 4], result[:, 2, 5] = x, y, z
     return result
-
-
-@lru_cache(maxsize=8)
-def identifiable(geometry: Geometry) -> tuple[IntArray, IntArray]:
-    """
-    Return the identifiable inertias and rotors, in addition to first moments and masses.
-
-    Inertias (K,) are the parameter indices of the moments and products of inertia among the base
-    parameters; rotors (R,) are joint indices. They are determined on random motion: a column is
-    identifiable if it lies outside the span of those before it.
-    """
-    n = geometry.n_joints
-    rng = np.random.default_rng(0)
-    q, qd, qdd = (rng.uniform(-np.pi, np.pi, (8 * n + 8, n)) for _ in range(3))
-    columns = np.concatenate([regressor(geometry, q, qd, qdd),
-                              qdd[:, :, None] * np.eye(n)], axis=2).reshape(-1, 11 * n)
-    size = np.linalg.norm(columns, axis=0)
-    order = [10 * link + kind for kind in _ORDER for link in range(n)]
-    kept: list[int] = []
-    basis = np.zeros((len(columns), 0))
-    for number in (*order, *range(10 * n, 11 * n)):
-        outside = columns[:, number] - basis @ (basis.T @ columns[:, number])
-        outside -= basis @ (basis.T @ outside)  # again, against rounding
-        length = float(np.linalg.norm(outside))
-        if length > _DEPENDENT * max(float(size[number]), 1e-12):
-            kept.append(number)
-            basis = np.column_stack([basis, outside / length])
-    inertias = sorted(k for k in kept if k < 10 * n and k % 10 >= _INERTIAS)
-    rotors = [k - 10 * n for k in kept if k >= 10 * n]
-    return np.array(inertias, dtype=np.int64), np.array(rotors, dtype=np.int64)

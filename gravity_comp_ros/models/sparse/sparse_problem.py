@@ -9,14 +9,15 @@ explains the coarser part of the previous residual.
 
 Residuals of a real arm are autocorrelated (friction keeps its sign for seconds), which reduces the
 effective sample size. The variance inflation factor `inflation` multiplies the variance, and with
-it lambda and every price. The support is grown without it and pruned with it. Refits of supports
-with nearly the same score are averaged with their posterior probabilities.
+it lambda and every price. The support is grown without it and pruned with it. Features that could
+replace one of its own at nearly the same score are added to it in the end: the regression that
+estimates the weights of all of them (`regression.dictionary_columns`) averages over them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
@@ -25,8 +26,6 @@ from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import admm, support
 from gravity_comp_ros.models.sparse.array_backend import Arrays
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
-from gravity_comp_ros.models.sparse.projected import (
-    nuisance_coefficients, NuisanceBasis, ProjectedDesign, scaled_spread)
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
@@ -68,10 +67,7 @@ class SparseProblem:
     Torques `tau` (M, J) of poses `q` (M, N), with the type of design to explain them.
 
     J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
-    features that may be selected; `runs` (M,) numbers the run of each sample. `nuisance` (J, M, K)
-    are nuisance columns, `spread` (K,) the prior standard deviations of their coefficients, per
-    N·m of noise (None where all are free); `trust` (M, J) are robust weights of the squared
-    residuals, 1 for inliers (Huber 1964).
+    features that may be selected; `runs` (M,) numbers the run of each sample.
     """
 
     design_type: DesignType
@@ -79,9 +75,6 @@ class SparseProblem:
     tau: FloatArray
     runs: IntArray
     usable: BoolArray
-    nuisance: FloatArray | None = None
-    trust: FloatArray | None = None
-    spread: FloatArray | None = None
 
     @property
     def n_joints(self) -> int:
@@ -95,37 +88,8 @@ class SparseProblem:
     def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
                  inflation: float) -> tuple[Design, FloatArray]:
         """Return the design and the right-hand side in units of the noise."""
-        weights = self.row_weights(model.sigma(predicted) * np.sqrt(inflation))
-        design, b = self.unweighted.reweighted(weights), (weights * self.tau).T.ravel()
-        if self.nuisance is None:
-            return design, b
-        rows = self._rows_of_nuisance(weights)
-        projected = ProjectedDesign(design, NuisanceBasis.of(rows, self._spread(rows)))
-        return projected, projected.project(b)
-
-    def row_weights(self, sigma: FloatArray) -> FloatArray:
-        """Return the weights (M, J) of rows with standard deviations sigma (M, J)."""
-        return 1.0 / sigma if self.trust is None else np.sqrt(self.trust) / sigma
-
-    def nuisance_coefficients(self, residual: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the best-fitting nuisance coefficients (K,) for a residual (M, J)."""
-        if self.nuisance is None:
-            return np.zeros(0)
-        rows = self._rows_of_nuisance(weights)
-        return nuisance_coefficients(rows, (weights * residual).T.ravel(), self._spread(rows))
-
-    def nuisance_torque(self, coefficients: FloatArray) -> FloatArray:
-        """Return the torque (M, J) of the nuisance terms, N·m."""
-        if self.nuisance is None:
-            return np.zeros(self.tau.shape)
-        return np.asarray((self.nuisance @ coefficients).T)
-
-    def _spread(self, rows: FloatArray) -> FloatArray | None:
-        return scaled_spread(self.spread, self._rows_of_nuisance(np.ones(self.tau.shape)), rows)
-
-    def _rows_of_nuisance(self, weights: FloatArray) -> FloatArray:
-        assert self.nuisance is not None
-        return (self.nuisance * weights.T[:, :, None]).reshape(self.tau.size, -1)
+        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
+        return self.unweighted.reweighted(weights), (weights * self.tau).T.ravel()
 
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
         """Return the torques (M, J) of a weight vector."""
@@ -149,18 +113,14 @@ class SparseProblem:
         count = np.bincount(group)
         first = np.concatenate([[0], np.cumsum(count)[:-1]])
 
-        def mean(values: FloatArray, axis: int = 0) -> FloatArray:
-            return np.asarray(np.add.reduceat(values, first, axis=axis) / count[:, None])
+        def mean(values: FloatArray) -> FloatArray:
+            return np.asarray(np.add.reduceat(values, first, axis=0) / count[:, None])
 
-        return replace(self, q=mean(self.q), tau=mean(self.tau), runs=self.runs[first],
-                       nuisance=None if self.nuisance is None else mean(self.nuisance, 1),
-                       trust=None if self.trust is None else mean(self.trust))
+        return replace(self, q=mean(self.q), tau=mean(self.tau), runs=self.runs[first])
 
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
-        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep],
-                       nuisance=None if self.nuisance is None else self.nuisance[:, keep],
-                       trust=None if self.trust is None else self.trust[keep])
+        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,47 +128,40 @@ class SupportFit:
     """
     A support with its refit and derived quantities.
 
-    `noise` is the noise model, `predicted` (M, J) the gravity torque in N·m, `nuisance` (K,) the
-    coefficients of the nuisance columns.
+    `noise` is the noise model, `predicted` (M, J) the gravity torque in N·m.
     """
 
     refit: support.Refit
     noise: noise.NoiseModel
     predicted: FloatArray
     rounds: int
-    nuisance: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def residual(self, problem: SparseProblem) -> FloatArray:
-        """Return the residual (M, J) in N·m of gravity and nuisance terms."""
-        nuisance = problem.nuisance_torque(self.nuisance) if self.nuisance.size else 0.0
-        return np.asarray(problem.tau - self.predicted - nuisance)
+        """Return the residual (M, J) in N·m."""
+        return np.asarray(problem.tau - self.predicted)
 
 
 @dataclass(frozen=True, eq=False)
 class SparseFit:
     """
-    Coefficients `x` (K,) of features `indices` with their covariance (K, K).
+    Coefficients `x` (K,) of features `indices`: the selected support and its equivalents.
 
-    `n_averaged` is the number of equivalent supports that were averaged.
+    The equivalents, of `n_equivalent` supports, have the coefficient 0.
     """
 
     indices: IntArray
     x: FloatArray
-    covariance: FloatArray
-    noise: noise.NoiseModel
     lasso: LassoSolution
     inflation: float
     rounds: int
-    n_averaged: int
+    n_equivalent: int
 
 
-def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
-         old: IntArray | None = None) -> SupportFit:
+def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0) -> SupportFit:
     """
-    Return the selected support, grown from nothing or from that of an old model.
+    Return the selected support, grown from nothing.
 
     :param inflation: variance inflation factor; 1 for independent samples.
-    :param old: features to start with; their residual is the initial noise.
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
@@ -216,9 +169,6 @@ def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
     start = SupportFit(support.Refit.empty(), noise.first_guess(problem.tau),
                        np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
-    if old is not None and old.size:
-        kept = support.refit(design, b, old[problem.usable[old]])
-        return _converged(problem, _with_noise(problem, start, kept), inflation)
     proposal = propose(design, b, problem, options).indices
     return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)),
                       inflation)
@@ -236,17 +186,18 @@ def with_all_samples(problem: SparseProblem, fit: SupportFit) -> SupportFit:
 
 def finish(problem: SparseProblem, fit: SupportFit, inflation: float,
            options: SparseOptions) -> SparseFit:
-    """Solve the L1 problem at the final noise, keep the better support, average equivalents."""
+    """Solve the L1 problem at the final noise, keep the better support, add its equivalents."""
     design, b = problem.weighted(fit.noise, fit.predicted, inflation)
     solution = propose(design, b, problem, options)
     gram = support.gram_of(design, problem.usable)
     finals = [support.select_support(design, b, start, problem.n_joints, problem.usable, gram)
               for start in (fit.refit.indices, solution.indices)]
     best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
-    average, averaged = support.average_equivalents(design, b, best, problem.n_joints,
-                                                    problem.usable, gram)
-    return SparseFit(average.indices, average.x, average.covariance, fit.noise, solution,
-                     inflation, fit.rounds, averaged)
+    near = support.equivalents(b, best, problem.n_joints, gram)
+    indices = np.unique(np.concatenate([best.indices, *near]))
+    x = np.zeros(len(indices))
+    x[np.searchsorted(indices, best.indices)] = best.x
+    return SparseFit(indices, x, solution, inflation, fit.rounds, len(near))
 
 
 def propose(design: Design, b: FloatArray, problem: SparseProblem,
@@ -271,27 +222,20 @@ def _converged(problem: SparseProblem, fit: SupportFit, inflation: float) -> Sup
         design, b = problem.weighted(fit.noise, fit.predicted, inflation)
         refit = support.select_support(design, b, fit.refit.indices, problem.n_joints,
                                        problem.usable)
-        last, fit = fit, _with_noise(problem, fit, refit)
+        last, fit = fit, _with_noise(problem, refit, fit.rounds + 1)
         if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
                 and fit.noise.is_close_to(last.noise):
             break
     return fit
 
 
-def _with_noise(problem: SparseProblem, last: SupportFit, refit: support.Refit) -> SupportFit:
+def _with_noise(problem: SparseProblem, refit: support.Refit, rounds: int) -> SupportFit:
     """Return a refit with its predicted torque and the noise estimated from its residual."""
     columns = problem.unweighted.columns(refit.indices)
     predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
-    residual, spent = problem.tau - predicted, _spent(columns, problem)
-    weights = problem.row_weights(last.noise.sigma(last.predicted))
-    nuisance = problem.nuisance_coefficients(residual, weights)
-    if nuisance.size:
-        residual = residual - problem.nuisance_torque(nuisance)
-        spent = spent + len(nuisance) / residual.shape[1]
-    if problem.trust is not None:
-        residual = residual * np.sqrt(problem.trust)
-    model = noise.estimate(residual, predicted, noise.floor(problem.tau), spent)
-    return SupportFit(refit, model, predicted, last.rounds + 1, nuisance)
+    model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
+                           _spent(columns, problem))
+    return SupportFit(refit, model, predicted, rounds)
 
 
 def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:

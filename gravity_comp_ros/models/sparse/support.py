@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.models.least_squares import svd
+from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.sparse.gram import Gram
 from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
 from gravity_comp_ros.models.sparse.regressor import Design
@@ -35,7 +35,7 @@ _MIN_DECREASE = 1e-6
 _CANDIDATES = 30
 # Number of promising features tried first where products with all features are expensive.
 _POOL = 300
-# Models whose score is within this of the best (a posterior ratio of 1 to 50) are averaged.
+# Supports whose score is within this of the best (a posterior ratio of 1 to 50) are equivalent.
 _EQUIVALENT = 8.0
 # A column is linearly dependent if less than this share of its squared length lies outside the
 # span of the support.
@@ -49,17 +49,16 @@ Move = tuple[float, IntArray]
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """An unpenalised weighted fit on a support: coefficients, covariance and chi^2."""
+    """An unpenalised weighted fit on a support: coefficients and chi^2."""
 
     indices: IntArray
     x: FloatArray
-    covariance: FloatArray
     chi2: float
 
     @classmethod
     def empty(cls) -> Refit:
         """Return the fit on no features, before any data was seen."""
-        return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)), np.inf)
+        return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.inf)
 
 
 def costs(n_joints: int, n_rows: int) -> FloatArray:
@@ -79,20 +78,13 @@ def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     """
     indices = np.sort(np.asarray(indices, dtype=np.int64))
     if not indices.size:
-        return Refit(indices, np.zeros(0), np.zeros((0, 0)), float(b @ b))
+        return Refit(indices, np.zeros(0), float(b @ b))
     a = design.columns(indices)
     lengths = np.linalg.norm(a, axis=0)
     lengths[lengths == 0.0] = 1.0
-    # The R factor of [A b] contains all that the solution requires.
-    triangle = linalg.qr(np.column_stack([a / lengths, b]), mode='r', check_finite=False)[0]
-    k = len(indices)
-    u, s, vt = svd(triangle[:k, :k])
-    keep = s > 1e-12 * s[0]
-    half = vt[keep].T / s[keep]
-    x = half @ (u[:, keep].T @ triangle[:k, k]) / lengths
-    covariance = (half @ half.T) / np.outer(lengths, lengths)
+    x = lstsq(a / lengths, b, rcond=1e-12) / lengths
     residual = b - a @ x
-    return Refit(indices, x, covariance, float(residual @ residual))
+    return Refit(indices, x, float(residual @ residual))
 
 
 def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
@@ -131,37 +123,17 @@ def score(refit: Refit, n_joints: int, n_rows: int) -> float:
     return refit.chi2 + float(costs(n_joints, n_rows)[refit.indices].sum())
 
 
-def average_equivalents(design: Design, b: FloatArray, best: Refit, n_joints: int,
-                        usable: BoolArray, gram: Gram | None = None) -> tuple[Refit, int]:
+def equivalents(b: FloatArray, best: Refit, n_joints: int, gram: Gram) -> list[IntArray]:
     """
-    Return the average of the best support and its equivalents, single swaps of similar score.
+    Return the supports whose score is within `_EQUIVALENT` of the best: single swaps of features.
 
-    The weight of a model is its posterior probability, exp(-score / 2). If the data cannot
-    distinguish two features, the average halves the error of the wrong one outside the trained
-    range. The covariance includes the variance within and between the models.
+    If the data cannot distinguish two features, a mixture of both halves the error of the wrong
+    one outside the trained range.
 
-    :return: the average and the number of other models in it.
+    :param gram: products of the columns of the usable features (`gram_of`).
     """
-    search = _Search(b, n_joints, gram or gram_of(design, usable), best.indices)
-    near = [refit(design, b, other) for change, other in search.swaps() if change < _EQUIVALENT]
-    models = [best] + near
-    # From the refits, because predicted changes are affected by rounding (`_Search.step`).
-    scores = np.array([score(model, n_joints, design.n_rows) for model in models])
-    weights = np.exp(-0.5 * (scores - scores.min()))
-    return _mixture(models, weights / weights.sum(), best.chi2), len(near)
-
-
-def _mixture(models: list[Refit], weights: FloatArray, chi2: float) -> Refit:
-    indices = np.unique(np.concatenate([m.indices for m in models]))
-    xs = np.zeros((len(models), len(indices)))
-    within = np.zeros((len(indices), len(indices)))
-    for k, (model, weight) in enumerate(zip(models, weights)):
-        places = np.searchsorted(indices, model.indices)
-        xs[k, places] = model.x
-        within[np.ix_(places, places)] += weight * model.covariance
-    mean = weights @ xs
-    spread = xs - mean
-    return Refit(indices, mean, within + (spread.T * weights) @ spread, chi2)
+    swaps = _Search(b, n_joints, gram, best.indices).swaps()
+    return [support for change, support in swaps if change < _EQUIVALENT]
 
 
 class _Search:

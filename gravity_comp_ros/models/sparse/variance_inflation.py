@@ -64,7 +64,6 @@ def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
     errors = []
     for inflation in tried:
         fit = prune(train, fit, inflation)
-        predicted = (held_out.predict(fit.refit.indices, fit.refit.x)
-                     + held_out.nuisance_torque(fit.nuisance))
+        predicted = held_out.predict(fit.refit.indices, fit.refit.x)
         errors.append(float((((held_out.tau - predicted) / scale) ** 2).mean()))
     return np.array(errors)

@@ -8,7 +8,8 @@ from bokeh.plotting import figure
 from gravity_comp_ros.api import results
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.effects.motion import build_motion, Motion
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
@@ -34,7 +35,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
             'effects.'))
     if not diagnosis.findings:
         return Section('effects', title, markup.paragraph(wording.verdict(diagnosis))
-                       + structure(diagnosis) + summaries(diagnosis))
+                       + summaries(diagnosis))
     findings = diagnosis.findings
     lead = markup.paragraph(
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
@@ -54,7 +55,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
             'torque without them. Points along the line confirm the effect; a curved pattern, or '
             'a line determined by few points, is evidence against it.', 'quiet')
     return Section('effects', title, lead, column(*parts, sizing_mode='stretch_width'),
-                   explanation + structure(diagnosis) + details(findings) + summaries(diagnosis))
+                   explanation + details(findings) + summaries(diagnosis))
 
 
 def findings_table(findings: tuple[Finding, ...]) -> str:
@@ -118,16 +119,9 @@ def summaries(diagnosis: Diagnosis) -> str:
     return table + untestable
 
 
-def structure(diagnosis: Diagnosis) -> str:
-    """Return contradictions to the gravity torque of a serial arm; empty without any."""
-    lines = results.structure_lines(diagnosis)
-    return '<h3>Contradictions to the gravity torque of a serial arm</h3>' \
-        + markup.bullets(lines) if lines else ''
-
-
 def _added_variable_plots(contents: Contents, table: Table, style: Style) -> UIElement | None:
     findings = contents.diagnosis.findings if contents.diagnosis else ()
-    motion = build_motion(contents.samples, contents.model)
+    motion = motion_of(contents.model, contents.samples)
     variables = [(k, variable) for k, finding in enumerate(findings[:_MAX_PLOTS])
                  if (variable := _variable(contents, table, motion, finding))]
     if not variables:
@@ -140,7 +134,7 @@ def _added_variable_plots(contents: Contents, table: Table, style: Style) -> UIE
 
 def added(contents: Contents, table: Table, style: Style, finding: Finding) -> figure | None:
     """Return the added-variable plot of one finding."""
-    motion = build_motion(contents.samples, contents.model)
+    motion = motion_of(contents.model, contents.samples)
     variable = _variable(contents, table, motion, finding)
     if variable is None or contents.diagnosis is None:
         return None

@@ -1,0 +1,327 @@
+"""
+Estimate of gravity, dynamics and effects: the choice of the shared part, and its regression.
+
+Without a robot description the shared part is a chain whose axes are estimated; with one it is
+the rigid-body regressor on the described axes. `potential` and `per_joint` are sparse sums of the
+dictionary, whose support ADMM selects (Yu 2022, Eqs. 8-14). `auto` compares the potential with a
+chain whose residual is neither white nor small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
+from gravity_comp_ros.models.sparse.identifiability import at_rest
+from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
+from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
+from gravity_comp_ros.regression.engine import regress, Regression
+from gravity_comp_ros.regression.gains import gain_of
+from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.start import start_chain
+from gravity_comp_ros.regression.term import Key, Term
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+import numpy as np
+
+MIN_SAMPLES = 10
+# Formulations to choose from; `auto` chooses between chain and potential by the data.
+CHOICES = ('auto', *FORMULATIONS)
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """
+    Options of a fit: the `formulation`, and how its sparse problems are solved.
+
+    `auto` accepts a chain whose residual is white or small; otherwise it fits the potential too,
+    and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
+    joints must be in its order. `white` is the largest ratio of a joint's residual to its white
+    noise at which the residual of a chain counts as white, `small` the share of the joint's torque
+    scale below which it is accepted in any case. `better` is the share by which free axes must
+    reduce the residual of some joint for described axes to be rejected. `max_potential_joints` is
+    the number of joints up to which a potential is affordable.
+
+    :raises OptionError: if the formulation is unknown, or does not use a geometry.
+    """
+
+    formulation: str = 'auto'
+    sparse: SparseOptions = SparseOptions()
+    geometry: Geometry | None = field(default=None, compare=False)
+    engine: EngineOptions = EngineOptions()
+    white: float = 2.0
+    small: float = 0.01
+    better: float = 0.3
+    max_potential_joints: int = 9
+
+    def __post_init__(self) -> None:
+        if self.formulation not in CHOICES:
+            raise OptionError(f'unknown formulation {self.formulation!r}; choose from '
+                              f'{", ".join(CHOICES)}')
+        if self.geometry is not None and self.formulation not in ('chain', 'auto'):
+            raise OptionError(f'formulation {self.formulation} does not use known axes; choose '
+                              f'chain or auto')
+
+    def check_joints(self, samples: JointSamples) -> None:
+        """
+        Check that the known axes are those of the samples' joints.
+
+        :raises ModelMismatchError: if they are of other joints, or in another order.
+        """
+        if self.geometry is not None and self.geometry.joints != samples.names:
+            raise ModelMismatchError(f'the known axes are of {", ".join(self.geometry.joints)}, '
+                                     f'but the samples are of {", ".join(samples.names)}')
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the options for a model's provenance."""
+        return {'formulation': self.formulation, 'sparse': asdict(self.sparse),
+                'known_axes': self.geometry is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """
+    A regression and how its shared part was chosen.
+
+    `why` is the reason of the formulation, `held_out` held-out errors by formulation in multiples
+    of the noise, empty without a comparison. `warning` is the reason why a description was
+    rejected. `fits` are the solved L1 problems.
+    """
+
+    regression: Regression
+    formulation: str
+    why: str
+    held_out: Mapping[str, float] = field(default_factory=dict)
+    warning: str = ''
+    fits: tuple[SparseFit, ...] = ()
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """Return the axes of a description, with mounting and zero angles as fitted."""
+        shared = self.regression.shared
+        return shared.geometry if isinstance(shared, KnownAxes) else None
+
+
+def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
+             use: BoolArray | None = None, old: GravityModel | None = None,
+             forced: frozenset[Key] = frozenset(), effects: Sequence[Effect] | None = None,
+             progress: Progress | None = None) -> Estimate:
+    """
+    Return the estimate of samples.
+
+    :param use: mask (M,) of the samples to fit; None for all.
+    :param old: a model of the same joints as the start of the search; it is no constraint.
+    :param forced: effects that stay in the model, as name and joint number.
+    :param effects: the effects to test; all by default.
+    :raises FitError: if there are too few samples, or no joint moves.
+    :raises ModelMismatchError: if the options have the axes of other joints.
+    """
+    _check(samples, use)
+    options.check_joints(samples)
+    problem = Problem.of(samples, use, options.engine)
+    tested = tuple(all_effects().values()) if effects is None else tuple(effects)
+    work = _Work(problem, options, old if old and old.joints == samples.names else None, forced,
+                 tested, progress or (lambda word, share: None))
+    work.report('fit', 0.0)
+    if options.formulation in ('potential', 'per_joint'):
+        result = work.sparse(options.formulation, 'it was requested')
+    else:
+        result = work.chain_or_potential()
+    work.report('fit', 1.0)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """Data that all ways to an estimate share."""
+
+    problem: Problem
+    options: FitOptions
+    old: GravityModel | None
+    forced: frozenset[Key]
+    effects: tuple[Effect, ...]
+    report: Progress
+
+    def chain_or_potential(self) -> Estimate:
+        """Return the chain, or the potential if that predicts held-out samples better."""
+        chain, warning = self._chain()
+        why = 'it was requested' if self.options.formulation == 'chain' else self._accepted(chain)
+        if why:
+            return Estimate(chain, 'chain', why, warning=warning)
+        potential = self.sparse('potential', '')
+        errors = {name: held_out_ratio(one, chain.noise) for name, one in (
+            ('chain', chain), ('potential', potential.regression))}
+        best, other = sorted(errors, key=lambda name: errors[name])
+        why = (f'on held-out samples the error of the {best} is {errors[best]:.2f} and that of '
+               f'the {other} {errors[other]:.2f} times the noise')
+        if best == 'chain':
+            return Estimate(chain, 'chain', why, errors, warning)
+        return replace(potential, why=why, held_out=errors)
+
+    def _accepted(self, chain: Regression) -> str:
+        """Return why a chain needs no comparison with the potential, '' if it does."""
+        if self.problem.samples.n_joints > self.options.max_potential_joints:
+            return (f'the potential is not tried on more than {self.options.max_potential_joints} '
+                    f'joints')
+        if is_white(chain, self.options.white):
+            return 'the residual of the chain is white'
+        if (chain.noise < self.options.small * self.problem.scale.torque).all():
+            return 'the residual of the chain is small relative to gravity'
+        return ''
+
+    def _chain(self) -> tuple[Regression, str]:
+        """Return the chain, on described axes unless free ones fit much better."""
+        geometry = self.options.geometry
+        if geometry is None:
+            return self.regress(UnknownLengths.of(self._start())), ''
+        samples = self.problem.samples.select(self.problem.rows.samples)
+        known = self.regress(KnownAxes.of(with_estimated_vertical(geometry, samples)))
+        if is_white(known, self.options.white):
+            return known, ''
+        free = self.regress(UnknownLengths.of(self._start()))
+        worst = int(np.argmax(known.noise / free.noise))
+        if free.noise[worst] >= (1.0 - self.options.better) * known.noise[worst]:
+            return known, ''
+        return free, (
+            f'the description is not used: with its axes the residual torque of '
+            f'{samples.names[worst]} is {known.noise[worst]:.2g} N·m, with free axes '
+            f'{free.noise[worst]:.2g} N·m. Check that it is of this arm')
+
+    def _start(self) -> Chain:
+        return self.old.chain if self.old is not None and self.old.chain is not None \
+            else start_chain(self.problem)
+
+    def sparse(self, formulation: str, why: str) -> Estimate:
+        """
+        Return the estimate on a support of the dictionary.
+
+        A first support is selected from the torque of the rows, friction included. The second is
+        selected from the torque without the terms of a first regression on it.
+        """
+        self.report('ADMM', 0.5)
+        shared, fits = self._support(formulation, self.problem.y)
+        first = self.regress(shared)
+        shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
+        return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
+
+    def _support(self, formulation: str, torque: FloatArray
+                 ) -> tuple[Shared, tuple[SparseFit, ...]]:
+        """Return the columns that ADMM selects from a gravity torque (R, N)."""
+        rows = samples_of_rows(self.problem, torque)
+        if formulation == 'potential':
+            energy, fits = fit_potential(rows, self.options.sparse)
+            return Energy(energy), tuple(fits)
+        torques, fits = fit_per_joint(rows, self.options.sparse)
+        return Torques(torques), tuple(fits)
+
+    def regress(self, shared: Shared, start: Iterable[Term] = ()) -> Regression:
+        """
+        Return the regression from a start, with the terms of the old model and the forced ones.
+
+        A forced term that the search does not find is added at its best setting.
+        """
+        terms = tuple(start)
+        if not terms and self.old is not None:
+            terms = self._terms_of(shared, (*self.old.applied.effects, *self.old.fitted.effects))
+        present = self.forced & {term.key for term in terms}
+        first = regress(self.problem, shared, self.effects, terms, present)
+        missing = self._forced_terms(first, self.forced - {term.key for term in first.terms})
+        if not missing:
+            return first
+        return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
+                       self.forced)
+
+    def _factory(self, shared: Shared) -> TermFactory:
+        motion = self.problem.motion.with_gravity(
+            shared.gravity(self.problem.samples.q), shared.gradient,
+            getattr(shared, 'chain', None), getattr(shared, 'geometry', None))
+        return TermFactory(motion, self.problem.rows, self.problem.scale, self.problem.terms)
+
+    def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect]) -> tuple[Term, ...]:
+        """Return terms of the effects of a model that are tested and testable here."""
+        factory, names, terms = self._factory(shared), self.problem.samples.names, []
+        tested = {effect.name: effect for effect in self.effects}
+        for one in applied:
+            effect = tested.get(one.name)
+            if effect is None or effect.is_shared:
+                continue
+            joint = None if one.joint is None else names.index(one.joint)
+            if effect.untestable(factory.motion, joint or 0) is None:
+                count = max(len(effect.settings(factory.motion, joint or 0)), 1)
+                terms.append(factory.term(effect, joint, one.setting, count))
+        return tuple(terms)
+
+    def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
+        """Return terms of forced effects at the settings with the largest gains."""
+        factory, terms, known = self._factory(first.shared), [], all_effects()
+        for name, joint in sorted(keys, key=str):
+            effect = known[name]
+            if not effect.is_shared:
+                settings = effect.settings(factory.motion, joint or 0)
+                terms.append(max((factory.term(effect, joint, setting, len(settings))
+                                  for setting in settings),
+                                 key=lambda term: gain_of(first.posterior, term)))
+        return tuple(terms)
+
+
+def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:
+    """Return the means over rows as samples, with a torque (R, N) in N·m."""
+    samples, rows = problem.samples, problem.rows
+    return JointSamples(samples.names, rows.t, rows.mean(samples.q), rows.mean(samples.qd),
+                        torque, rows.run, samples.run_labels)
+
+
+def residual_of(regression: Regression) -> FloatArray:
+    """Return the residual of all terms, (R, N) in N·m."""
+    posterior = regression.posterior
+    parts = [posterior.residual(j) / np.maximum(posterior.design.root[j], 1e-9)
+             for j in range(posterior.design.n_joints)]
+    return np.stack(parts, axis=1)
+
+
+def is_white(regression: Regression, limit: float) -> bool:
+    """Return whether every joint's residual is close to the white noise of its torque."""
+    return bool((regression.noise <= limit * regression.problem.white_noise).all())
+
+
+def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:
+    """Return the RMS of the held-out residuals of all joints, in multiples of sigma (N,)."""
+    squares = np.zeros(len(sigma))
+    fold = regression.problem.rows.fold
+    for k in np.unique(fold):
+        without = regression.without(fold == k)
+        squares += [float((without.residual(j) ** 2).sum()) for j in range(len(sigma))]
+    return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
+
+
+def _gravity_of(regression: Regression) -> FloatArray:
+    """Return the gravity torque of the rows, (R, N) in N·m."""
+    problem = regression.problem
+    return problem.rows.mean(regression.shared.gravity(problem.samples.q))
+
+
+def _check(samples: JointSamples, use: BoolArray | None) -> None:
+    part = samples if use is None else samples.select(use)
+    if part.n_samples < MIN_SAMPLES:
+        raise FitError(f'{part.n_samples} slow samples; a fit needs at least {MIN_SAMPLES}. '
+                       f'Record longer or slower motion, or raise the speed limit of the gate')
+    if at_rest(part.q).all():
+        raise FitError('no joint moves; a fit needs poses that differ')
+    if not part.tau.any():
+        raise FitError('effort is 0 for every joint; check that the driver publishes it')

@@ -1,0 +1,158 @@
+"""The model of an estimate: gravity with its uncertainty, and effects with their coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeGuard
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Coefficients
+from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.estimation.estimate import Estimate
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
+from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
+from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.posterior import Posterior
+from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.term import Term
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+import numpy as np
+
+DYNAMICS = 'rigid_body_dynamics'
+# Half-width of a 95 % interval in standard deviations.
+_Z95 = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class Switches:
+    """
+    Which terms of an estimate a model predicts.
+
+    `predicted` are targets (`NAME:JOINT`). Static terms that gravity absorbs nearly whole are
+    predicted as well: their sum with gravity is identified, their split is not.
+    """
+
+    predicted: Collection[str] = ()
+
+    def is_predicted(self, estimate: Estimate, term: Term, name: str) -> bool:
+        """Return whether a term is predicted."""
+        return name in self.predicted or is_absorbed(estimate, term)
+
+
+def is_absorbed(estimate: Estimate, term: Term) -> bool:
+    """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
+    regression = estimate.regression
+    limit = regression.problem.options.min_unabsorbed
+    return term.effect.is_static and regression.unabsorbed[term.key] < limit
+
+
+def target_of(term: Term, joints: tuple[str, ...]) -> str:
+    """Return `NAME:JOINT` of a term, or `NAME` for the whole arm."""
+    return target(term.name, None if term.joint is None else joints[term.joint])
+
+
+def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None = None,
+             with_noise: bool = True) -> GravityModel:
+    """
+    Return the model of an estimate.
+
+    :param posterior: another posterior of the same terms, such as that of a fold.
+    :param with_noise: whether the noise is computed from the prediction of the fitted samples.
+    """
+    regression = estimate.regression
+    problem, joints = regression.problem, regression.problem.samples.names
+    posterior = posterior or regression.posterior
+    shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
+    used = problem.samples.select(problem.rows.samples)
+    model = _gravity(shared, posterior, joints, Coverage.of(used), estimate.formulation)
+    predicted: list[AppliedEffect] = []
+    fitted: list[AppliedEffect] = []
+    for term in posterior.terms:
+        effect = _applied(estimate, posterior, term, joints)
+        chosen = switches.is_predicted(estimate, term, effect.target)
+        (predicted if chosen else fitted).append(effect)
+    if has_dynamics(shared) and _moves(estimate, shared):
+        dynamics = _dynamics(estimate, shared, posterior)
+        (predicted if DYNAMICS in switches.predicted else fitted).append(dynamics)
+    model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
+    return with_residuals(model, estimate) if with_noise else model
+
+
+def with_residuals(model: GravityModel, estimate: Estimate) -> GravityModel:
+    """Return a model with the RMS of its prediction's error, and of the residual of all terms."""
+    problem = estimate.regression.problem
+    samples, rows = problem.samples, problem.rows.samples
+    error = (samples.tau - predict_torque(model, samples))[rows]
+    rest = error - fitted_torque(model, samples)[rows]
+    return replace(model, noise=_rms(error), residual_std=_rms(rest))
+
+
+def _moves(estimate: Estimate, shared: KnownAxes | UnknownLengths) -> bool:
+    """Return whether the motion has accelerations, from which dynamics are estimated."""
+    motion = replace(estimate.regression.motion, chain=shared.chain)
+    return all_effects()[DYNAMICS].untestable(motion, 0) is None
+
+
+def has_dynamics(shared: Shared) -> TypeGuard[KnownAxes | UnknownLengths]:
+    """Return whether the shared part contains the dynamics of the arm."""
+    return isinstance(shared, (KnownAxes, UnknownLengths))
+
+
+def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray) -> FloatArray:
+    """Return the parameters of motion among those of the shared part, in the effect's order."""
+    if isinstance(shared, KnownAxes):
+        return parameters[2 + shared.geometry.n_joints:]
+    return parameters[4 * shared.chain.n_joints:]
+
+
+def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], coverage: Coverage,
+             formulation: str) -> GravityModel:
+    p = len(shared.point)
+    covariance, none = posterior.covariance[:p, :p], np.zeros(len(joints))
+    if has_dynamics(shared):
+        chain, steps = shared.chain, shared.step_map()
+        model = GravityModel.from_energy(
+            joints, formulation, expand(chain), none, coverage, {}, chain,
+            ChainUncertainty(chain, steps @ covariance @ steps.T))
+        return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
+    if isinstance(shared, Energy):
+        return GravityModel.from_energy(
+            joints, formulation, shared.energy, none, coverage, {},
+            uncertainty=EnergyUncertainty(shared.energy.indices, covariance))
+    assert isinstance(shared, Torques)
+    return GravityModel(joints, formulation, shared.torques, None, none, coverage)
+
+
+def _applied(estimate: Estimate, posterior: Posterior, term: Term,
+             joints: tuple[str, ...]) -> AppliedEffect:
+    """Return a term with its coefficients and their intervals."""
+    effect, motion = term.effect, estimate.regression.motion
+    return AppliedEffect(
+        term.name, None if term.joint is None else joints[term.joint], term.setting,
+        values_of(effect.coefficients_of(motion, term.joint_number, term.setting),
+                  posterior.beta[posterior.at[term]], posterior.std(term)))
+
+
+def _dynamics(estimate: Estimate, shared: KnownAxes | UnknownLengths,
+              posterior: Posterior) -> AppliedEffect:
+    effect, p = all_effects()[DYNAMICS], len(shared.point)
+    std = np.sqrt(np.maximum(np.diag(posterior.covariance)[:p], 0.0))
+    listed = effect.coefficients_of(estimate.regression.motion, 0, {})
+    return AppliedEffect(DYNAMICS, None, {}, values_of(
+        listed, motion_parameters(shared, shared.point), motion_parameters(shared, std)))
+
+
+def values_of(listed: Coefficients, values: FloatArray,
+              std: FloatArray) -> Mapping[str, Value]:
+    """Return coefficients (K,) with their 95 % intervals, by symbol."""
+    return {c.symbol: Value(float(x), c.unit, (float(x - _Z95 * s), float(x + _Z95 * s)))
+            for c, x, s in zip(listed, values, std)}
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt((values ** 2).mean(axis=0)))

@@ -1,0 +1,101 @@
+"""
+Held-out errors: every fold is predicted by the model of the other folds.
+
+The posterior of a fold follows from the sums without its rows. Its model predicts the samples of
+the fold as `compare` does, so that both errors are of the same kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.effects.predict import torque_of
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.estimation.estimate import Estimate
+from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
+import numpy as np
+
+
+@dataclass(frozen=True)
+class HeldOutOptions:
+    """
+    Options of held-out errors.
+
+    `min_rows` is the smallest number of rows of 0.1 s: with fewer, a fifth of them has too few
+    to judge an effect.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    min_rows: int = 60
+
+    def __post_init__(self) -> None:
+        if self.min_rows < 1:
+            raise OptionError(f'held-out errors: min_rows is {self.min_rows}; it is at least 1')
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutTorques:
+    """
+    Torques of held-out samples by part: `gravity` (U, N) and `effects` by target, in N·m.
+
+    `tau` (U, N) is the measured torque of the U fitted samples; `block` (U,) numbers blocks of
+    time, `run` (U,) the runs.
+    """
+
+    tau: FloatArray
+    gravity: FloatArray
+    effects: Mapping[str, FloatArray]
+    block: IntArray
+    run: IntArray
+
+    def residual(self, predicted: Collection[str]) -> FloatArray:
+        """Return the residual (U, N) in N·m of gravity with some effects."""
+        residual = self.tau - self.gravity
+        for name in predicted:
+            residual = residual - self.effects.get(name, 0.0)
+        return np.asarray(residual)
+
+    def block_sums(self, predicted: Collection[str]) -> FloatArray:
+        """Return the sums of squared residuals of each block, (B, N) in (N·m)^2."""
+        squares = self.residual(predicted) ** 2
+        sums = [np.bincount(self.block, column) for column in squares.T]
+        return np.asarray(np.stack(sums, axis=1) + 1e-300)
+
+    def rmse(self, predicted: Collection[str]) -> FloatArray:
+        """Return the RMSE (N,) in N·m of gravity with some effects."""
+        return np.asarray(np.sqrt((self.residual(predicted) ** 2).mean(axis=0)))
+
+
+def held_out_torques(estimate: Estimate,
+                     options: HeldOutOptions = HeldOutOptions()) -> HeldOutTorques:
+    """
+    Return the parts of the torque of every sample, from the model of the other folds.
+
+    :raises DataError: if there are too few samples.
+    """
+    regression = estimate.regression
+    problem = regression.problem
+    samples, rows = problem.samples, problem.rows
+    if rows.n_rows < options.min_rows:
+        raise DataError(f'{len(rows.samples)} samples are too few to evaluate effects; record at '
+                        f'least a minute')
+    row_of = np.repeat(np.arange(rows.n_rows), rows.count)
+    fold = rows.fold[row_of]
+    gravity = np.zeros((len(row_of), samples.n_joints))
+    effects: dict[str, FloatArray] = {}
+    everything = Switches([*(t.name for t in regression.terms), DYNAMICS])
+    for k in np.unique(rows.fold):
+        posterior = regression.without(rows.fold == k)
+        model = model_of(estimate, everything, posterior, with_noise=False)
+        here = fold == k
+        numbers = rows.samples[here]
+        gravity[here] = model.predict(samples.q[numbers])
+        whole = model.predict(samples.q)
+        for effect in (*model.applied.effects, *model.fitted.effects):
+            torque = torque_of(model, [effect], samples, whole)[numbers]
+            effects.setdefault(effect.target, np.zeros_like(gravity))[here] = torque
+    return HeldOutTorques(samples.tau[rows.samples], gravity, effects, rows.block[row_of],
+                          samples.runs[rows.samples])

@@ -1,1 +1,0 @@
-"""Library of physical effects in addition to gravity, and their regressor columns."""
