@@ -24,6 +24,8 @@ import numpy as np
 
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
 _NARROWER, _NARROWEST = 0.25, 1e-3
+# Relative change of the weights at which the noise has converged, and maximum number of estimates.
+_CONVERGED, _MAX_NOISES = 0.05, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +43,9 @@ class Linear:
            weights: FloatArray, precision: FloatArray | None = None) -> Linear:
         """Return the solution; without a precision the noise is that of its residual."""
         design = _design(problem, shared, weights)
-        posterior = solve(design, terms,
-                          _first_precision(problem) if precision is None else precision)
         if precision is None:
-            posterior = solve(design, terms,
-                              white_precision(posterior, problem.scale, problem.options))
-        return cls(problem, shared, factory, weights, posterior)
+            precision = _precision(problem, design, terms, shared.n_angles)
+        return cls(problem, shared, factory, weights, solve(design, terms, precision))
 
     def moved(self, narrowed: float, renewed: bool = False) -> Linear:
         """
@@ -131,8 +130,23 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     return fit, options.steps, False
 
 
-def _first_precision(problem: Problem) -> FloatArray:
-    return np.asarray(1.0 / (np.var(problem.y, axis=0) + (1e-3 * problem.scale.torque) ** 2))
+def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int
+               ) -> FloatArray:
+    """
+    Return the weights (N,) of the noise of the residual at the angles of the point.
+
+    A step of the angles that is too long has a small linearised residual. The priors dominate the
+    first solution, whose noise is that of the whole torque.
+    """
+    design = design.with_narrow(n_angles)
+    precision = np.asarray(1.0 / (np.var(problem.y, axis=0)
+                                  + (1e-3 * problem.scale.torque) ** 2))
+    for _ in range(_MAX_NOISES):
+        ratio, precision = precision, white_precision(
+            solve(design, terms, precision), problem.scale, problem.options)
+        if np.abs(np.log(ratio / precision)).max() < _CONVERGED:
+            break
+    return precision
 
 
 def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
