@@ -43,7 +43,7 @@ def wide():
 
 
 @pytest.mark.parametrize('com', [(0.0, 0.0, 0.1), (0.02, 0.03, 0.1)])
-@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.10, 0.5), (25, 0.6, 1.0)])
+@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.10, 0.5), (25, 0.6, 1.1)])
 def test_two_kilograms_from_seconds_of_motion(old, wide, com, count, on_motion, over_range):
     arm = arms.with_payload(old[0], arms.Payload(2.0, com))
     result = update(old[1], after(arm, LATER[:count]))
@@ -97,7 +97,8 @@ def test_report_contains_the_torque_of_the_payload(old, tmp_path):
 def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
     # The axis of joint 7 without payload has no moment; that of the payload identifies it.
     arm = arms.with_payload(old[0], arms.Payload(2.0, (0.05, 0.0, 0.1)))
-    assert not old[1].chain.moments[6].any()
+    moments, std = old[1].chain.moments[6], np.sqrt(np.diag(old[1].uncertainty.covariance)[-2:])
+    assert (np.abs(moments) < 3.0 * std).all() and np.abs(moments).max() < 0.05
     model = update(old[1], after(arm, LATER[:50])).model
     error = (model.predict(wide) - arms.gravity_torque(arm, wide))[:, 6]
     assert np.sqrt((error ** 2).mean()) <= 0.1

@@ -92,7 +92,8 @@ def test_per_joint_does_not_generalise_from_the_small_motion(eq17):
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_the_small_motion_with_inertia(seed):
-    # Trained and tested on torque with inertia; the error of gravity must stay small as well.
+    # Trained on torque with inertia. Up to 0.05 N·m (RMS) of it is no gravity.
     result = fit(accuracy.small_motion(seed, static=False))
-    assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.05
+    assert accuracy.rmse(result, accuracy.LATER).max() <= 0.05
+    assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.08
     assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0

@@ -43,16 +43,19 @@ class LengthPriors:
     """
     Prior standard deviations of an arm without a description.
 
-    `tilt` in rad of an axis about its present estimate, `right` if its angle is exact; `moment` as
-    a multiple of the largest torque; `length` in m of a link; `inertia` in m, times the largest
-    torque over g: the inertia about a joint of the mass beyond it, at the reach of the arm.
+    `tilt` in rad of an axis about its present estimate: any direction is possible; `right` if its
+    angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link;
+    `inertia` in m, times the largest torque over g: the inertia about a joint of the mass beyond
+    it, at the reach of the arm. `exact` is the log evidence in nats at which an angle is exact;
+    that of an axis that the torque does not determine is near 0.
     """
 
-    tilt: float = 0.3
+    tilt: float = 1.0
     right: float = 1e-3
     moment: float = 2.0
     length: float = 0.5
     inertia: float = 0.7
+    exact: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +174,7 @@ class UnknownLengths(Shared):
             step = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if parallel \
                 else -np.arctan2(cosine, sine)
             if self._gain(np.array([step, 0.0])[:here.stop - here.start], covariance[here, here]
-                          ) > 0.0 and not is_right[here].any():
+                          ) > self.priors.exact and not is_right[here].any():
                 axes[i], is_right[here] = axes[i] @ tilt((turn[:, 0] * step)[None])[0], True
             before = np.hypot(axes[i - 1, 2, 0], axes[i - 1, 2, 1]) if i else 0.0
             if parallel or before < _MIN_SINE:
@@ -181,7 +184,7 @@ class UnknownLengths(Shared):
             step = np.round(azimuth / (0.5 * np.pi)) * 0.5 * np.pi - azimuth
             across = slice(2 * i + 1, 2 * i + 2)
             if self._gain(np.array([step * sine]), covariance[across, across]
-                          ) > 0.0 and not is_right[across].any():
+                          ) > self.priors.exact and not is_right[across].any():
                 axes[i], is_right[across] = about_z(step) @ axes[i], True
         return replace(self, chain=Chain(axes, self.chain.moments), is_right=is_right)
 
