@@ -34,6 +34,8 @@ class TorqueOffset(Effect):
               'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
               'Technology 21, 2013')
     is_static = True
+    # As the constant of a spring.
+    size = 0.3
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return np.ones((motion.samples.n_samples, 1))

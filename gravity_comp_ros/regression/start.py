@@ -8,7 +8,7 @@ times that of the right one.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
@@ -39,12 +39,16 @@ def start_chain(problem: Problem) -> Chain:
         fits.append(rough_fit(samples, nuisance, SearchOptions(_STARTS, seed)))
         if sum(each.clean for each in fits) == _CLEAN:
             break
-    return min(fits, key=_log_noise).chain
+    return min(fits, key=lambda fit: _log_noise(fit, problem.white_noise)).chain
 
 
-def _log_noise(fit: ChainFit) -> float:
-    """Return the mean logarithm of the joints' noise, independent of their scale."""
-    return float(np.log(fit.noise.absolute).mean())
+def _log_noise(fit: ChainFit, white: FloatArray) -> float:
+    """
+    Return the mean logarithm of the joints' noise, independent of their scale.
+
+    :param white: noise (N,) of a row in N·m. A smaller residual is that of too many columns.
+    """
+    return float(np.log(np.maximum(fit.noise.absolute, white)).mean())
 
 
 def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]:

@@ -46,8 +46,8 @@ class LengthPriors:
     `tilt` in rad of an axis about its present estimate: any direction is possible; `right` if its
     angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link;
     `inertia` in m, times the largest torque over g: the inertia about a joint of the mass beyond
-    it, at the reach of the arm. `exact` is the log evidence in nats at which an angle is exact;
-    that of an axis that the torque does not determine is near 0.
+    it, at the reach of the arm. `exact` is the log evidence in nats at which an angle is exact.
+    That of an axis that the torque does not determine is near 0.
     """
 
     tilt: float = 1.0
