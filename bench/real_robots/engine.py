@@ -16,9 +16,8 @@ from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared, State
-from gravity_comp_ros.regression.start import start_chain
+from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.term import Term
-from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
 
@@ -30,9 +29,10 @@ def engine_loop(one: Case, described: bool) -> Outcome:
     """
     start = process_time()
     problem = Problem.of(samples_of(one, one.train))
+    effects = list(library_effects().values())
     shared = KnownAxes.of(parse_urdf(one.urdf, one.joints)) if described \
-        else UnknownLengths.of(start_chain(problem))
-    result = regress(problem, shared, list(library_effects().values()))
+        else start_axes(problem, effects)
+    result = regress(problem, shared, effects)
     seconds = {'regression': process_time() - start}
     terms = result.posterior.terms
     unseen, still = samples_of(one, [one.unseen]), at_rest(one)

@@ -22,7 +22,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.start import start_chain
+from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
@@ -82,7 +82,7 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
         torque + noise * rng.standard_normal(q.shape))
     try:
         problem = Problem.of(samples)
-        result = regress(problem, UnknownLengths.of(start_chain(problem)), ())
+        result = regress(problem, start_axes(problem, ()), ())
     except (FitError, DataError, np.linalg.LinAlgError):
         return None
     shared = result.shared

@@ -19,7 +19,6 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -33,7 +32,7 @@ from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
-from gravity_comp_ros.regression.start import start_chain
+from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.term import Key, Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
@@ -189,12 +188,12 @@ class _Work:
         """Return the chain, on described axes unless free ones fit much better."""
         geometry = self.options.geometry
         if geometry is None:
-            return self.regress(UnknownLengths.of(self._start())), ''
+            return self.regress(self._start()), ''
         samples = self.problem.samples.select(self.problem.rows.samples)
         known = self.regress(KnownAxes.of(with_estimated_vertical(geometry, samples)))
         if is_white(known, self.options.white):
             return known, ''
-        free = self.regress(UnknownLengths.of(self._start()))
+        free = self.regress(self._start())
         worst = int(np.argmax(known.noise / free.noise))
         if free.noise[worst] >= (1.0 - self.options.better) * known.noise[worst]:
             return known, ''
@@ -203,9 +202,9 @@ class _Work:
             f'{samples.names[worst]} is {known.noise[worst]:.2g} N·m, with free axes '
             f'{free.noise[worst]:.2g} N·m. Check that it is of this arm')
 
-    def _start(self) -> Chain:
-        return self.old.chain if self.old is not None and self.old.chain is not None \
-            else start_chain(self.problem)
+    def _start(self) -> UnknownLengths:
+        return UnknownLengths.of(self.old.chain) if self.old and self.old.chain is not None \
+            else start_axes(self.problem, self.effects)
 
     def sparse(self, formulation: str, why: str) -> Estimate:
         """

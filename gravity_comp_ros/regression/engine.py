@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.regression.candidates import Candidates, candidates_of, common_terms
+from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.gains import gain, score_of
 from gravity_comp_ros.regression.leave_out import leave_out
-from gravity_comp_ros.regression.linear import gauss_newton, Linear
+from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights)
 from gravity_comp_ros.regression.options import EngineOptions
@@ -78,11 +78,10 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     :param forced: keys of terms that stay in the model.
     """
     options = problem.options
-    weights = np.repeat(problem.rows.weights[:, None], problem.y.shape[1], axis=1)
     terms = tuple(start)
     if not terms:
-        shared = _with_common_terms(problem, shared, effects, weights)
-    fit = Linear.at(problem, shared, problem.factory(shared), terms, weights)
+        shared = with_common_terms(problem, shared, effects).shared
+    fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
     for number in range(options.passes):
         # The axes are estimated before effects that resemble a wrong axis are selected.
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
@@ -106,14 +105,6 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
                       fit.factory.motion, alternatives, gains,
                       {key: s.unabsorbed for key, s in scores.items()}, steps, converged)
-
-
-def _with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect],
-                       weights: FloatArray) -> Shared:
-    """Return the shared part that is estimated together with the effects common in joints."""
-    factory = problem.factory(shared)
-    fit = Linear.at(problem, shared, factory, common_terms(factory, effects), weights)
-    return gauss_newton(fit, renewed=True)[0].shared
 
 
 def _with_exact_angles(fit: Linear) -> Linear:

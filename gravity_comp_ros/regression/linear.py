@@ -10,10 +10,12 @@ angles (G. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.regression.candidates import common_terms, TermFactory
 from gravity_comp_ros.regression.design import Design, FIXED
 from gravity_comp_ros.regression.noise import white_precision
 from gravity_comp_ros.regression.posterior import Posterior, solve
@@ -128,6 +130,13 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
             return following if after < before else fit, step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False
+
+
+def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect]) -> Linear:
+    """Return the shared part as estimated together with the effects common in joints."""
+    factory = problem.factory(shared)
+    fit = Linear.at(problem, shared, factory, common_terms(factory, effects), problem.weights)
+    return gauss_newton(fit, renewed=True)[0]
 
 
 def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int

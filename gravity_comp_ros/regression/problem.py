@@ -46,6 +46,11 @@ class Problem:
         return cls(samples, motion, rows, states, Scale.of(samples.select(rows.samples), options),
                    rows.mean(samples.tau), options)
 
+    @property
+    def weights(self) -> FloatArray:
+        """Return the weights (R, N) of the rows by their duration."""
+        return np.repeat(self.rows.weights[:, None], self.y.shape[1], axis=1)
+
     @cached_property
     def white_noise(self) -> FloatArray:
         """Return the standard deviation (N,) in N·m of the white noise of a row's torque."""

@@ -8,12 +8,17 @@ times that of the right one.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit
+from collections.abc import Sequence
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.kinematic.nuisance import Nuisance
+from gravity_comp_ros.regression.linear import Linear, with_common_terms
+from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
 # Number of searches, starts of each, and poses that they use.
@@ -21,34 +26,50 @@ _SEARCHES, _STARTS, _POSES = 4, 24, 400
 # Number of searches with a white residual after which it ends: few poses are consistent with
 # several chains.
 _CLEAN = 2
+# Difference of the mean logarithm of the noise below which two searches have the same result.
+_SAME = 1e-3
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
 # Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise.
 _SPREAD = (3.0, 30.0, 300.0, 30.0)
 
 
-def start_chain(problem: Problem) -> Chain:
+def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     """
     Return the axes and moments of the best of a few searches.
+
+    Each is estimated together with the effects that are common in joints, because generic friction
+    may hide a wrong axis.
 
     :raises FitError: if there are no samples.
     """
     samples, nuisance = generic_poses(problem, _POSES)
-    fits: list[ChainFit] = []
+    noises: list[float] = []
+    fits: list[Linear] = []
+    clean = 0
     for seed in range(_SEARCHES):
-        fits.append(rough_fit(samples, nuisance, SearchOptions(_STARTS, seed)))
-        if sum(each.clean for each in fits) == _CLEAN:
+        rough = rough_fit(samples, nuisance, SearchOptions(_STARTS, seed))
+        noise = float(np.log(rough.noise.absolute).mean())
+        if all(abs(noise - other) > _SAME for other in noises):
+            noises.append(noise)
+            fits.append(with_common_terms(problem, UnknownLengths.of(rough.chain), effects))
+        clean += rough.clean
+        if clean == _CLEAN:
             break
-    return min(fits, key=lambda fit: _log_noise(fit, problem.white_noise)).chain
+    best = min(fits, key=lambda fit: _log_noise(fit))
+    assert isinstance(best.shared, UnknownLengths)
+    return best.shared
 
 
-def _log_noise(fit: ChainFit, white: FloatArray) -> float:
+def _log_noise(fit: Linear) -> float:
     """
     Return the mean logarithm of the joints' noise, independent of their scale.
 
-    :param white: noise (N,) of a row in N·m. A smaller residual is that of too many columns.
+    A residual below the white noise is that of too many columns.
     """
-    return float(np.log(np.maximum(fit.noise.absolute, white)).mean())
+    problem = fit.problem
+    noise = noise_std(fit.at_point(), problem.scale, problem.options)
+    return float(np.log(np.maximum(noise, problem.white_noise)).mean())
 
 
 def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]:
