@@ -5,6 +5,7 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
+from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 import pytest
@@ -30,18 +31,18 @@ def of_joint(scene, samples):
 def test_an_offset_in_narrow_motion_is_established_with_wide_motion(arm):
     scene = Scene(arm, 'torque_offset', 3, 'narrow', 21)
     narrow = of_joint(scene, scene.recorded())
-    assert all(f.verdict == Verdict.UNTESTABLE for f in narrow.values())
+    assert not any(f.verdict in FOUND for f in narrow.values())
     offset = of_joint(scene, with_wide_motion(scene))['torque_offset']
     low, high = offset.coefficients['b'].ci95
     assert offset.verdict == Verdict.ESTABLISHED and low < 1.5 < high
 
 
-def test_load_friction_at_one_load_is_ambiguous_and_established_at_several():
+def test_load_friction_is_not_coulomb_friction_even_at_nearly_one_load():
     """Coulomb friction was established wherever load friction explained slightly more."""
     scene = Scene('right_seven', 'load_dependent_friction', 3, 'settled_narrow', 21)
-    friction = of_joint(scene, scene.recorded())['coulomb_friction']
-    assert friction.verdict == Verdict.AMBIGUOUS
-    assert friction.rivals == ('load_dependent_friction',)
-    both = of_joint(scene, with_wide_motion(scene))
-    assert both['load_dependent_friction'].verdict == Verdict.ESTABLISHED
-    assert 'coulomb_friction' not in both
+    for samples in (scene.recorded(), with_wide_motion(scene)):
+        friction = of_joint(scene, samples)
+        assert friction['load_dependent_friction'].verdict == Verdict.ESTABLISHED
+        low, high = friction['load_dependent_friction'].coefficients['mu'].ci95
+        assert low < 0.03 < high
+        assert 'coulomb_friction' not in friction

@@ -33,17 +33,18 @@ def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     assert (error < 0.1 * truth.std(axis=0).max()).all(), (error, truth.std(axis=0))
 
 
-@pytest.mark.parametrize('formulation', ['auto', 'potential'])
-def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
+def test_fast_motion_of_an_arm_without_a_description_is_explained():
     arm = generated_arm(22, 4)
     runs = concatenate([recording(arm, k, 15.0, 50.0) for k in range(2)])
     data = gc.Recording(runs, gate=None)
-    model = gc.fit(data, formulation=formulation)
+    model = gc.fit(data)
     findings = gc.diagnose(data, model).findings
     accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
     names = {f.effect for f in accepted}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
-    assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
+    # No single law has the shape of bristles at a reversal.
+    assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction',
+                     'stribeck_friction', 'presliding_hysteresis'}
     better = gc.add_effects(model, data, accepted, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))

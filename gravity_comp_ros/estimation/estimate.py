@@ -190,7 +190,8 @@ class _Work:
         if geometry is None:
             return self.regress(self._start()), ''
         samples = self.problem.samples.select(self.problem.rows.samples)
-        known = self.regress(KnownAxes.of(with_estimated_vertical(geometry, samples)))
+        mounted = with_estimated_vertical(geometry, samples)
+        known = self.regress(KnownAxes.of(mounted, mounted is geometry))
         if is_white(known, self.options.white):
             return known, ''
         free = self.regress(self._start())

@@ -33,13 +33,15 @@ class KnownPriors:
 
     `parameter` and `inertia` as multiples of the largest torque over the column's RMS at speeds
     and accelerations of 1; `tilt` in rad of the base and `zero` in rad of a zero angle: a base is
-    levelled and encoders are set to within half a degree. `exact` in rad is that of an angle as
-    described.
+    levelled and encoders are set to within half a degree. `vertical` in rad is that of the tilts
+    of a vertical that was estimated (`models.kinematic.vertical`); `exact` in rad that of an angle
+    as described.
     """
 
     parameter: float = 3.0
     inertia: float = 0.3
     tilt: float = 0.01
+    vertical: float = 0.1
     zero: float = 0.01
     exact: float = 1e-4
 
@@ -50,7 +52,8 @@ class KnownAxes(Shared):
     An arm on the axes of a geometry: 2 tilts of the base, N zero angles, K base parameters.
 
     `values` (K,) are the base parameters. `geometry` is the `described` one changed by the angles
-    `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described.
+    `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described. With
+    `is_mounted` the described vertical is that of the arm, otherwise an estimate.
     """
 
     geometry: Geometry
@@ -58,14 +61,15 @@ class KnownAxes(Shared):
     described: Geometry
     turned: FloatArray
     is_exact: BoolArray
+    is_mounted: bool = True
     priors: KnownPriors = KnownPriors()
 
     @classmethod
-    def of(cls, geometry: Geometry) -> KnownAxes:
+    def of(cls, geometry: Geometry, is_mounted: bool = True) -> KnownAxes:
         """Return an arm with all inertial parameters 0."""
         n = 2 + geometry.n_joints
         return cls(geometry, np.zeros(len(basis_of(geometry).kept)), geometry, np.zeros(n),
-                   np.zeros(n, dtype=bool))
+                   np.zeros(n, dtype=bool), is_mounted)
 
     @property
     def basis(self) -> Basis:
@@ -112,7 +116,8 @@ class KnownAxes(Shared):
     @property
     def _angle_std(self) -> FloatArray:
         p = self.priors
-        return np.concatenate([np.full(2, p.tilt), np.full(self.geometry.n_joints, p.zero)])
+        tilt_std = p.tilt if self.is_mounted else p.vertical
+        return np.concatenate([np.full(2, tilt_std), np.full(self.geometry.n_joints, p.zero)])
 
     def columns(self, state: State) -> FloatArray:
         n, chain = self.geometry.n_joints, self.chain
@@ -150,6 +155,7 @@ class KnownAxes(Shared):
     def with_exact_angles(self, covariance: FloatArray) -> KnownAxes:
         variance = np.diag(covariance)[:self.n_angles] + self.priors.exact ** 2
         gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
+        gain[:2] = gain[:2] if self.is_mounted else -np.inf
         is_exact = self.is_exact | (gain > 0.0)
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,

@@ -136,7 +136,8 @@ def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect
     """Return the shared part as estimated together with the effects common in joints."""
     factory = problem.factory(shared)
     fit = Linear.at(problem, shared, factory, common_terms(factory, effects), problem.weights)
-    return gauss_newton(fit, renewed=True)[0]
+    # Without moments and lengths the torque does not depend on the angles.
+    return gauss_newton(fit.moved(FIXED, renewed=True), renewed=True)[0]
 
 
 def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int

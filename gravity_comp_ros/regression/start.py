@@ -23,6 +23,8 @@ import numpy as np
 
 # Number of searches, starts of each, and poses that they use.
 _SEARCHES, _STARTS, _POSES = 4, 24, 400
+# Shares of the rows in turn: gravity dominates those with the least motion.
+_SHARES = (1.0, 0.5)
 # Number of searches with a white residual after which it ends: few poses are consistent with
 # several chains.
 _CLEAN = 2
@@ -43,12 +45,12 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
 
     :raises FitError: if there are no samples.
     """
-    samples, nuisance = generic_poses(problem, _POSES)
     noises: list[float] = []
     fits: list[Linear] = []
     clean = 0
     for seed in range(_SEARCHES):
-        rough = rough_fit(samples, nuisance, SearchOptions(_STARTS, seed))
+        poses = generic_poses(problem, _POSES, _SHARES[seed % len(_SHARES)])
+        rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
         noise = float(np.log(rough.noise.absolute).mean())
         if all(abs(noise - other) > _SAME for other in noises):
             noises.append(noise)
@@ -72,11 +74,20 @@ def _log_noise(fit: Linear) -> float:
     return float(np.log(np.maximum(noise, problem.white_noise)).mean())
 
 
-def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]:
-    """Return means over rows as samples, and the generic columns of each joint."""
+def generic_poses(problem: Problem, count: int, share: float = 1.0
+                  ) -> tuple[JointSamples, Nuisance]:
+    """
+    Return means over rows as samples, and the generic columns of each joint.
+
+    :param count: number of rows, evenly picked among those with the least motion.
+    :param share: of the rows with the least motion, by |qdd| + qd^2 of all joints.
+    """
     mean, samples = problem.rows.mean, problem.samples
-    rows = np.unique(np.linspace(0, problem.rows.n_rows - 1, count).astype(int))
-    q, qd, qdd = (mean(x)[rows] for x in (samples.q, samples.qd, problem.motion.qdd))
+    q, qd, qdd = (mean(x) for x in (samples.q, samples.qd, problem.motion.qdd))
+    motion = (np.abs(qdd) + qd ** 2).sum(axis=1)
+    slow = np.flatnonzero(motion <= np.quantile(motion, share))
+    rows = slow[np.unique(np.linspace(0, len(slow) - 1, count).astype(int))]
+    q, qd, qdd = q[rows], qd[rows], qdd[rows]
     columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd])
     poses = JointSamples.single_run(samples.names, np.arange(len(rows), dtype=np.float64), q, qd,
                                     problem.y[rows])
