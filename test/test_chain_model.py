@@ -2,7 +2,8 @@
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import aligned, Chain, tilt
+from gravity_comp_ros.models.kinematic.chain import (
+    about_z, aligned, Chain, in_frames_of_axes, tilt)
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.sparse import dictionary
 from hypothesis import given, settings, strategies as st
@@ -42,6 +43,27 @@ def test_aligned_rotates_z_to_the_direction(z):
     rotation = aligned(np.array(z, dtype=float))
     np.testing.assert_allclose(rotation[:, 2], z, atol=1e-12)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_frames_of_axes_do_not_change_gravity_and_an_arm_with_right_angles_has_sparse_moments():
+    rng = np.random.default_rng(0)
+    for seed in range(5):
+        chain, q = random_chain(6, seed), rng.uniform(-3, 3, (50, 6))
+        np.testing.assert_allclose(in_frames_of_axes(chain).torque(q), chain.torque(q),
+                                   atol=1e-12)
+    # Right angles and a parallel axis; every link frame is rotated about its axis at random.
+    right = np.stack([aligned(np.array(z, dtype=float)) for z in (
+        (0, 0, 1), (1, 0, 0), (0, 0, -1), (0, 1, 0), (-1, 0, 0))])
+    moments = np.array([[0.0, 0.0], [5.0, 0.0], [3.0, 0.0], [0.0, 2.0], [1.0, 0.0]])
+    turns = about_z(rng.uniform(-3, 3, 5))
+    axes = right @ turns
+    axes[1:] = turns[:-1].transpose(0, 2, 1) @ axes[1:]
+    rotated = Chain(axes, np.einsum('nij,ni->nj', turns[:, :2, :2], moments))
+    result = in_frames_of_axes(rotated)
+    q = rng.uniform(-3, 3, (50, 5))
+    np.testing.assert_allclose(result.torque(q), Chain(right, moments).torque(q), atol=1e-12)
+    assert np.count_nonzero(np.abs(rotated.moments) > 1e-9) == 8
+    assert np.count_nonzero(np.abs(result.moments) > 1e-9) == 4
 
 
 @settings(max_examples=25, deadline=None)

@@ -55,7 +55,9 @@ EFFECTS = (
     ('cable_stiffness', 4, {'start': -0.2, 'side': 0.0, 'half': 1.4, 'order': 3.0}, {'k': 2.0}),
     ('cable_stiffness', 6, {'start': 0.1, 'side': -1.0, 'half': 1.4, 'order': 1.0}, {'k': 2.5}),
     ('end_stop', 4, {'start': -0.9, 'side': -1.0}, {'k': 30.0}),
-    ('torque_ripple', 5, {'k': 40.5}, {'a': 0.3, 'b': -0.2}),
+    ('torque_ripple', 5, {'k': 40.5, 'harmonics': 1.0}, {'a': 0.3, 'b': -0.2}),
+    ('torque_ripple', 2, {'k': 12.0, 'harmonics': 3.0},
+     {'a_1': 0.3, 'a_2': -0.5, 'a_3': 0.2, 'b_1': -0.4, 'b_2': 0.1, 'b_3': 0.6}),
     ('coulomb_friction', 0, {'width': 0.004}, {'F_c': 1.5}),
     ('coulomb_friction', 1, {'ramp': 0.02}, {'F_c': 2.5}),
     ('viscous_friction', 2, {}, {'F_v': 3.0}),
@@ -140,13 +142,17 @@ def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     model = with_effects(model_of('chain'), [
         ('torque_drift', 0, {'origin': 0.0, 'time': 100.0}, {'r': 0.1}),
         ('coulomb_friction', 0, {'distance': 0.001}, {'F_c': 2.0}),
+        ('asymmetric_friction', 3, {'distance': 0.001, 'skew': 0.4}, {'F_a': 0.5}),
+        ('stribeck_friction', 5, {'speed': 0.05, 'distance': 0.001}, {'F_s': 0.8}),
         ('encoder_offset', 2, {'run': 2.0, 'time': 0.0, 'clock': 0.0}, {'delta': 0.04}),
         ('coulomb_friction', 1, {'width': 0.004}, {'F_new': 2.0}),
-        ('joint_spring', 1, {}, {'k': 4.0})])
+        ('joint_spring', 1, {}, {'k': 4.0}),
+        ('torque_ripple', 2, {'k': 12.0, 'harmonics': 2.0}, {'a': 0.1, 'b': 0.2})])
     code = c_source(model)
-    assert not code.effects and len(code.left_out) == 5
+    assert not code.effects and len(code.left_out) == len(model.applied.effects)
+    # The first five depend on time or on the path, the others are not those of the library.
     assert [why.startswith('its torque is not') for why in code.left_out.values()] == [
-        True, True, True, False, False]
+        *5 * [True], *3 * [False]]
     library, (q, _) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
     assert parameters_of(model).layout == parameters_of(model_of('chain')).layout

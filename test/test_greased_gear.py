@@ -1,5 +1,6 @@
 """Simulated greased gear: torque by hand, and comparison with the library."""
 
+from effect_motions import clean_motion
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
@@ -51,7 +52,7 @@ def test_the_law_of_grease_is_not_that_of_the_library():
     grease = np.arcsinh(speeds / 0.02)
     line = np.column_stack([np.ones(200), speeds])
     powers = [setting['power'] for setting in library_effects()['degressive_friction'].settings(
-        None, 0)]
+        clean_motion('iiwa7'), JOINT)]
 
     def left(columns):
         rest = grease - columns @ np.linalg.lstsq(columns, grease, rcond=None)[0]

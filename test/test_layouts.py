@@ -47,7 +47,8 @@ class LastMessage:
     """The last row of a topic of a bag, with the attributes of a message."""
 
     def __init__(self, path, topic):
-        samples = read_bag(path, ReadOptions(topic=topic)).samples
+        # A prediction is not a measured effort: it has no friction whose sign could be checked.
+        samples = read_bag(path, ReadOptions(topic=topic, refuse=False)).samples
         self.name, self.position = samples.names, samples.q[-1]
         self.effort, self.velocity = samples.tau[-1], samples.qd[-1]
 

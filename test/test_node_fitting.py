@@ -39,7 +39,8 @@ def job(number=1, old=None, mass=1.0, train=None):
 
 @contextmanager
 def process(timeout=30.0):
-    fits = Supervised(command(FITTING, 10), timeout)
+    # Without lower priority: on a busy machine a process of low priority starts after minutes.
+    fits = Supervised(command(FITTING, 0), timeout)
     fits.start(time.monotonic())
     try:
         yield fits
@@ -47,7 +48,7 @@ def process(timeout=30.0):
         fits.stop()
 
 
-def wait(fits, condition, seconds=30.0):
+def wait(fits, condition, seconds=60.0):
     """Poll until the condition is true; return the events."""
     events, end = [], time.monotonic() + seconds
     while not condition(events):
@@ -212,7 +213,7 @@ def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     # On a joint that moves in one direction only, friction and offset are collinear.
     samples = two_links(1, one_way=True)
     result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
-    assert result.number == 7 and 'torque_offset:shoulder (untestable)' in result.text
+    assert result.number == 7 and 'torque_offset:shoulder (ambiguous)' in result.text
     match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
                       result.text)
     assert match and 2 <= int(match[1]) <= 20, result.text

@@ -31,7 +31,10 @@ EFFECTS = (effect('coulomb_friction', 'a', {'width': WIDTH}, F_c=2.0),
                   F_k=0.7),
            effect('torque_offset', 'a', b=-0.4),
            effect('joint_spring', 'b', {'centre': 0.2, 'overtones': 0.0}, k=5.0, m=0.3),
-           effect('torque_ripple', 'a', {'k': 12.0}, a=0.1, b=0.2),
+           effect('torque_ripple', 'a', {'k': 12.0, 'harmonics': 1.0}, a=0.1, b=0.2),
+           effect('torque_ripple', 'b', {'k': 12.0, 'harmonics': 2.0}, a_1=0.1, a_2=0.2, b_1=0.3,
+                  b_2=-0.1),
+           effect('asymmetric_friction', 'b', {'distance': 0.02, 'skew': 0.4}, F_a=0.5),
            effect('joint_flexibility', 'b', c=0.03), effect('time_delay', 'a', T=0.2))
 
 

@@ -11,6 +11,7 @@ from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess
 import pytest
 from running_process import is_running
+from worker_tasks import LastJob
 
 TIMEOUT = 30.0
 
@@ -55,6 +56,13 @@ def test_a_failed_job_does_not_end_the_process(job, reason):
         assert wait_for(worker, 1) == [Failed(reason)]
         worker.send(('done', None))
         assert wait_for(worker, 1)[0].answer == 'done' and worker.pid == pid
+
+
+def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_job():
+    with running('worker_tasks:closing') as worker:
+        wait_for(worker, 1)
+        worker.send(LastJob(worker))
+        assert wait_for(worker, 1) == [Lost('it closed its pipe')]
 
 
 def test_sending_a_large_job_does_not_block():

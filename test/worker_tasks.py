@@ -1,5 +1,7 @@
 """Tasks of worker processes in tests."""
 
+import os
+import signal
 import time
 
 from gravity_comp_ros.errors import DataError
@@ -26,3 +28,25 @@ def doing():
 def failing():
     """Fail before the first job."""
     raise SystemExit(4)
+
+
+def closing():
+    """Return a job function; at a signal the process closes its pipe and remains for a second."""
+    def close(number, frame):
+        os.closerange(3, 1000)
+        time.sleep(1.0)
+
+    signal.signal(signal.SIGUSR1, close)
+    return doing()
+
+
+class LastJob:
+    """A job of which a process of `closing` closes its pipe while the job is pickled."""
+
+    def __init__(self, worker):
+        self.worker = worker
+
+    def __reduce__(self):
+        os.kill(self.worker.pid, signal.SIGUSR1)
+        time.sleep(0.1)
+        return str, ()

@@ -5,7 +5,7 @@ Each law repeats the equation of its effect (`effects`), with g the gravity torq
 direction of motion; tests compare both. An effect without a law here, such as a tool force, is
 written as a sum over the dictionary if its torque is one (`dictionary_torque`). Others depend on
 time, on earlier samples or on acceleration, and are left out with the reason. So is friction whose
-direction depends on the path (`distance`).
+direction depends on the path (`distance`), since the exported functions have no state.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class _Effect:
         return ' '.join([self.effect.target, *chosen])
 
 
-_CHOICES = ('side', 'order', 'overtones', 'partner', 'sign', 'power')
+_CHOICES = ('side', 'order', 'overtones', 'harmonics', 'partner', 'sign', 'power')
 
 
 def _hinge(e: _Effect) -> str:
@@ -118,8 +118,11 @@ def _cable(e: _Effect) -> str:
 
 
 def _ripple(e: _Effect) -> str:
-    k = e.setting('k')
-    return f'{e.c("a")} * GC_SIN({k} * {e.q}) + {e.c("b")} * GC_COS({k} * {e.q})'
+    orders = range(1, int(e.choice('harmonics')) + 1)
+    angle = f'{e.setting("k")} * {e.q}'
+    return ' + '.join(
+        f'{e.c(symbol if len(orders) == 1 else f"{symbol}_{i}")} * {wave}(GC_C({i}.0) * {angle})'
+        for symbol, wave in (('a', 'GC_SIN'), ('b', 'GC_COS')) for i in orders)
 
 
 def _stribeck(e: _Effect) -> str:

@@ -22,8 +22,8 @@ from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import Compensation
 import numpy as np
 
-# Weighted joints whose sum moves, and the distance in rad over which their friction reverses.
-_ElementKey = tuple[tuple[tuple[int, float], ...], float]
+# Weighted joints whose sum moves, and the distance in rad and the skew of its element.
+_ElementKey = tuple[tuple[tuple[int, float], ...], float, float]
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,12 @@ class _Moment(Motion):
         """Return the direction (1,) of a sum of joints, each times a factor."""
         if 'distance' not in law:
             return smooth_sign(self._sum(self.samples.qd, joints), law)
-        key = (tuple(joints.items()), law['distance'])
+        distance, skew = law['distance'], law.get('skew', 0.0)
+        key = (tuple(joints.items()), distance, skew)
         # Two effects of a joint may share an element: it is read once in each sample.
         if key not in self.memo:
             if key not in self.elements:
-                self.elements[key] = LiveElement(law['distance'])
+                self.elements[key] = LiveElement(distance, skew)
             angle = float(self._sum(self.samples.q, joints)[0])
             self.memo[key] = np.array([self.elements[key].state(angle)])
         return self.memo[key]

@@ -15,7 +15,7 @@ import os
 from queue import SimpleQueue
 import subprocess
 import sys
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from typing import Any
 
 from gravity_comp_ros.worker.messages import Failed, Lost, Message
@@ -45,6 +45,8 @@ class WorkerProcess:
         self._command = tuple(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
+        # Held while a job is sent: the pipe is not closed within it.
+        self._sending = Lock()
         self._received: SimpleQueue[Message] = SimpleQueue()
 
     @property
@@ -79,7 +81,9 @@ class WorkerProcess:
             theirs.close()
         # Messages of an earlier process stay in its own queue.
         self._process, self._connection, self._received = process, ours, SimpleQueue()
-        Thread(target=_read, args=(process, ours, self._received), daemon=True).start()
+        self._sending = Lock()
+        Thread(target=_read, args=(process, ours, self._sending, self._received),
+               daemon=True).start()
 
     def send(self, job: Any, prepare: Callable[[Any], Any] | None = None) -> None:
         """
@@ -89,8 +93,8 @@ class WorkerProcess:
         """
         if self._connection is not None:
             # Writing to a full pipe blocks, so a thread does it.
-            Thread(target=_send, args=(self._connection, self._received, job, prepare),
-                   daemon=True).start()
+            Thread(target=_send, args=(self._connection, self._sending, self._received, job,
+                                       prepare), daemon=True).start()
 
     def messages(self) -> list[Message]:
         """Return the messages since the last call; `Lost` is the last of all."""
@@ -125,14 +129,16 @@ def _put(received: SimpleQueue[Message], message: Message) -> None:
         _news.notify_all()
 
 
-def _read(process: subprocess.Popen[bytes], connection: Connection,
+def _read(process: subprocess.Popen[bytes], connection: Connection, sending: Lock,
           received: SimpleQueue[Message]) -> None:
     """Pass on the messages of a process until it ends."""
     # A message cut off by the end of its process is lost with it.
     with suppress(Exception):
         while True:
             _put(received, connection.recv())
-    connection.close()
+    # A job that is being sent fails as soon as the other end is closed.
+    with sending:
+        connection.close()
     try:
         code = process.wait(timeout=0.2)
         how = f'signal {-code}' if code < 0 else f'exit code {code}'
@@ -142,10 +148,12 @@ def _read(process: subprocess.Popen[bytes], connection: Connection,
     process.wait()
 
 
-def _send(connection: Connection, received: SimpleQueue[Message], job: Any,
+def _send(connection: Connection, sending: Lock, received: SimpleQueue[Message], job: Any,
           prepare: Callable[[Any], Any] | None) -> None:
     try:
-        connection.send(job if prepare is None else prepare(job))
+        prepared = job if prepare is None else prepare(job)
+        with sending:
+            connection.send(prepared)
     except OSError:
         # The process has ended, which its reading thread reports.
         pass

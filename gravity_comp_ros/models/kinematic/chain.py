@@ -174,6 +174,25 @@ class ForwardKinematics:
         return total
 
 
+def in_frames_of_axes(chain: Chain) -> Chain:
+    """
+    Return the same gravity in link frames that follow from the axes.
+
+    The x axis of a link frame points to the axis before it, that of the first one to the vertical.
+    A link with a parallel axis before it has the frame before it. So a link's moment on an arm
+    with right angles is along x or y, and a payload changes few moments.
+    """
+    axes, moments = chain.axes.copy(), chain.moments.copy()
+    for i in range(chain.n_joints):
+        x, y, z = axes[i, 2]
+        is_parallel = np.hypot(x, y) < abs(z)
+        turn = axes[i].T @ aligned(axes[i, :, 2]) if is_parallel else about_z(np.arctan2(y, x))
+        axes[i], moments[i] = axes[i] @ turn, moments[i] @ turn[:2, :2]
+        if i + 1 < chain.n_joints:
+            axes[i + 1] = turn.T @ axes[i + 1]
+    return Chain(axes, moments)
+
+
 def are_rotations(matrices: FloatArray) -> bool:
     """Return whether all matrices (K, 3, 3) are rotations."""
     error = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models import noise
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain import Chain, in_frames_of_axes
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Solution, solve
 from gravity_comp_ros.models.kinematic.chain_starts import search, SearchOptions
 from gravity_comp_ros.models.kinematic.nuisance import Nuisance
@@ -35,14 +35,14 @@ class ChainFit:
 
 def rough_fit(samples: JointSamples, nuisance: Nuisance, options: SearchOptions) -> ChainFit:
     """
-    Return the best minimum under its own noise.
+    Return the best minimum under its own noise, in the frames of its axes.
 
     :raises FitError: if there are no samples.
     """
     problem = _problem(samples, nuisance)
     minimum = search(problem, options)
     solution, model = _refine_with_noise(problem, minimum.solution, samples)
-    return ChainFit(solution.chain, model, minimum.clean)
+    return ChainFit(in_frames_of_axes(solution.chain), model, minimum.clean)
 
 
 def _problem(samples: JointSamples, nuisance: Nuisance) -> ChainProblem:
