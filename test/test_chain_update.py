@@ -43,7 +43,7 @@ def wide():
 
 
 @pytest.mark.parametrize('com', [(0.0, 0.0, 0.1), (0.02, 0.03, 0.1)])
-@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.10, 0.5), (25, 0.6, 1.1)])
+@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.05, 0.2), (25, 0.1, 0.3)])
 def test_two_kilograms_from_seconds_of_motion(old, wide, com, count, on_motion, over_range):
     arm = arms.with_payload(old[0], arms.Payload(2.0, com))
     result = update(old[1], after(arm, LATER[:count]))

@@ -6,6 +6,9 @@ from bench.cases.generated import generated_arm
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.wording import FOUND
+from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -38,8 +41,12 @@ def test_friction_on_one_of_ten_joints_is_named(samples):
     findings = diagnose(samples).findings
     named = [(f.effect, f.joint) for f in findings if f.verdict in FOUND]
     assert ('coulomb_friction', 'joint_4') in named, [f.to_json() for f in findings]
-    level = next(f for f in findings if f.effect == 'coulomb_friction').coefficients['F_c']
-    assert level.value == pytest.approx(2.0, rel=0.1)
+    # Laws that nearly cancel share the level; their sum is that of the bristles.
+    model = fit(samples).model
+    of_joint = tuple(e for e in model.fitted.effects if e.joint == 'joint_4')
+    torque = effect_torque(replace(model, applied=Applied(of_joint)), samples)[:, 3]
+    sliding = np.abs(samples.qd[:, 3]) > 0.02
+    assert np.abs(torque - 2.0 * np.sign(samples.qd[:, 3]))[sliding].mean() < 0.04
 
 
 def test_the_slope_of_a_chain_with_many_terms_is_that_of_its_terms():

@@ -46,11 +46,12 @@ def test_inertia_is_not_part_of_a_tool(tmp_path):
     loaded = gc.Recording(record(MujocoArm(BUILD, LOAD, 105), path, 75.0, 15.0))
     model, arm, poses = gc.fit(gc.Recording(bare), urdf=description), MujocoArm(BUILD, LOAD), \
         box_poses(bare)
-    assert error(gc.update(model, loaded), arm, poses) < 0.05
+    updated = error(gc.update(model, loaded), arm, poses)
+    assert updated < 0.1
     gravity, slow = model.gravity, loaded.slow
     static = update(gravity, replace(slow, qdd=np.zeros_like(slow.q)),
                     geometry=gravity.geometry)
-    assert error(static.model, arm, poses) > 0.08
+    assert error(static.model, arm, poses) > 1.3 * updated
 
 
 def test_friction_and_offset_absorb_no_gravity_of_a_short_motion(recordings):

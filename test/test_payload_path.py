@@ -53,13 +53,16 @@ def test_the_path_has_the_torque_of_the_payload(learned):
     assert np.sqrt(((change - true) ** 2).mean(axis=0)).max() < 0.2
 
 
-def test_the_next_payload_requires_less_motion(learned):
-    arm, seed, _, first = learned
-    short = samples(arm, seed, 160.0, 8.0, SECOND)
-    updated = update(first, short).model
-    assert error(updated, arm, SECOND) < 0.35
-    without_path = update(replace(first, payload_path=None), short).model
-    assert error(updated, arm, SECOND) < 1.1 * error(without_path, arm, SECOND) + 0.02
+def test_the_next_payload_requires_less_motion():
+    with_path, without = [], []
+    for seed in range(6):
+        arm = generated_arm(seed, right_angles=True)
+        bare = fit(samples(arm, seed, 0.0, 100.0), FitOptions('chain')).model
+        first = update(bare, samples(arm, seed, 100.0, 60.0, FIRST)).model
+        short = samples(arm, seed, 160.0, 8.0, SECOND)
+        with_path.append(error(update(first, short).model, arm, SECOND))
+        without.append(error(update(replace(first, payload_path=None), short).model, arm, SECOND))
+    assert max(with_path) < 0.2 and np.mean(with_path) < 0.8 * np.mean(without)
 
 
 def test_the_larger_change_is_kept_and_saved(learned, tmp_path):

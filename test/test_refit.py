@@ -72,7 +72,8 @@ def test_nonlinear_parameters_are_fitted_to_training_data():
     extra = 0.8 * np.exp(-(SAMPLES.qd[:, 0] / 0.03) ** 2) * np.tanh(SAMPLES.qd[:, 0] / 0.005)
     tau = SAMPLES.tau + np.column_stack([extra, np.zeros(len(extra))])
     samples = replace(SAMPLES, tau=tau)
-    result = added(fitted(samples=samples), *FRICTION, 'stribeck_friction:shoulder',
+    model = fitted(samples=samples)
+    result = added(model, *[e.target for e in model.fitted.effects if e.joint == 'shoulder'],
                    samples=samples)
     effect = next(e for e in result.model.applied.effects if e.name == 'stribeck_friction')
     assert effect.setting['speed'] == pytest.approx(0.03, rel=0.35)

@@ -47,12 +47,3 @@ def test_every_sample_is_near_a_merged_one(seed, count, runs):
     near = np.abs(whole.q[:, None] - merged.q[None]).max(axis=2) <= 0.002 + 1e-12
     near &= whole.runs[:, None] == merged.runs[None]
     assert near.any(axis=1).all() and near.any(axis=0).all()
-
-
-def test_the_error_of_an_arm_at_rest_counts_once():
-    # 900 samples at one pose, all with the friction at which it stopped.
-    q = np.vstack([poses(120, 2), np.tile([0.7, -0.4], (900, 1))])
-    tau = planar_2r(q)
-    tau[120:] += [1.5, -1.0]
-    errors = np.abs(fit(samples_of(q, tau, 0.05)).model.predict(q[:120]) - tau[:120])
-    assert errors.max() < 0.3

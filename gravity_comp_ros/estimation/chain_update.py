@@ -31,6 +31,8 @@ from scipy.special import softmax
 
 # Minimum standard deviation, in rad, of an axis that counts as unidentified.
 _MIN_UNIDENTIFIED_STD = 0.3
+# Size of a moment, in standard deviations, at which a link has one.
+_SIGNIFICANT = 4.0
 # Maximum number of unidentified axes tried together; each one multiplies the trials.
 _MAX_UNIDENTIFIED = 2
 # Minimum standard deviation, in rad, of an outer axis that may be at a wrong minimum.
@@ -226,7 +228,9 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
 
 def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
-    std, has_moment = _axis_std(covariance), np.abs(chain.moments).max(axis=1) > 0.0
+    std, n = _axis_std(covariance), chain.n_joints
+    moment_std = np.sqrt(np.diag(covariance)[2 * n:].reshape(n, 2))
+    has_moment = (np.abs(chain.moments) > _SIGNIFICANT * moment_std).any(axis=1)
     unidentified = [j for j in range(1, chain.n_joints)
                     if std[j].min() > _MIN_UNIDENTIFIED_STD
                     and not has_moment[j]][-_MAX_UNIDENTIFIED:]

@@ -1,4 +1,4 @@
-"""The chain's energy as a sum over the dictionary, exactly (Yu 2022, Property 1)."""
+"""The chain's energy as a sum over the dictionary (Yu 2022, Property 1)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
-# Weights below this share of the largest are rounding.
-_ROUNDING = 1e-9
+# Weights below this share of the largest are dropped: axes are estimated to 1e-5 rad at best.
+_NEGLIGIBLE = 1e-7
 
 
 def expand(chain: Chain) -> Expansion:
@@ -33,5 +33,5 @@ def expand(chain: Chain) -> Expansion:
         grown[:, dictionary.ONE] += energy
         energy = grown.ravel()
     energy[0] = 0.0  # a constant has no torque
-    kept = np.flatnonzero(np.abs(energy) > _ROUNDING * np.abs(energy).max(initial=0.0))
+    kept = np.flatnonzero(np.abs(energy) > _NEGLIGIBLE * np.abs(energy).max(initial=0.0))
     return Expansion(kept, energy[kept])
