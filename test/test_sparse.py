@@ -1,11 +1,9 @@
 """Merging of the samples of an arm at rest."""
 
-from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem
 from hypothesis import given, settings, strategies as st
 import numpy as np
-from serial_arms import planar_2r, poses, samples_of
 
 
 def problem(q, tau, runs) -> SparseProblem:

@@ -230,10 +230,10 @@ def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
     std, n = _axis_std(covariance), chain.n_joints
     moment_std = np.sqrt(np.diag(covariance)[2 * n:].reshape(n, 2))
-    has_moment = (np.abs(chain.moments) > _SIGNIFICANT * moment_std).any(axis=1)
+    has_moment = np.any(np.abs(chain.moments) > _SIGNIFICANT * moment_std, axis=1)
     unidentified = [j for j in range(1, chain.n_joints)
                     if std[j].min() > _MIN_UNIDENTIFIED_STD
-                    and not has_moment[j]][-_MAX_UNIDENTIFIED:]
+                    and j not in np.flatnonzero(has_moment)][-_MAX_UNIDENTIFIED:]
     return [Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
 
