@@ -28,8 +28,8 @@ _SHARES = (1.0, 0.5)
 # Number of searches with a white residual after which it ends: few poses are consistent with
 # several chains.
 _CLEAN = 2
-# Difference of the mean logarithm of the noise below which two searches have the same result.
-_SAME = 1e-3
+# Number of rows on which the searches are compared.
+_ROWS = 250
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
 # Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise.
@@ -45,22 +45,28 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
 
     :raises FitError: if there are no samples.
     """
-    noises: list[float] = []
-    fits: list[Linear] = []
-    clean = 0
+    few, fits, clean = _thinned(problem, _ROWS), [], 0
     for seed in range(_SEARCHES):
         poses = generic_poses(problem, _POSES, _SHARES[seed % len(_SHARES)])
         rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
-        noise = float(np.log(rough.noise.absolute).mean())
-        if all(abs(noise - other) > _SAME for other in noises):
-            noises.append(noise)
-            fits.append(with_common_terms(problem, UnknownLengths.of(rough.chain), effects))
+        fits.append(with_common_terms(few, UnknownLengths.of(rough.chain), effects))
         clean += rough.clean
         if clean == _CLEAN:
             break
     best = min(fits, key=lambda fit: _log_noise(fit))
     assert isinstance(best.shared, UnknownLengths)
     return best.shared
+
+
+def _thinned(problem: Problem, count: int) -> Problem:
+    """Return the problem of evenly picked rows, at most `count`."""
+    rows = problem.rows
+    if rows.n_rows <= count:
+        return problem
+    picked = np.unique(np.linspace(0, rows.n_rows - 1, count).astype(int))
+    use = np.zeros(problem.samples.n_samples, dtype=bool)
+    use[rows.samples[np.isin(np.repeat(np.arange(rows.n_rows), rows.count), picked)]] = True
+    return Problem.of(problem.samples, use, problem.options)
 
 
 def _log_noise(fit: Linear) -> float:
