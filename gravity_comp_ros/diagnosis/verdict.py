@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Estimate as Size
@@ -15,6 +15,9 @@ from gravity_comp_ros.estimation.estimated_model import (
     DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
 from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.regression.engine import Regression
+from gravity_comp_ros.regression.linear import Linear
+from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
 from scipy import special
@@ -121,17 +124,24 @@ def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, val
         return Verdict.LIKELY, (f'the effective sample size is {size:.0f}; '
                                 f'{options.min_effective:.0f} is required')
     if gain < options.established:
-        return Verdict.LIKELY, (f'its evidence is {gain:.1f} nats; {options.established:.0f} are '
-                                f'required')
+        return Verdict.LIKELY, _little_evidence(gain, options)
     return Verdict.ESTABLISHED, ''
 
 
 def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding | None:
-    """Return the finding of rigid-body dynamics, which every estimate contains; None if small."""
+    """
+    Return the finding of rigid-body dynamics, None without evidence.
+
+    Every estimate contains dynamics, so that the gain is computed here; the gain at which it is
+    a finding is that of all terms.
+    """
     regression = evidence.estimated.regression
     shared, posterior = regression.shared, regression.posterior
     if DYNAMICS in given or DYNAMICS not in evidence.torques.effects \
             or not has_dynamics(shared):
+        return None
+    gain = _gain_of_dynamics(regression)
+    if gain < regression.problem.options.min_gain:
         return None
     held_out = _HeldOut.of(evidence, DYNAMICS, None)
     if held_out.after >= (1.0 - evidence.options.min_reduction) * held_out.before:
@@ -142,12 +152,33 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     listed = effect.coefficients_of(regression.motion, 0, {})
     sizes = values_of(listed, motion_parameters(shared, posterior.beta[:p]),
                       motion_parameters(shared, std))
-    old, new = map(evidence.torques.block_sums, evidence.without_and_with(DYNAMICS))
-    gain = float(0.5 * len(old) * np.log(old.mean(axis=0) / new.mean(axis=0)).sum())
     established = gain >= evidence.options.established
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
                    _sizes(sizes), held_out.before, held_out.after, 0.0, held_out.runs_better,
-                   '' if established else 'few blocks of time show it', '', gain, p_of(gain))
+                   '' if established else _little_evidence(gain, evidence.options), '', gain,
+                   p_of(gain))
+
+
+def _gain_of_dynamics(regression: Regression) -> float:
+    """
+    Return the log evidence of dynamics: that of the same terms on the motion and on still states.
+
+    Gravity is estimated again without dynamics. In slow motion the accelerations are nearly
+    collinear with it, so that a model from which dynamics are only omitted is always worse.
+    """
+    problem, posterior = regression.problem, regression.posterior
+    state = problem.states.state
+    still = State(state.q, np.zeros_like(state.qd), np.zeros_like(state.qdd))
+    without = replace(problem, states=replace(problem.states, state=still))
+    evidences = [Linear.at(each, regression.shared, each.factory(regression.shared),
+                           posterior.terms, posterior.design.root.T ** 2,
+                           posterior.precision).posterior.log_evidence
+                 for each in (problem, without)]
+    return evidences[0] - evidences[1]
+
+
+def _little_evidence(gain: float, options: DiagnosisOptions) -> str:
+    return f'its evidence is {gain:.1f} nats; {options.established:.0f} are required'
 
 
 def p_of(gain: float) -> float:
