@@ -5,13 +5,17 @@ import numpy as np
 
 NOISE, COULOMB, VISCOUS, OFFSET = 0.05, 0.6, 5.0, 0.4
 JOINTS = ('shoulder', 'elbow')
+WIDE = 1.1
 
 
-def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0):
+def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0, reach=0.6):
     """
     Return 60 s of two links in an upright plane with friction; q = 0 hangs down.
 
     tau_1 = 10 s1 + 4 s12 + 0.6 tanh(qd_1 / 0.005) + 5 qd_1, tau_2 = 4 s12 + 0.4.
+
+    With a `reach` of the elbow of 0.6 rad its offset and a weak joint spring are almost equally
+    probable; with WIDE they are not.
     """
     t = 0.05 * np.arange(count)
     rng = np.random.default_rng(seed)
@@ -22,10 +26,10 @@ def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0):
     else:
         q = np.column_stack([
             0.5 * np.sin(0.11 * t + phase[0]) + 0.1 * np.sin(0.7 * t + phase[1]),
-            0.6 * np.sin(0.09 * t + phase[2]) + 0.1 * np.sin(0.5 * t + phase[3])])
+            reach * np.sin(0.09 * t + phase[2]) + 0.1 * np.sin(0.5 * t + phase[3])])
         qd = np.column_stack([
             0.055 * np.cos(0.11 * t + phase[0]) + 0.07 * np.cos(0.7 * t + phase[1]),
-            0.054 * np.cos(0.09 * t + phase[2]) + 0.05 * np.cos(0.5 * t + phase[3])])
+            0.09 * reach * np.cos(0.09 * t + phase[2]) + 0.05 * np.cos(0.5 * t + phase[3])])
     both = 4.0 * np.sin(q.sum(axis=1))
     tau = np.column_stack([
         10.0 * np.sin(q[:, 0]) + both

@@ -13,7 +13,7 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
 import pytest
-from rough_links import JOINTS, NOISE, two_links
+from rough_links import JOINTS, NOISE, two_links, WIDE
 from serial_arms import planar_2r
 
 FRICTION = 'coulomb_friction:shoulder'
@@ -23,7 +23,7 @@ FRICTION = 'coulomb_friction:shoulder'
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     for seed in (1, 2, 3):
-        write_bag(folder / f'{seed}.mcap', [joint_states(two_links(seed))])
+        write_bag(folder / f'{seed}.mcap', [joint_states(two_links(seed, reach=WIDE))])
     return [str(folder / f'{seed}.mcap') for seed in (1, 2, 3)]
 
 

@@ -10,14 +10,15 @@ from gravity_comp_ros.commands import follow_up
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, VERDICTS
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
-from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
+from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
     """Return a folder with recordings and a model fitted to two of them."""
     folder = tmp_path_factory.mktemp('diagnose')
-    runs = {'one': two_links(1), 'two': two_links(2), 'clean': two_links(3, rough=0.0),
+    runs = {'one': two_links(1, reach=WIDE), 'two': two_links(2, reach=WIDE),
+            'clean': two_links(3, rough=0.0),
             'one_way': two_links(5, one_way=True), 'short': two_links(4, count=40),
             'other': two_links(6, names=('a', 'b'))}
     for name, samples in runs.items():
