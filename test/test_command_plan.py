@@ -72,8 +72,8 @@ def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
 
 
 def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys):
-    # Over 0.1 rad gravity is nearly collinear with an offset.
-    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, span=0.1))])
+    # Over 0.05 rad gravity is nearly collinear with an offset.
+    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, span=0.05))])
     line = command(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
     line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
     assert main(line) == 1

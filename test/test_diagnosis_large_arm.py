@@ -36,7 +36,7 @@ def samples():
         for seed in range(2)])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_friction_on_one_of_ten_joints_is_named(samples):
     findings = diagnose(samples).findings
     named = [(f.effect, f.joint) for f in findings if f.verdict in FOUND]

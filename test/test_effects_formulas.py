@@ -201,7 +201,7 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     ('coulomb_friction', [1.0], [2.0]),
     ('viscous_friction', [0.1], [6.0]),
     ('joint_spring', [0.5, 1.0], [6.0, 6.0]),
-    ('torque_offset', [1.0], [2.0]),
+    ('torque_offset', [1.0], [6.0]),
     # A tenth of 20 N·m over the RMS of the column, by default.
     ('degressive_friction', [0.25], [8.0]),
     ('torque_drift', [50.0], [0.02]),

@@ -92,6 +92,7 @@ def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     assert sample.qdd is None and not delayed.due(0.3)
 
 
+@pytest.mark.campaign
 def test_the_node_learns_inertia_and_gravity_is_accurate(live):
     """The first axis is vertical: only a tilt of the base explains its inertia as gravity."""
     for seed in (64, 70, 72):
