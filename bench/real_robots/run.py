@@ -6,7 +6,6 @@ Run from the root of the repository:
     python -m bench.real_robots.run results/ --seeds 400 --jobs 2
     python -m bench.real_robots.run results/ --seeds 300-304 --described --oracle
     python -m bench.real_robots.run results/ --seeds 400 --arms panda,ur5
-    python -m bench.real_robots.run results/ --seeds 300-304 --engine
 
 A case is an arm of `arms.SOURCES` and a seed (`cases`). The folder stores the recordings of every
 case (`cases/ARM.SEED.npz`), its result, and the table. A stopped run resumes; results of older
@@ -48,7 +47,6 @@ from typing import Any
 
 from bench.real_robots.arms import descriptions, PACKAGE, SOURCES
 from bench.real_robots.cases import case
-from bench.real_robots.engine import engine_loop
 from bench.real_robots.product import loop, oracle
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
@@ -57,10 +55,10 @@ from gravity_comp_ros.atomic import write_atomically
 
 _PACKAGE, _HERE = Path(gc.__file__).parent, Path(__file__).parent
 _ROOMS = ('api', 'data', 'diagnosis', 'effects', 'estimation', 'evaluation', 'models',
-          'regression', 'simulation', 'terms')
+          'regression', 'simulation')
 
-Task = tuple[str, int, bool, bool, bool, Path]
-"""Arm, seed, whether with description, oracle and engine, folder."""
+Task = tuple[str, int, bool, bool, Path]
+"""Arm, seed, whether with description and oracle, folder."""
 
 
 def main() -> int:
@@ -68,7 +66,7 @@ def main() -> int:
     args = parser().parse_args()
     folder, code = Path(args.folder), fingerprint()
     (folder / 'cases').mkdir(parents=True, exist_ok=True)
-    tasks: list[Task] = [(arm, seed, args.described, args.oracle, args.engine, folder)
+    tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
                          for seed in args.seeds for arm in args.arms]
     missing = [task for task in tasks if not usable(stored(task), None if args.keep else code)
                or args.oracle and 'no_oracle' not in stored(task)]
@@ -82,7 +80,7 @@ def main() -> int:
             print(f'{count}/{len(missing)} {monotonic() - start:.0f} s: {result["case"]} '
                   f'{"; ".join(result["why"]) or "right"}', flush=True)
     text = table([stored(task) for task in tasks])
-    name = f'table{"-described" if args.described else ""}{"-engine" if args.engine else ""}.md'
+    name = f'table{"-described" if args.described else ""}.md'
     write_atomically(folder / name, text.encode(), gc.GravityCompError)
     print(text)
     return 0
@@ -97,8 +95,6 @@ def parser() -> argparse.ArgumentParser:
                      help=f'(default: {",".join(SOURCES)})')
     out.add_argument('--described', action='store_true', help='fit with the description')
     out.add_argument('--oracle', action='store_true', help='also fit the true effects')
-    out.add_argument('--engine', action='store_true',
-                     help='judge the engine of `regression` instead of fit, diagnose and add')
     out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
     out.add_argument('--keep', action='store_true', help='keep results of older code')
     return out
@@ -127,13 +123,13 @@ def seeds(text: str) -> list[int]:
 
 def judged(task: Task) -> tuple[Task, dict[str, Any]]:
     """Return the result of a case."""
-    arm, seed, described, with_oracle, engine, folder = task
+    arm, seed, described, with_oracle, folder = task
     one = case(arm, seed, folder / 'cases')
     about = {'case': one.name, 'described': described, 'lugre': bool(one.friction),
              'hidden': [f'{h.effect}:{h.joint + 1}' for h in one.hidden],
              'visible': one.visible}
     try:
-        outcome = engine_loop(one, described) if engine else loop(one, described)
+        outcome = loop(one, described)
     except gc.GravityCompError as problem:
         reason = (f'failed: {problem}',)
         return task, {**about, 'why': reason, 'why_oracle': reason, 'why_loose': reason,
@@ -153,8 +149,8 @@ def judged(task: Task) -> tuple[Task, dict[str, Any]]:
 
 def result_file(task: Task) -> Path:
     """Return the file of a result."""
-    arm, seed, described, _, engine, folder = task
-    of = f'{".described" if described else ""}{".engine" if engine else ""}'
+    arm, seed, described, _, folder = task
+    of = '.described' if described else ''
     return folder / f'{arm}.{seed}{of}.json'
 
 
