@@ -88,8 +88,8 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
     size = sums.std * np.sqrt(np.diag(expected))
     size = np.maximum(size, 1e-3 * size.max()) / sums.std
     error = (sums.added([path])[0] - expected) / np.outer(size, size)
-    # Accelerations of a recording are smoothed at starts and stops, those of a plan are exact. They
-    # change the columns of tilts and lengths, not those of moments.
+    # Accelerations of a recording are smoothed at starts and stops, those of a plan are exact.
+    # They change the columns of tilts and lengths, not those of moments.
     gravity = np.r_[6:12, sums.places(sums.terms)]
     assert np.abs(error[np.ix_(gravity, gravity)]).max() < 0.02
     assert np.abs(error).max() < 0.15
