@@ -49,10 +49,9 @@ class FitOptions:
     """
     Options of a fit: the `formulation`, and how its sparse problems are solved.
 
-    `auto` accepts a chain whose residual is white or small, unless effects that resemble gravity
-    explain a part of the torque that gravity of a chain does not; otherwise it fits the potential
-    too, and the held-out error decides. With a `geometry` the axes of the chain are known; the
-    samples' joints must be in its order. `white` is the largest ratio of a joint's residual to its
+    `auto` accepts a chain whose residual is white or small; otherwise it fits the potential too,
+    and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
+    joints must be in its order. `white` is the largest ratio of a joint's residual to its
     white noise at which the residual of a chain counts as white, `small` the share of the joint's
     torque scale below which it is accepted in any case. `better` is the share by which free axes
     must reduce the residual of some joint for described axes to be rejected.
@@ -179,10 +178,6 @@ class _Work:
         if self.problem.samples.n_joints > self.options.max_potential_joints:
             return (f'the potential is not tried on more than {self.options.max_potential_joints} '
                     f'joints')
-        if isinstance(chain.shared, UnknownLengths) and any(
-                term.effect.is_static and term.effect.resembles_gravity for term in chain.terms):
-            # Torques of the pose that no chain has, as with a parallel linkage.
-            return ''
         if is_white(chain, self.options.white):
             return 'the residual of the chain is white'
         if (chain.noise < self.options.small * self.problem.scale.torque).all():

@@ -67,18 +67,27 @@ def score_of(posterior: Posterior, term: Term) -> Score:
     return Score(term, information, score, mean, unabsorbed)
 
 
-def gain_of(posterior: Posterior, term: Term) -> float:
-    """Return the gain of a term whose coefficients are 0 in the posterior, or not in it."""
+def gain_of(posterior: Posterior, term: Term, kappa: float | None = None) -> float:
+    """
+    Return the gain of a term whose coefficients are 0 in the posterior, or not in it.
+
+    :param kappa: the inflation of the noise; that of the term itself by default.
+    """
     scored = score_of(posterior, term)
     if scored.unabsorbed < _EXPLAINED:
         return -np.inf
-    return gain(posterior, scored)
+    return gain(posterior, scored, kappa)
 
 
-def gain(posterior: Posterior, scored: Score) -> float:
+def inflation(posterior: Posterior, scored: Score) -> float:
+    """Return kappa of a scored term."""
+    return max(1.0, _scatter(posterior, scored))
+
+
+def gain(posterior: Posterior, scored: Score, kappa: float | None = None) -> float:
     """Return the gain of a scored term."""
     term, prior = scored.term, np.diag(scored.term.prior_std ** -2.0)
-    kappa = max(1.0, _scatter(posterior, scored))
+    kappa = inflation(posterior, scored) if kappa is None else kappa
     information, score = scored.information / kappa, scored.score / kappa
     explained = 0.5 * float(score @ np.linalg.solve(information + prior, score))
     spread = np.eye(len(score)) + information * term.prior_std ** 2

@@ -76,7 +76,7 @@ class EngineOptions:
     converged: float = 2.0
     coloured: float = 1.3
     starts: int = 5
-    halvings: int = 6
+    halvings: int = 8
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
-from gravity_comp_ros.regression.gains import gain_of, Ranking
+from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
 from gravity_comp_ros.regression.noise import noise_std, precision_of
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
@@ -134,11 +134,17 @@ class Search:
                 if c.key not in excluded and (not c.parents or c.parents & keys)]
 
     def _refined(self, posterior: Posterior, term: Term) -> tuple[Term, float]:
-        """Return a term at the best setting near its own, and its gain."""
-        best, gain = term, gain_of(posterior, term)
+        """
+        Return a term at the best setting near its own, and its gain.
+
+        Settings are compared at one inflation of the noise: a percent of it would outweigh one
+        sample on the other side of a change point.
+        """
+        kappa = inflation(posterior, score_of(posterior, term))
+        best, gain = term, gain_of(posterior, term, kappa)
         step = 1.0
         while step > 0.5 ** self.options.halvings:
-            tried = [(gain_of(posterior, other), other)
+            tried = [(gain_of(posterior, other, kappa), other)
                      for other in self.factory.neighbours(best, step)]
             top = max(tried, key=lambda each: each[0], default=None)
             if top is None:
@@ -147,7 +153,7 @@ class Search:
                 gain, best = top
             else:
                 step *= 0.5
-        return best, gain
+        return best, gain if best is term else gain_of(posterior, best)
 
     def _review(self, term: Term) -> bool:
         """Remove a term, exchange it on its own joint, or refine its setting."""
