@@ -15,7 +15,8 @@ import pytest
 T = np.arange(500) / 5.0
 Q = np.column_stack([0.6 * np.sin(0.1 * T), 0.7 * np.cos(0.07 * T)])
 QD = np.column_stack([0.06 * np.cos(0.1 * T), -0.049 * np.sin(0.07 * T)])
-TAU = np.column_stack([10 * np.sin(Q[:, 0]), 3 * np.sin(Q[:, 1])]) \
+TAU = np.column_stack([10 * np.sin(Q[:, 0]) + 3 * np.sin(Q.sum(axis=1)),
+                       3 * np.sin(Q.sum(axis=1))]) \
     + np.random.default_rng(0).normal(scale=0.05, size=(500, 2))
 
 

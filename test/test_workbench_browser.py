@@ -434,13 +434,13 @@ def test_a_fast_recording_of_seven_described_joints(folder, watched, tmp_path):
         page.get_by_role('slider').first.focus()
         page.keyboard.press('PageUp')
         status.filter(has_not_text='At 0.00 s').wait_for()
-        # A new fit with the opposite sign of the torque.
+        # A new fit with another torque constant.
         page.get_by_role('button', name='Units and velocities').click()
-        page.get_by_label('iiwa_joint_4', exact=True).last.fill('-1')
+        page.get_by_label('iiwa_joint_4', exact=True).last.fill('0.9')
         page.get_by_role('button', name='Fit with these settings').click()
         page.get_by_label('Stage (').locator('option').nth(1).wait_for(state='attached')
-        inverted = load_model(_saved(page, 'Save the model', tmp_path / 'inverted.json'))
-        assert inverted.provenance['bags'][0]['effort_scale'] == {'iiwa_joint_4': -1.0}
+        scaled = load_model(_saved(page, 'Save the model', tmp_path / 'scaled.json'))
+        assert scaled.provenance['bags'][0]['effort_scale'] == {'iiwa_joint_4': 0.9}
         assert tab.complaints == []
 
 
