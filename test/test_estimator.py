@@ -114,6 +114,7 @@ def test_an_update_keeps_friction(result):
     assert list(updated.report.rmse.values()) == pytest.approx(errors.tolist())
 
 
+@pytest.mark.campaign
 def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
     tau = samples.tau.copy()
     tau[200:210, 3] += 25.0
@@ -144,6 +145,7 @@ def test_velocities_that_contradict_positions_are_replaced(samples):
     assert 'velocity contradicts position' in fitted.report.warnings[0]
 
 
+@pytest.mark.campaign
 def test_the_description_of_another_arm_is_not_used(samples):
     wrong = Geometry(ARM.joints, np.tile(np.eye(3), (7, 1, 1)), np.zeros((7, 3)), 'tool',
                      np.eye(3))

@@ -20,6 +20,7 @@ def recordings():
             record(MujocoArm(BUILD, LOAD, 101), path, 75.0, 15.0))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize('described', [False, True])
 def test_gravity_is_accurate_with_friction_before_and_after_a_load(recordings, described,
                                                                    tmp_path):
@@ -38,6 +39,7 @@ def test_gravity_is_accurate_with_friction_before_and_after_a_load(recordings, d
     assert error(updated, MujocoArm(BUILD, LOAD), poses) < (0.15 if described else 0.4)
 
 
+@pytest.mark.campaign
 def test_inertia_is_not_part_of_a_tool(tmp_path):
     description = tmp_path / 'arm.urdf'
     description.write_text(urdf(MujocoArm(BUILD).links))
@@ -65,6 +67,7 @@ def test_friction_and_offset_absorb_no_gravity_of_a_short_motion(recordings):
     assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize('seed', [31, 34])
 def test_a_search_that_ends_at_a_wrong_minimum_is_repeated(seed):
     # One search alone ended 15 and 0.5 N·m from the gravity torque, with a residual not white.

@@ -16,6 +16,7 @@ import pytest
 
 @pytest.mark.parametrize('arm, seed', [
     pytest.param('iiwa7', 2, marks=pytest.mark.campaign), ('six_axis', 2),
+@pytest.mark.campaign
     pytest.param('right_seven', 1, marks=pytest.mark.campaign)])
 def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     arm = ARMS[arm]()

@@ -119,6 +119,7 @@ def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
         assert worst(updated.model, loaded) < 0.3
 
 
+@pytest.mark.campaign
 def test_an_arm_with_balancers_is_fitted_without_known_axes():
     # Balancers, of energy 15 sin(q2) sin(q4), 7.5 cos(2 q2) and 7.5 sin(2 q1): not a chain.
     balanced = np.zeros_like(Q)

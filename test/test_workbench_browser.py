@@ -410,6 +410,7 @@ def test_comparison_of_two_stages(server, watched):
         assert tab.complaints == []
 
 
+@pytest.mark.campaign
 def test_a_fast_recording_of_seven_described_joints(folder, watched, tmp_path):
     bag, urdf = folder / 'fast.mcap', ROOT / 'bags' / 'iiwa7.urdf'
     assert main(['synth', '--motion', 'multisine', '--max-speed', '1.0', '--rate', '50',

@@ -62,7 +62,9 @@ def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_jo
     with running('worker_tasks:closing') as worker:
         wait_for(worker, 1)
         worker.send(LastJob(worker))
-        assert wait_for(worker, 1) == [Lost('it closed its pipe')]
+        # How it ends depends on how soon it does.
+        (lost,) = wait_for(worker, 1)
+        assert isinstance(lost, Lost)
 
 
 def test_sending_a_large_job_does_not_block():

@@ -140,7 +140,8 @@ def _read(process: subprocess.Popen[bytes], connection: Connection, sending: Loc
     with sending:
         connection.close()
     try:
-        code = process.wait(timeout=0.2)
+        # On a busy machine a process ends some time after its pipe.
+        code = process.wait(timeout=2.0)
         how = f'signal {-code}' if code < 0 else f'exit code {code}'
     except subprocess.TimeoutExpired:
         how = 'it closed its pipe'
