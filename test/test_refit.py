@@ -106,7 +106,7 @@ def test_slow_samples_are_fitted_by_default():
     slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
     assert added(MODEL, FRICTION[0], samples=samples).n_samples == slow < len(samples)
     assert added(MODEL, FRICTION[0], samples=samples,
-                 options=RefitOptions(slow=None, force=True)).n_samples == len(samples)
+                 options=RefitOptions(slow=None, max_increase=9.0)).n_samples == len(samples)
     few = added(MODEL, FRICTION[0], samples=samples, options=RefitOptions(0.1, force=True))
     assert few.n_samples == int((np.abs(samples.qd) <= 0.1).all(axis=1).sum())
 

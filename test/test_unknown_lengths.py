@@ -14,10 +14,8 @@ from gravity_comp_ros.estimation.fit import fit
 import pytest
 
 
-@pytest.mark.parametrize('arm, seed', [
-    pytest.param('iiwa7', 2, marks=pytest.mark.campaign), ('six_axis', 2),
 @pytest.mark.campaign
-    pytest.param('right_seven', 1, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize('arm, seed', [('iiwa7', 2), ('six_axis', 2), ('right_seven', 1)])
 def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     arm = ARMS[arm]()
     runs = concatenate([recording(arm, 10 * seed + k, 40.0, 50.0) for k in range(3)])

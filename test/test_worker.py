@@ -62,7 +62,7 @@ def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_jo
     with running('worker_tasks:closing') as worker:
         wait_for(worker, 1)
         worker.send(LastJob(worker))
-        # How it ends depends on how soon it does.
+        # Its exit status is known only if it ends soon.
         (lost,) = wait_for(worker, 1)
         assert isinstance(lost, Lost)
 
