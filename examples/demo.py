@@ -36,7 +36,7 @@ UNLOADED, LOADED = 'eq17_unloaded.mcap', 'eq17_2kg.mcap'
 FIRST, LEARNED, EVALUATED = 10.0, 75.0, 78.0
 # Playback speed, recorded seconds per second.
 SPEED = 40.0
-FIT_TIMEOUT = 60.0  # s
+FIT_TIMEOUT = 240.0  # s
 # Settling time of the node, recorded seconds.
 SETTLE_TIME = 0.5
 # Minimum change of an RMSE for a remaining error in percent, N·m.

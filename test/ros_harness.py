@@ -173,7 +173,7 @@ class Probe(Node):
         while (remaining := end - time.monotonic()) > 0:
             self.loop.spin_once(timeout_sec=remaining)
 
-    def until(self, condition: Callable[[], object], seconds: float = 60.0,
+    def until(self, condition: Callable[[], object], seconds: float = 120.0,
               what: str = 'it') -> None:
         """Handle callbacks until the condition is true; fail at the deadline."""
         end = deadline(seconds)

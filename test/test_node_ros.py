@@ -87,7 +87,7 @@ def learn_all(probe, samples):
         return missing <= 0 and values['fit process'] == 'ready'
 
     # The fits have the lowest priority, and the tests run in parallel.
-    probe.until(learned, 180, 'the fits')
+    probe.until(learned, 300, 'the fits')
 
 
 def test_node_and_commands_give_the_same_torques(bags, tmp_path):
