@@ -69,7 +69,7 @@ class EngineOptions:
     min_gain: float = 3.0
     margin: float = 3.0
     significant: float = 1.0
-    min_unabsorbed: float = 0.02
+    min_unabsorbed: float = 0.05
     max_rounds: int = 20
     passes: int = 3
     steps: int = 10
