@@ -5,8 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.clock import origin_of, since
-from gravity_comp_ros.effects.effect import (
-    Coefficient, Effect, Needs, Setting, Sizes)
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 

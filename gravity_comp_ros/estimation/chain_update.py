@@ -228,12 +228,11 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
 
 def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
-    std, n = _axis_std(covariance), chain.n_joints
-    moment_std = np.sqrt(np.diag(covariance)[2 * n:].reshape(n, 2))
-    has_moment = np.any(np.abs(chain.moments) > _SIGNIFICANT * moment_std, axis=1)
-    unidentified = [j for j in range(1, chain.n_joints)
-                    if std[j].min() > _MIN_UNIDENTIFIED_STD
-                    and j not in np.flatnonzero(has_moment)][-_MAX_UNIDENTIFIED:]
+    n = chain.n_joints
+    axes, moments = _std(covariance)
+    is_unidentified = ((axes.min(axis=1) > _MIN_UNIDENTIFIED_STD)
+                       & (np.abs(chain.moments) <= _SIGNIFICANT * moments).all(axis=1))
+    unidentified = [j for j in range(1, n) if is_unidentified[j]][-_MAX_UNIDENTIFIED:]
     return [Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
 
@@ -245,7 +244,7 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     first reset one are reset too.
     """
     n = chain.n_joints
-    std = _axis_std(covariance).max(axis=1)
+    std = _std(covariance)[0].max(axis=1)
     uncertain = [j for j in range(max(n - _MAX_UNIDENTIFIED, 1), n)
                  if std[j] > _MIN_UNCERTAIN_STD]
     reset = list(range(uncertain[0], n)) if uncertain else []
@@ -261,9 +260,9 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     return _along_frame_axes(Chain(chain.axes, moments), prior, reset, _PRICE_OF_RESET)
 
 
-def _axis_std(covariance: FloatArray) -> FloatArray:
-    """Return the standard deviations (N, 2) in rad of the two angles of each axis."""
-    return np.asarray(np.sqrt(np.diag(covariance)[:len(covariance) // 2].reshape(-1, 2)))
+def _std(covariance: FloatArray) -> FloatArray:
+    """Return the standard deviations (2, N, 2) of axes, in rad, and of moments, in N·m."""
+    return np.asarray(np.sqrt(np.diag(covariance)).reshape(2, -1, 2))
 
 
 def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],

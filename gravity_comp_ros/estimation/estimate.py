@@ -51,11 +51,11 @@ class FitOptions:
 
     `auto` accepts a chain whose residual is white or small; otherwise it fits the potential too,
     and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
-    joints must be in its order. `white` is the largest ratio of a joint's residual to its
-    white noise at which the residual of a chain counts as white, `small` the share of the joint's
-    torque scale below which it is accepted in any case. `better` is the share by which free axes
-    must reduce the residual of some joint for described axes to be rejected.
-    `max_potential_joints` is the number of joints up to which a potential is affordable.
+    joints must be in its order. `white` is the largest ratio of a joint's residual to its white
+    noise at which the residual of a chain counts as white, `small` the share of the joint's torque
+    scale below which it is accepted in any case. `better` is the share by which free axes must
+    reduce the residual of some joint for described axes to be rejected. `max_potential_joints` is
+    the number of joints up to which a potential is affordable.
 
     :raises OptionError: if the formulation is unknown, or does not use a geometry.
     """

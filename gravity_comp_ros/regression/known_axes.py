@@ -155,7 +155,8 @@ class KnownAxes(Shared):
     def with_exact_angles(self, covariance: FloatArray) -> KnownAxes:
         variance = np.diag(covariance)[:self.n_angles] + self.priors.exact ** 2
         gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
-        gain[:2] = gain[:2] if self.is_mounted else -np.inf
+        if not self.is_mounted:
+            gain[:2] = -np.inf
         is_exact = self.is_exact | (gain > 0.0)
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,

@@ -17,7 +17,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.regression.candidates import common_terms, TermFactory
 from gravity_comp_ros.regression.design import Design, FIXED
-from gravity_comp_ros.regression.noise import white_precision
+from gravity_comp_ros.regression.noise import CONVERGED, MAX_NOISES, white_precision
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
@@ -26,8 +26,6 @@ import numpy as np
 
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
 _NARROWER, _NARROWEST = 0.25, 1e-3
-# Relative change of the weights at which the noise has converged, and maximum number of estimates.
-_CONVERGED, _MAX_NOISES = 0.05, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +149,10 @@ def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angl
     design = design.with_narrow(n_angles)
     precision = np.asarray(1.0 / (np.var(problem.y, axis=0)
                                   + (1e-3 * problem.scale.torque) ** 2))
-    for _ in range(_MAX_NOISES):
+    for _ in range(MAX_NOISES):
         ratio, precision = precision, white_precision(
             solve(design, terms, precision), problem.scale, problem.options)
-        if np.abs(np.log(ratio / precision)).max() < _CONVERGED:
+        if np.abs(np.log(ratio / precision)).max() < CONVERGED:
             break
     return precision
 

@@ -24,6 +24,9 @@ from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.scale import Scale
 import numpy as np
 
+# Relative change of the weights below which the noise has converged, and maximum number of its
+# estimates.
+CONVERGED, MAX_NOISES = 0.05, 8
 # Ratios of the variance that grows with the torque to the constant one, at the mean torque.
 _RELATIVE = tuple(float(c) for c in np.geomspace(0.1, 1e4, 11))
 # Largest correlation time, in rows, of a white residual.

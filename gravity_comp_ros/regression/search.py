@@ -14,7 +14,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
-from gravity_comp_ros.regression.noise import noise_std, precision_of
+from gravity_comp_ros.regression.noise import (
+    CONVERGED, MAX_NOISES, noise_std, precision_of)
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.scale import Scale
@@ -22,9 +23,6 @@ from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_chil
 import numpy as np
 
 Terms = tuple[Term, ...]
-# Relative change of the weights below which the noise has converged, and maximum number of its
-# estimates.
-_CONVERGED, _MAX_NOISES = 0.05, 8
 # Share of the best gain from which additions on other joints are made in the same round.
 _TOGETHER = 0.3
 # Gain in nats for which a nonlinear setting is moved on.
@@ -69,7 +67,7 @@ class Search:
             other starts, which is only useful near the final estimate of the shared part.
         """
         total = 0
-        for _ in range(_MAX_NOISES):
+        for _ in range(MAX_NOISES):
             self._tabu.clear()
             rounds = 0
             while total + rounds < self.options.max_rounds and (
@@ -85,7 +83,7 @@ class Search:
         precision = precision_of(self.posterior, self.scale, self.options)
         ratio = precision / self.posterior.precision
         self.posterior = self._solved(self.terms, precision)
-        return bool(np.abs(np.log(ratio)).max() > _CONVERGED)
+        return bool(np.abs(np.log(ratio)).max() > CONVERGED)
 
     def _solved(self, terms: Terms, precision: FloatArray | None = None) -> Posterior:
         return solve(self.design, terms,

@@ -53,7 +53,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
         clean += rough.clean
         if clean == _CLEAN:
             break
-    best = min(fits, key=lambda fit: _log_noise(fit))
+    best = min(fits, key=_log_noise)
     assert isinstance(best.shared, UnknownLengths)
     return best.shared
 
