@@ -235,6 +235,20 @@ def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
     assert status(node, 'input', now).level == OK
 
 
+def test_waiting_messages_of_another_device_are_left_out_once_the_arm_is_known(live):
+    """A gripper publishes first; its message and those of the arm are read at once."""
+    node = live()
+    t, q = motion(4)
+    arm = [joint_state(t[k], q[k], torque(q[k])) for k in range(4)]
+    finger = joint_state(t[0] - 0.01, [0.0], [0.0])
+    finger.name, finger.velocity = ['finger'], [0.0]
+    read = node.read_all([finger, *arm[:2], finger, *arm[2:]], 0.0)
+    assert node.arm.joints == tuple(arm[0].name)
+    assert [message for message, _ in read] == arm
+    for _, reading in read:
+        node.learn(reading, 0.0)
+
+
 @pytest.mark.parametrize('stamp, reason', [(1000.0, 'too_old'), (3000.0, 'from_future')])
 def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, reason):
     node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(), max_age=0.3)

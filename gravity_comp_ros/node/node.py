@@ -8,6 +8,7 @@ import time
 from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
 from gravity_comp_ros.node.messages import Reading
@@ -56,7 +57,8 @@ class GravityCompNode(LifecycleNode):
         self._service_set: Services | None = None
         self._node_timers: list[Timer] = []
         self._active = False
-        self._named = False
+        # The arm whose joint names the messages have.
+        self._named_arm: Arm | None = None
         self._sent_model: GravityModel | None = None
         self._ticks = 0
         self._clock_is_simulated = False
@@ -103,7 +105,7 @@ class GravityCompNode(LifecycleNode):
             self.get_logger().error(self._core.models.problem)
         self._use_description(self._core)
         self._outputs = Outputs(self)
-        self._named, self._sent_model = False, None
+        self._named_arm = self._sent_model = None
         self._subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
@@ -192,14 +194,13 @@ class GravityCompNode(LifecycleNode):
         if not self._active or core is None or outputs is None or not self._has_time():
             return
         now, arrival = self.now(), self.get_clock().now().nanoseconds * 1e-9
-        read = [(message, reading) for message in messages
-                if (reading := core.read(message, arrival)) is not None]
+        read = core.read_all(messages, arrival)
         if not read:
             return
         message, newest = read[-1]
-        if not self._named and core.arm is not None:
+        if core.arm is not None and core.arm is not self._named_arm:
             outputs.name_joints(core.arm.joints)
-            self._named = True
+            self._named_arm = core.arm
         tau = core.torque([reading for _, reading in read], now)
         if tau is not None:
             outputs.torque(message.header.stamp, tau)

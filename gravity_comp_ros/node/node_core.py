@@ -105,6 +105,25 @@ class NodeCore:
             bool(described.problem), f'robot description: axes {axes}; effort limits {limits} '
             f'N·m; continuous joints: {", ".join(described.continuous) or "none"}'))
 
+    def read_all(self, messages: Sequence[Any], arrival: float) -> list[tuple[Any, Reading]]:
+        """
+        Read waiting messages; return those that can be used, of one device, with their readings.
+
+        Where a message begins an arm with more joints, the readings before it are of another
+        device, and are left out.
+
+        :param arrival: as for `read`.
+        """
+        read: list[tuple[Any, Reading]] = []
+        for message in messages:
+            arm = self.arm
+            reading = self.read(message, arrival)
+            if self.arm is not arm:
+                read.clear()
+            if reading is not None:
+                read.append((message, reading))
+        return read
+
     def read(self, message: Any, arrival: float) -> Reading | None:
         """
         Read a `sensor_msgs/JointState`; return None if it cannot be used.
