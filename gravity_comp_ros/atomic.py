@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
-import tempfile
+import secrets
 
 from gravity_comp_ros.errors import GravityCompError
 
@@ -36,16 +36,14 @@ def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
+    temporary = target.with_name(f'.{target.name}.{secrets.token_hex(4)}')
     try:
-        handle, name = tempfile.mkstemp(prefix=f'.{target.name}.', dir=target.parent)
-        os.close(handle)
+        _create(temporary, target)
     except OSError as problem:
         raise error(_sentence(path, problem)) from problem
-    temporary = Path(name)
     try:
         yield temporary
         _flush_to_disk(temporary, os.O_RDWR)
-        _keep_mode(target, temporary)
         os.replace(temporary, target)
         # The new file is in place. Some file systems cannot flush a folder, which does not affect
         # atomicity.
@@ -65,14 +63,16 @@ def _flush_to_disk(path: Path, mode: int) -> None:
         os.close(handle)
 
 
-def _keep_mode(path: Path, temporary: Path) -> None:
-    """Give the new file the old one's permissions, or those of the user's umask."""
-    if path.exists():
-        temporary.chmod(path.stat().st_mode & 0o777)
-        return
-    umask = os.umask(0)
-    os.umask(umask)
-    temporary.chmod(0o666 & ~umask)
+def _create(temporary: Path, target: Path) -> None:
+    """Create the new file with the old one's permissions, or those of the user's umask."""
+    mode = target.stat().st_mode & 0o777 if target.exists() else None
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL,
+                     0o666 if mode is None else mode)
+    try:
+        if mode is not None:
+            os.fchmod(handle, mode)
+    finally:
+        os.close(handle)
 
 
 def _sentence(path: Path, problem: OSError) -> str:

@@ -121,8 +121,8 @@ def test_a_folder_that_cannot_be_written_to(old, place, message):
 
 
 def test_a_read_only_folder(old, monkeypatch):
-    # A superuser may write anywhere, so the refusal of mkstemp is simulated.
-    monkeypatch.setattr('tempfile.mkstemp', failing(errno.EACCES))
+    # A superuser may write anywhere, so the refusal is simulated.
+    monkeypatch.setattr('os.open', failing(errno.EACCES))
     with pytest.raises(ModelFileError, match='permission denied'):
         write_atomically(old, b'new', ModelFileError)
     assert old.read_bytes() == b'old'

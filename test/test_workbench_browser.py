@@ -600,7 +600,7 @@ def test_a_request_for_the_page_starts_no_process(server):
 
 
 @pytest.mark.parametrize('argv, message', [
-    ([], 'name at least one recording'), (['run1.mcap', '--model', 'none.json'], 'none.json'),
+    (['run1.mcap', '--model', 'none.json'], 'none.json'),
     (['run1.mcap', '--host', '256.1.1.1'], '--port'),
 ])
 def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, message):

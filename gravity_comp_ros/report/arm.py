@@ -38,13 +38,15 @@ def find_arm(paths: Sequence[Path], joints: Sequence[str], urdf: Path | None = N
     """
     Return the arm of these joints, from a file or from the description in the recordings.
 
-    Return None without a description, or with one of another robot.
+    Return None if the recordings have no description, or one of another robot.
 
     :param urdf: robot description to use instead of that of the recordings.
+    :raises DataError: if this file is missing or not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
     """
+    if urdf is not None:
+        return described_arm(read_text(urdf), joints)
     try:
-        if urdf is not None:
-            return described_arm(read_text(urdf), joints)
         description = first_description(paths)
         return None if description is None else described_arm(description.text, joints)
     except GravityCompError:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 import logging
-from typing import TYPE_CHECKING
 
 from bokeh.document import Document
 from bokeh.events import DocumentReady
@@ -22,7 +21,6 @@ from gravity_comp_ros.workbench import (
     findings_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
-from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
@@ -31,12 +29,10 @@ from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
 from gravity_comp_ros.workbench.views import Views
 
-if TYPE_CHECKING:
-    from gravity_comp_ros.node.node_client import NodeClient
-
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
-COMPARE, LIVE = 'Two models', 'Live'
+COMPARE = 'Two models'
+NAMES = (*SECTIONS, COMPARE)
 
 
 class Page:
@@ -46,8 +42,8 @@ class Page:
     :param identity: session id in the URL; an unknown id gives a new session.
     """
 
-    def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
-                 follower: NodeClient | None, nonce: str) -> None:
+    def __init__(self, document: Document, sessions: Sessions, identity: str,
+                 nonce: str) -> None:
         self.document, self.sessions, self._wanted = document, sessions, identity
         self.opened: OpenSession | None = None
         self.style: Style = LIGHT
@@ -56,10 +52,7 @@ class Page:
         self._side: Sidebar | None = None
         self._version, self._collections, self._focus = -1, 0, ''
         self._outdated = False
-        self.live = LiveView(follower, self.style) if follower else None
-        self.names = [*((*SECTIONS, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
-        self.view = self.names[0]
-        self._has_bags = has_bags
+        self.view = NAMES[0]
         self._build(nonce)
         document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
@@ -83,7 +76,7 @@ class Page:
             for name in ('missing', 'history', 'shown'))
         self._history = HistoryPanel()
         self.earlier = widgets.html('', 'earlier')
-        self.tabs = widgets.tabs(self.names, self._on_tab)
+        self.tabs = widgets.tabs(NAMES, self._on_tab)
         self.dark = widgets.button('Dark', self._toggle_style, name='style')
         self.dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
         self.link = page_parts.client_link(self._on_client_message)
@@ -103,10 +96,6 @@ class Page:
     def _on_ready(self) -> None:
         """Attach a session after the browser has drawn the page."""
         if self.opened is not None:
-            return
-        if not self._has_bags:
-            self.verdict.text = ''
-            self._show_view()
             return
         self.opened = self.sessions.attach(self._wanted, self)
         self.link.tags = ['session', self.opened.id]
@@ -137,8 +126,6 @@ class Page:
                 self._update_status(opened)
             if self.views is not None:
                 self.views.table.follow_window()
-        if self.live is not None:
-            self.live.update(self.view == LIVE)
 
     def _show_taken_over(self) -> None:
         text = 'This session is open in another window.'
@@ -176,14 +163,12 @@ class Page:
             self.opened.add(targets)
 
     def _on_tab(self, number: int) -> None:
-        self.view = self.names[number]
+        self.view = NAMES[number]
         self._show_view()
 
     def _toggle_style(self) -> None:
         self.style = DARK if self.style is LIGHT else LIGHT
         self.dark.label = 'Light' if self.style is DARK else 'Dark'
-        if self.live is not None:
-            self.live.restyle(self.style)
         if self.opened is not None:
             self._refresh()
 
@@ -278,8 +263,6 @@ class Page:
         self.link.tags = ['collect', str(self._collections)]
 
     def _element(self) -> UIElement:
-        if self.view == LIVE and self.live is not None:
-            return self.live.element
         if self.opened is None or self.views is None:
             text = (self.opened.error if self.opened else '') or \
                 'The views appear when the recordings have been read.'

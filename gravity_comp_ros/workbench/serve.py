@@ -11,7 +11,6 @@ import signal
 import socket
 import sys
 import traceback
-from typing import TYPE_CHECKING
 import warnings
 
 from bokeh.application import Application
@@ -36,9 +35,6 @@ from gravity_comp_ros.workbench.upload import UploadHandler
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
-if TYPE_CHECKING:
-    from gravity_comp_ros.node.node_client import NodeClient
-
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
 # Time, in ms, after which a closed page is discarded; its session remains.
@@ -53,7 +49,6 @@ class ServeOptions:
     models: tuple[Path, ...] = ()
     reading: ReadOptions = ReadOptions()
     formulation: str | None = None
-    live: str | None = None
     host: str = '127.0.0.1'
     port: int = 5006
     browser: bool = True
@@ -90,14 +85,11 @@ def serve(options: ServeOptions) -> None:
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
     logging.getLogger('bokeh.server.protocol_handler').addFilter(is_of_an_open_page)
     given = tuple(GivenModel(path, load_model(path)) for path in options.models)
-    follower = _follower(options.live)
-    sessions = Sessions(lambda: _session(options, given), options.place,
-                        warm=bool(options.bags))
+    sessions = Sessions(lambda: _session(options, given), options.place, warm=True)
 
     def start(document: Document) -> None:
         identity = _requested_session(document)
-        page = Page(document, sessions, identity, bool(options.bags), follower,
-                    secrets.token_urlsafe(16))
+        page = Page(document, sessions, identity, secrets.token_urlsafe(16))
 
         def ended(context: SessionContext) -> None:
             page.close()
@@ -122,8 +114,6 @@ def serve(options: ServeOptions) -> None:
     finally:
         polling.stop()
         sessions.close()
-        if follower is not None:
-            follower.close()
 
 
 def _session(options: ServeOptions, given: tuple[GivenModel, ...]) -> Session:
@@ -172,11 +162,3 @@ def _server(options: ServeOptions, application: Application,
 def _free_port(host: str) -> int:
     with socket.create_server((host, 0)) as probe:
         return int(probe.getsockname()[1])
-
-
-def _follower(node: str | None) -> NodeClient | None:
-    if node is None:
-        return None
-    # Imported only with --live, because it requires ROS.
-    from gravity_comp_ros.node.node_client import NodeClient
-    return NodeClient(node)

@@ -11,8 +11,7 @@ EPILOG = """\
 examples:
   gravity_comp workbench run1.mcap run2.mcap
   gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
-  gravity_comp workbench --live                        follow the node /gravity_comp
-  gravity_comp workbench run1.mcap --live arm/gravity_comp --no-browser --port 5010
+  gravity_comp workbench run1.mcap --no-browser --port 5010
 
 The page is served to this machine only, unless --host is given. Sessions are saved continuously
 (~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
@@ -22,15 +21,13 @@ with Ctrl-C.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `workbench`."""
-    arguments.add_bags(parser, nargs='*')
+    arguments.add_bags(parser)
     parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
                         help='initial model, written by `fit`; further models for comparison '
                         '(default: a model is fitted)')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS,
                         default=None,
                         help='formulation of the first fit (default: auto; chain with --urdf)')
-    parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
-                        help='follow the topics of a running node (default: gravity_comp)')
     parser.add_argument('--host', default='127.0.0.1',
                         help='address to serve on; other machines can then reach it (default: '
                         '%(default)s)')
