@@ -59,17 +59,13 @@ def table_4(rows: Sequence[Row]) -> str:
 
 def table_5(payload: str, rows: Sequence[Row]) -> str:
     """Return Table 5: RMSE of every joint with a payload, as measured and of gravity alone."""
-    body = [row(r.name, r.n_samples or '–', _sum(r), _seconds(r.seconds),
+    body = [row(r.name, r.n_samples or '–', _seconds(r.seconds),
                 *(_torque(x) for x in r.measured), _torque(r.inside.max()),
-                _percent(np.nanmax(r.nrmse_inside[[1, 2, 3, 4, 5]])),
-                _torque(r.anywhere.max()), _percent(np.nanmax(r.nrmse_anywhere[[1, 2, 3, 4, 5]])))
-            for r in rows]
+                _torque(r.anywhere.max())) for r in rows]
     *theirs, seconds = PAPER_5[payload.split()[0]]
-    body.append(row('Yu 2022, Table 5 (their arm)', 500, '32 to 88 a joint', f'{seconds} a joint',
-                    *theirs, '–', '–', '–', '–'))
-    return table(['method', 'samples', 'features, all joints', 'time s',
-                  *(f'J{n}' for n in range(1, 8)), 'gravity alone: worst', 'nRMSE %, J2 to J6',
-                  'whole range: worst', 'nRMSE %, J2 to J6'], body)
+    body.append(row('Yu 2022, Table 5 (their arm)', 500, f'{seconds} a joint', *theirs, '–', '–'))
+    return table(['method', 'samples', 'time s', *(f'J{n}' for n in range(1, 8)),
+                  'gravity alone: worst', 'whole range: worst'], body)
 
 
 def friction_table(checks: Sequence[Check]) -> str:
@@ -91,24 +87,19 @@ def recordings_table(rows: Sequence[RecordingResult]) -> str:
     for r in rows:
         share = r.rmse / np.maximum(r.constant, 1e-9)
         body.append(row(r.recording, r.method, f'{r.n_samples} / {r.n_held_out}',
-                        sum(r.features), _seconds(r.seconds),
+                        _seconds(r.seconds),
                         ', '.join(f'{x:.2f}' for x in r.rmse),
-                        ', '.join(f'{100 * x:.1f}' for x in r.nrmse),
                         f'{100 * float(np.median(share)):.0f}',
                         '–' if r.band is None else f'{100 * r.band:.0f}'))
-    return table(['recording', 'method', 'samples / held out', 'features', 'time s',
-                  'held-out RMSE N·m, each joint', 'nRMSE %', 'median joint: % of std',
-                  'in 95 % band, %'], body)
+    return table(['recording', 'method', 'samples / held out', 'time s',
+                  'held-out RMSE N·m, each joint', 'median joint: % of std', 'in 95 % band, %'],
+                 body)
 
 
 def _features(result: Row, joints: Sequence[int]) -> str:
     if result.features is None:
         return '–'
     return ', '.join(str(result.features[k]) for k in joints)
-
-
-def _sum(result: Row) -> str:
-    return '–' if result.features is None else str(sum(result.features))
 
 
 def _whole_range(result: Row, joints: Sequence[int]) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 Errors of every formulation on public recordings of real arms, held out by blocks of time.
 
 The recordings are not slow motion, so all samples are used, and each formulation is fitted with
-and without the effects of fast motion: inertia, Coulomb and viscous friction.
+the effects of fast motion: inertia, Coulomb and viscous friction. `auto` predicts gravity alone.
 """
 
 from __future__ import annotations
@@ -42,18 +42,16 @@ class RecordingResult:
     """
     Held-out errors of one formulation on one recording.
 
-    `rmse` (N,) is in N·m and `nrmse` relative to the torque's range; `constant` is the error of
-    the mean torque; `band` is the coverage of the 95 % band.
+    `rmse` (N,) is in N·m; `constant` is the error of the mean torque; `band` is the coverage of
+    the 95 % band.
     """
 
     recording: str
     method: str
     n_samples: int
     n_held_out: int
-    features: list[int]
     seconds: float
     rmse: FloatArray
-    nrmse: FloatArray
     constant: FloatArray
     band: float | None
 
@@ -75,42 +73,39 @@ def read(path: Path) -> JointSamples:
     return samples.select(keep)
 
 
-def evaluate(path: Path, name: str, formulations: tuple[str, ...] = FORMULATIONS,
-             effects: tuple[bool, ...] = (False, True)) -> list[RecordingResult]:
-    """Return the results of every formulation on a recording, without and with effects."""
+def evaluate(path: Path, name: str,
+             formulations: tuple[str, ...] = FORMULATIONS) -> list[RecordingResult]:
+    """Return the results of every formulation on a recording."""
     samples = read(path)
     parts = split(samples, _HELD_OUT)
     use = ~within(samples, parts.guarded)
     held = within(samples, parts.blocks)
     rows = []
     for formulation in formulations:
-        for with_effects in effects if formulation != 'auto' else (False,):
-            start = time.perf_counter()
-            options = FitOptions(formulation)
-            method = formulation
-            try:
-                if with_effects:
-                    method += ' + effects'
-                    model = refit(
-                        samples, fit(samples, options, use=use).model,
-                        requests(list(EFFECTS), samples.names), RefitOptions(slow=None), use).model
-                else:
-                    model = fit(parts.fitted, options).model
-            except GravityCompError as problem:
-                print(f'  {name}, {method}: {problem}')
-                continue
-            seconds = time.perf_counter() - start
-            residual = (samples.tau - predict_torque(model, samples))[held]
-            tau = samples.tau[held]
-            rmse = np.sqrt((residual ** 2).mean(axis=0))
-            band = None
-            if model.uncertainty is not None:
-                spread = np.hypot(model.predict_std(samples.q[held]), model.noise)
-                band = float((np.abs(residual) <= 1.96 * spread).mean())
-            if formulation == 'auto' and model.formulation != 'auto':
-                method = f'auto (selected {model.formulation})'
-            rows.append(RecordingResult(
-                name, method, int(use.sum()), int(held.sum()), model.n_features().tolist(),
-                seconds, rmse, rmse / np.maximum(np.ptp(tau, axis=0), 1e-9), tau.std(axis=0),
-                band))
+        start = time.perf_counter()
+        options = FitOptions(formulation)
+        method = formulation
+        try:
+            if formulation != 'auto':
+                method += ' + effects'
+                model = refit(
+                    samples, fit(samples, options, use=use).model,
+                    requests(list(EFFECTS), samples.names), RefitOptions(slow=None), use).model
+            else:
+                model = fit(parts.fitted, options).model
+        except GravityCompError as problem:
+            print(f'  {name}, {method}: {problem}')
+            continue
+        seconds = time.perf_counter() - start
+        residual = (samples.tau - predict_torque(model, samples))[held]
+        rmse = np.sqrt((residual ** 2).mean(axis=0))
+        band = None
+        if model.uncertainty is not None:
+            spread = np.hypot(model.predict_std(samples.q[held]), model.noise)
+            band = float((np.abs(residual) <= 1.96 * spread).mean())
+        if formulation == 'auto':
+            method = f'auto (selected {model.formulation})'
+        rows.append(RecordingResult(
+            name, method, int(use.sum()), int(held.sum()), seconds, rmse,
+            samples.tau[held].std(axis=0), band))
     return rows

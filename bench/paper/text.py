@@ -3,10 +3,10 @@
 TEXT = """\
 # Reproduction of Yu 2022
 
-This page reproduces the tables and figures of C. Yu, Z. Li, D. Yang, H. Liu, *A fast robotic arm
-gravity compensation updating approach for industrial application using sparse selection and
-reconstruction*, Robotics and Autonomous Systems 149 (2022) 103971, and compares other methods. It
-is written by
+To compare this package with C. Yu, Z. Li, D. Yang, H. Liu, *A fast robotic arm gravity
+compensation updating approach for industrial application using sparse selection and
+reconstruction*, Robotics and Autonomous Systems 149 (2022) 103971, table by table, and with other
+methods. The page is written by
 
     OPENBLAS_NUM_THREADS=1 python -m bench.paper.run --seeds {seeds} --data FOLDER
 
@@ -17,8 +17,7 @@ hyper-parameters, on {machine}, with other
 work running: compare them with each other, not with the paper's.
 
 - **per_joint** is the paper's formulation, **potential** and **chain** are ours
-  ([model.md](model.md), [chain.md](chain.md)). *With friction* means Coulomb friction of every
-  joint as an effect of the model.
+  ([method.md](method.md)). *With friction* means Coulomb friction of every joint as an effect.
 - **linear regression** uses known kinematics and fits masses and first moments (Eq. (19)) with
   Pinocchio's regressor.
 - **kernel ridge** and **SVR** (scikit-learn, RBF, cross-validated over blocks) use the rows of
@@ -51,11 +50,10 @@ motion with torque at rest (the paper reports 0.307 and 0.512 %):
 ## Tables 4 and 8: the "real" arm without payload
 
 500 samples of Eq. (17) at 5 Hz, tested on 200 later ones. The columns J1 to J4 and *RMSE, worst
-joint* are RMSE and nRMSE (Eq. 16) relative to the measured torque, with friction and noise. True
-gravity has an error of 0.42 N·m there; a smaller error means that the model has fitted friction as
-a function of the pose. The other columns are errors relative to gravity alone, on the same poses
-and on 1000 poses over the whole joint range. J1 has almost no gravity torque, so its nRMSE
-reflects the noise.
+joint* are relative to the measured torque, with friction and noise. True gravity has an error of
+0.42 N·m there; a smaller error means that the model has fitted friction as a function of the pose.
+The other columns are errors relative to gravity alone, on the same poses and on 1000 poses over
+the whole joint range. J1 has almost no gravity torque, so its nRMSE reflects the noise.
 
 {table_4}
 
@@ -76,8 +74,7 @@ payload are not inputs of the learned models.
 
 ![Fig. 13: 4 kg]({folder}/fig13.svg)
 
-(The numbers of the figures are the paper's. Their content here follows our reading of its
-experiments: simulation, friction, no payload, three payloads.)
+The numbers of the figures are the paper's.
 
 ## The solver
 
@@ -90,8 +87,8 @@ sqrt(2 ln 3^7)); the objective is recomputed from the problem for both. cvxpy re
 
 Public recordings of arms in fast motion (up to 2.2 rad/s), thinned to 25 Hz; two blocks of time,
 a quarter of each, are held out with half a second of margin. *effects* are inertia, Coulomb and
-viscous friction on every joint, fitted jointly with gravity. A value of 100 in the last but one
-column is the error of a constant torque.
+viscous friction on every joint; `auto` predicts gravity alone, which fast motion does not allow.
+A value of 100 in the last but one column is the error of a constant torque.
 
 {recordings}
 
