@@ -11,46 +11,37 @@ from gravity_comp_ros.effects.registry import library_effects
 
 _HEAD = """# Effects
 
-Physical effects in addition to gravity, which `gravity_comp diagnose` tests and `gravity_comp add`
-adds to a model. This page is generated from the library by
-`python3 docs/make_effects.py > docs/effects.md`.
+To see what an effect that `gravity_comp diagnose` names means, how it is confirmed, and what it is
+confused with. Generated from the library by `python3 docs/make_effects.py > docs/effects.md`.
 
-Every effect is a torque that is linear in a few coefficients. Its columns are computed from the
-motion and the predicted gravity torque g, never from the measured torque. Several values of its
-nonlinear parameters (a speed, a distance, a time) are compared, and the best is used. q, qd and
-qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is the joint of the effect, N
-the number of joints. Torque is that of the drive, positive in the direction of positive q.
+Every effect is a torque that is linear in a few coefficients, positive in the direction of
+positive q. Its columns are computed from the motion and the predicted gravity torque g, never from
+the measured torque. q, qd and qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n
+is the joint of the effect, N the number of joints. Several values of its nonlinear parameters are
+compared, and the best is used.
 
-- **d_n**, from -1 to 1, is the direction of motion. Its law is a nonlinear parameter: `width`,
-  tanh(qd_n / width); `ramp`, qd_n / ramp limited to ±1, as in many simulators; or `distance`, a
-  direction that persists at rest and reverses over a distance (Dahl's element). A width or ramp
-  is at least the noise of the speed.
-- **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, symmetric about each
-  sample and within one run.
-- **Time**: presliding friction starts again with every run. Warm-up and drift continue over
-  recordings with stamps on one clock: `origin` is the time on that clock at which they began, so
-  that a later recording is predicted where it lies in time. Without a clock they start again with
-  every run.
-- **Changes**: an encoder offset, a base tilt and a payload change begin at a `time` in s of a
-  `run`, or at a `clock` time. Gravity is that of the end of the recording, and the effect is the
-  difference before the change. Gravity absorbs an error that is there throughout.
-- **Prior**: each coefficient has a normal prior about 0, cut at 0 if it cannot be negative. For
-  torques and stiffnesses it is in proportion to the torque scale of the joint.
-- An effect is *untestable* on a recording if the motion does not excite it. The reason is
-  reported.
+- **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / `width`), qd_n / `ramp` limited to
+  ±1, or a direction that persists at rest and reverses over a `distance` (Dahl's element).
+- **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s within one run.
+- **Time**: warm-up and drift continue over recordings with stamps on one clock, from the time
+  `origin` on; otherwise they start again with every run, as presliding friction always does.
+- **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at a
+  `clock` time. Gravity is that of the end of the recording, and absorbs an error that is there
+  throughout.
 
-A package can provide its own effects through the entry-point group `gravity_comp_ros.effects`;
-`examples/custom_effect` is a template. Effects that cannot be loaded are skipped and reported.
+An effect that the motion does not excite is *untestable*, with the reason. Your own effects:
+`examples/custom_effect` is a template of a package with the entry-point group
+`gravity_comp_ros.effects`; effects that cannot be loaded are skipped and reported.
 """
 
 
 def document() -> str:
     """Return docs/effects.md."""
     effects = library_effects()
-    lines = [_HEAD, '| name | effect | acts on | coefficients |', '|---|---|---|---|']
-    lines += [f'| [{name}](#{name}) | {effect.title} | {_acts_on(effect)} | '
-              f'{", ".join(c.symbol for c in effect.coefficients)} |'
-              for name, effect in effects.items()]
+    lines = [_HEAD]
+    for scope in ('the joint', 'all joints'):
+        names = tuple(name for name, effect in effects.items() if _acts_on(effect) == scope)
+        lines.append(f'- on {scope}: {_links(names)}')
     for effect in effects.values():
         lines += ['', *_section(effect)]
     return '\n'.join(lines) + '\n'
@@ -74,7 +65,6 @@ def _section(effect: Effect) -> list[str]:
         lines.append('- corrects one of: ' + _links(effect.corrects))
     if effect.why_not_negative:
         lines.append(f'- not negative: {effect.why_not_negative}')
-    lines.append(f'- plot of the residual over: {effect.signature}')
     if effect.confounders:
         lines.append('- confounders: ' + _links(effect.confounders))
     lines += [f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}',
@@ -87,9 +77,7 @@ def _links(names: tuple[str, ...]) -> str:
 
 
 def _acts_on(effect: Effect) -> str:
-    if effect.scope == 'joint':
-        return 'the joint'
-    return 'all joints, from one joint' if effect.per_joint else 'all joints'
+    return 'the joint' if effect.scope == 'joint' else 'all joints'
 
 
 if __name__ == '__main__':
