@@ -22,7 +22,7 @@ from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, skew, tilt
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
 import numpy as np
@@ -37,18 +37,24 @@ _GENERIC_TILT = (0.5, 0.3)  # rad
 def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
     """Return d torque / d (lengths, inertias), (B, N, 9N - 3)."""
     n, m = chain.n_joints, len(q)
-    links, z, spin, acceleration, turn, beyond, moved_beyond = _motion(chain, q, qd, qdd)
-    arms = links[:-1].swapaxes(2, 3)                            # (N - 1, B, axis, xyz)
-    accelerated = np.einsum('nbxy,nbay->nbax', turn[:-1], arms)
+    motion = _Motion.of(chain, q, qd, qdd)
+    arms, z, beyond = motion.links[:-1], motion.z, motion.beyond
+    accelerated = motion.accelerated(arms)                      # (N - 1, axis, xyz, B)
     # The length of link i moves the bodies beyond it; joint j carries those beyond both.
-    moment = (_cross(beyond[1:, :, None], accelerated)
-              + _cross(arms, moved_beyond[1:, :, None]))
+    moment = (_cross(beyond[1:, None], accelerated)
+              + _cross(arms, motion.moved_beyond[1:, None]))
     carries = np.arange(n)[:, None] <= np.arange(n)
-    lengths = np.where(carries[:, :-1, None], np.einsum('jbx,nbax->bjna', z, moment),
-                       np.einsum('jbx,nbax->bjna', _cross(z, beyond), accelerated))
-    torque = _inertia_columns(links, spin, acceleration)        # (N, B, 6, xyz)
-    inertias = carries[:, :, None] * np.einsum('jbx,nbkx->bjnk', z, torque)
-    return np.concatenate([lengths.reshape(m, n, -1), inertias.reshape(m, n, -1)], axis=2)
+    columns = np.empty((n, 9 * n - 3, m))
+    lengths = columns[:, :3 * n - 3].reshape(n, n - 1, 3, m)
+    inertias = columns[:, 3 * n - 3:].reshape(n, n, 6, m)
+    torque, lever = _inertia_columns(motion), _cross(z, beyond)
+    for j in range(n):
+        lengths[j, j:] = _dot(z[j], moment[j:])
+        lengths[j, :j] = _dot(lever[j], accelerated[:j])
+        along = _dot(z[j], motion.links[j:])                    # (N - j, axis, B)
+        inertias[j, j:] = _dot(along[:, None], torque[j:])
+    inertias[~carries] = 0.0
+    return np.ascontiguousarray(columns.transpose(2, 0, 1))
 
 
 def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: FloatArray,
@@ -58,82 +64,107 @@ def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: Fl
 
     :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
     """
-    links, z, spin, acceleration, turn, beyond, moved_beyond = _motion(chain, q, qd, qdd)
-    arms = np.einsum('nbxa,na->nbx', links[:-1], lengths)
-    accelerated = np.einsum('nbxy,nby->nbx', turn[:-1], arms)
+    motion = _Motion.of(chain, q, qd, qdd)
+    arms = _combined(motion.links[:-1], lengths)
+    accelerated = motion.accelerated(arms)
     # Moment about joint j: of each link for j <= i, of the lengths before j on the bodies beyond.
-    own = _inertia_moment(links, spin, acceleration, inertias)
-    own[:-1] += _cross(beyond[1:], accelerated) + _cross(arms, moved_beyond[1:])
-    before = np.zeros_like(beyond)
+    own = _inertia_moment(motion, inertias)
+    own[:-1] += (_cross(motion.beyond[1:], accelerated)
+                 + _cross(arms, motion.moved_beyond[1:]))
+    before = np.zeros_like(own)
     np.cumsum(accelerated, axis=0, out=before[1:])
-    return np.asarray(np.einsum('nbx,nbx->bn', z, _suffix_sums(own) + _cross(beyond, before)))
+    return _dot(motion.z, _suffix_sums(own) + _cross(motion.beyond, before)).T
 
 
-def _motion(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray
-            ) -> tuple[FloatArray, ...]:
+@dataclass(frozen=True, eq=False)
+class _Motion:
     """
-    Return links (N, B, xyz, axis), axes z (N, B, 3), `_rates`, and sums over the links beyond.
+    The moving links of a chain, vectors in the base at B states.
 
-    The sums (N, B, 3) are those of the first moments over g, and of their accelerations: that of a
-    vector fixed in link i is turn[i] times the vector.
+    `links` (N, axis, xyz, B) are their axes and `z` (N, xyz, B) the joints'; `omega` and `alpha`
+    (N, xyz, B) their angular velocities and accelerations. `beyond` and `moved_beyond` (N, xyz, B)
+    are sums over a link and all beyond it: of the first moments over g, and of their
+    accelerations.
     """
-    kinematics = ForwardKinematics(chain.axes, q)
-    z = kinematics.frames[:, 2].transpose(0, 2, 1)
-    links = kinematics.rotated.transpose(0, 3, 2, 1)
-    spin, acceleration, turn = _rates(z, qd, qdd)
-    moments = np.einsum('nbxa,na->nbx', links[:, :, :, :2], chain.moments) / STANDARD_GRAVITY
-    accelerated = np.einsum('nbxy,nby->nbx', turn, moments)
-    return (links, z, spin, acceleration, turn, _suffix_sums(moments),
-            _suffix_sums(accelerated))
+
+    links: FloatArray
+    z: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+    beyond: FloatArray
+    moved_beyond: FloatArray
+
+    @classmethod
+    def of(cls, chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> _Motion:
+        kinematics = ForwardKinematics(chain.axes, q)
+        z = kinematics.frames[:, 2]
+        speeds = z * qd.T[:, None]
+        omega = np.cumsum(speeds, axis=0)
+        alpha = np.cumsum(z * qdd.T[:, None] + _cross(omega - speeds, speeds), axis=0)
+        moments = _combined(kinematics.rotated[:, :2], chain.moments / STANDARD_GRAVITY)
+        own = cls(kinematics.rotated, z, omega, alpha, moments, moments)
+        return replace(own, beyond=_suffix_sums(moments),
+                       moved_beyond=_suffix_sums(own.accelerated(moments)))
+
+    def accelerated(self, fixed: FloatArray) -> FloatArray:
+        """
+        Return the accelerations of vectors fixed in the first K links.
+
+        It is alpha x v + omega (omega . v) - omega^2 v.
+
+        :param fixed: (K, xyz, B), or several for each link, (K, L, xyz, B).
+        """
+        shape = (len(fixed), *[1] * (fixed.ndim - 3), *self.omega.shape[1:])
+        omega, alpha = (rate[:len(fixed)].reshape(shape) for rate in (self.omega, self.alpha))
+        square = _dot(omega, omega)[..., None, :]
+        return np.asarray(_cross(alpha, fixed) + omega * _dot(omega, fixed)[..., None, :]
+                          - square * fixed)
 
 
-def _inertia_moment(links: FloatArray, omega: FloatArray, alpha: FloatArray,
-                    inertias: FloatArray) -> FloatArray:
-    """Return I alpha + omega x I omega in the base, (N, B, 3)."""
+def _combined(axes: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the sums (K, xyz, B) of the axes (K, A, xyz, B) with weights (K, A)."""
+    return np.asarray(sum(weights[:, k, None, None] * axes[:, k] for k in range(axes.shape[1])))
+
+
+def _inertia_moment(motion: _Motion, inertias: FloatArray) -> FloatArray:
+    """Return I alpha + omega x I omega in the base, (N, xyz, B)."""
     matrices = np.empty((len(inertias), 3, 3))
     for k, (x, y) in enumerate(_PAIRS):
         matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
-    w = np.einsum('nbxa,nbx->nba', links, omega)
-    a = np.einsum('nbxa,nbx->nba', links, alpha)
-    return np.einsum('nbxa,nba->nbx', links, a @ matrices + _cross(w, w @ matrices))
+    w = _dot(motion.links, motion.omega[:, None])
+    a = _dot(motion.links, motion.alpha[:, None])
+    moment = matrices @ a + _cross(w, matrices @ w)
+    return np.asarray(sum(motion.links[:, k] * moment[:, k, None] for k in range(3)))
 
 
-def _rates(z: FloatArray, qd: FloatArray, qdd: FloatArray
-           ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """
-    Return each link's angular velocity and acceleration (N, B, 3), and the matrix of both.
+def _inertia_columns(motion: _Motion) -> FloatArray:
+    """Return I alpha + omega x I omega in a link for each component of I, (N, 6, axis, B)."""
+    w = _dot(motion.links, motion.omega[:, None])
+    a = _dot(motion.links, motion.alpha[:, None])
+    first, second = np.zeros((2, len(w), len(_PAIRS), *w.shape[1:]))
+    for k, (x, y) in enumerate(_PAIRS):
+        first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
+        first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
+    return np.asarray(first + _cross(w[:, None], second))
 
-    The matrix is [alpha]x + [omega]x^2, (N, B, 3, 3).
-    """
-    speeds = z * qd.T[:, :, None]
-    omega = np.cumsum(speeds, axis=0)
-    alpha = np.cumsum(z * qdd.T[:, :, None] + _cross(omega - speeds, speeds), axis=0)
-    turn = skew(omega)
-    return omega, alpha, skew(alpha) + turn @ turn
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the scalar products over the last axis but one, (..., B)."""
+    return np.asarray(a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :]
+                      + a[..., 2, :] * b[..., 2, :])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross product over the last axis; `np.cross` takes three times as long."""
+    """Return the cross products over the last axis but one, (..., xyz, B)."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        np.subtract(a[..., i] * b[..., j], a[..., j] * b[..., i], out=result[..., k])
+        np.subtract(a[..., i, :] * b[..., j, :], a[..., j, :] * b[..., i, :],
+                    out=result[..., k, :])
     return result
 
 
 def _suffix_sums(values: FloatArray) -> FloatArray:
     return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
-
-
-def _inertia_columns(links: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Return I alpha + omega x I omega in the base (N, B, 6, 3) for each component of I."""
-    # In coordinates of the links.
-    w = np.einsum('nbxa,nbx->nba', links, omega)
-    a = np.einsum('nbxa,nbx->nba', links, alpha)
-    first, second = np.zeros((2, *w.shape[:2], 6, 3))
-    for k, (x, y) in enumerate(_PAIRS):
-        first[..., k, x], second[..., k, x] = a[..., y], w[..., y]
-        first[..., k, y], second[..., k, y] = a[..., x], w[..., x]
-    return np.einsum('nbxa,nbka->nbkx', links, first + _cross(w[..., None, :], second))
 
 
 @dataclass(frozen=True, eq=False)
