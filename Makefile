@@ -39,7 +39,7 @@ help:
 demo: venv
 	@$(VENV)/bin/python examples/demo.py
 
-# Lint and types are tests (test/test_style.py), where they run in parallel with the others.
+# Lint and types are tests (test/docs/test_style.py), where they run in parallel with the others.
 campaign: venv
 	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) -m campaign $(PYTEST_ARGS)
 

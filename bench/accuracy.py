@@ -1,7 +1,7 @@
 """
 Accuracy of the gravity models on the paper's simulated arm and motions, over noise seeds.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/accuracy.py [--seeds 10]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.accuracy [--seeds 10]
 
 Random poses are those of Yu 2022, Table 3: 1000 poses, 1 % relative noise, tested on Eq. (15) by
 nRMSE (Eq. 16) against the exact torque. The small motion is 100 s of Eq. (17) with 0.1 N·m noise,

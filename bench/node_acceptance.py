@@ -2,12 +2,12 @@
 """
 Acceptance of models of real payloads and of broken effort after a payload change, without ROS.
 
-    python3 bench/node_acceptance.py [--seeds 3] [--samples 40 100 300] [--base potential chain]
+    python3 -m bench.node_acceptance [--seeds 3] [--samples 40 100 300] [--base potential chain]
         [--axes] [--real] [--broken]
 
 A model of the bare iiwa (100 s of slow motion, 0.1 N·m of noise) is in use. Then the arm carries a
 payload, and slow samples are recorded at 5 Hz. `run_fit` of the fit process fits and tests them.
-Real: payloads of 0.3 to 5 kg, on and off the axis. Broken: each kind of `test/broken_effort.py` on
+Real: payloads of 0.3 to 5 kg, on and off the axis. Broken: each of `shared.broken_effort` on
 a payload of 2 kg. The error of the model in use is that of its torque on the motion that follows.
 """
 
@@ -17,7 +17,6 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-import sys
 import time
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -34,7 +33,6 @@ from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, Multisi
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
 RATE, NOISE = 5.0, 0.1
 MASSES = (0.3, 0.5, 1.0, 2.0, 3.0, 5.0)
 ARM = iiwa7()

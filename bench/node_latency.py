@@ -2,7 +2,7 @@
 """
 Latency from joint state to torque, of the node and of a bare rclpy echo node.
 
-    python3 bench/node_latency.py [--rate 1000] [--seconds 60] [--fits] [--realtime] [--turns N]
+    python3 -m bench.node_latency [--rate 1000] [--seconds 60] [--fits] [--realtime] [--turns N]
                                   [--json F]
 
 Both receive the same joint states of seven joints in slow motion. The sender measures the time

@@ -2,7 +2,7 @@
 """
 Time from payload_changed to a better model, in the running node, on Eq. (17) of Yu 2022.
 
-    python3 bench/node_payload.py [--rate 100] [--payloads 2 0.5] [--starts 200 240 280] [--json F]
+    python3 -m bench.node_payload [--rate 100] [--payloads 2 0.5] [--starts 200 240 280] [--json F]
 
 The node has a model of the bare arm (100 s of the same motion). Then the arm carries a payload,
 `~/payload_changed` is called, and joint states with 0.1 N·m of noise are sent in real time. Prints
@@ -28,7 +28,6 @@ from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
 # Maximum time until a better model, and time of the evaluation after it, s.
 MAX_DURATION = 40.0
 EVALUATION = 10.0

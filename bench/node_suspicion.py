@@ -2,7 +2,7 @@
 """
 False alarms and delay of `~/payload_suspected`, in `NodeCore`, faster than real time.
 
-    python3 bench/node_suspicion.py [--hours 1] [--seeds 5] [--masses 0.5 1 2] [--axes]
+    python3 -m bench.node_suspicion [--hours 1] [--seeds 5] [--masses 0.5 1 2] [--axes]
                                     [--lasts 0.3 3] [--upright] [--varies 0.2]
 
 An iiwa with Coulomb and viscous friction is learned from 100 s of slow motion. Then it moves from

@@ -1,7 +1,7 @@
 """
 Loading time and memory of report and workbench, for an hour of seven joints at 100 Hz.
 
-    python bench/pages.py [FOLDER]
+    python3 -m bench.pages [FOLDER]
 
 Prints seconds of wall time in headless Chromium: of a report, to its first paint and to its last
 plot; of the workbench, from the command to the views and to the model, from a click on Add to
@@ -21,10 +21,7 @@ import sys
 import tempfile
 import time
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
-
-from browser import browsing, heap  # noqa: E402
+from bench.shared.browser import browsing, heap
 
 _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
 _HOUR = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',

@@ -14,12 +14,10 @@ import subprocess
 import sys
 import tempfile
 
+from bench.shared.browser import PLOTS, Watched, watched
+from PIL import Image
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'test'))
-
-from browser import PLOTS, Watched, watched  # noqa: E402
-from PIL import Image  # noqa: E402
-
 URDF = ROOT / 'bags' / 'iiwa7.urdf'
 PICTURES = ROOT / 'docs' / 'pictures'
 MOTION = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '20', '--duration', '60',

@@ -17,14 +17,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-import sys
 import time
 
 from bench.closed_loop.arm import BUILDS, Controller, Load, MujocoArm, SlowPath, STEP, urdf
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'test'))
 RATE = 100.0
 # Time for which the node's torque alone supports the arm, s.
 SUPPORTED = 5.0

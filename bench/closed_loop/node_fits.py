@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 
 from bench.closed_loop.arm import BUILDS, MujocoArm, SlowPath
 from bench.closed_loop.open_loop import box_poses, error, LOAD, record
@@ -21,7 +20,6 @@ from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'test'))
 # Pause between two parts, s.
 PAUSE = 0.01
 

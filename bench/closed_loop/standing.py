@@ -31,7 +31,6 @@ from gravity_comp_ros.models.model_file import save_model
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / 'test'), str(ROOT / 'bench' / 'node_faults')]
 # Simulation steps per joint state.
 STEPS = 20
 # Maximum motion of a joint of an arm at rest, rad.
@@ -228,7 +227,7 @@ def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
 
 def run_fault(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
     """Inject one fault into a new node; return whether it passed."""
-    from client import describe
+    from bench.node_faults.client import describe
     from ros_harness import running
     from rosgraph_msgs.msg import Clock
     parameters = {'model_file': path, 'max_torque': '[200.0]', 'settle_time': 0.0,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-import sys
 import tempfile
 
 from gravity_comp_ros.data.samples import JointSamples
@@ -14,7 +13,6 @@ from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, Multisi
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
 NOISE = 0.1
 # Masses of the links in kg and centres of mass in m, in the frames of the joints.
 _SIX = ((7.8, '0 0 0'), (12.9, '-0.3 0 0.17'), (3.9, '-0.28 0 0.05'), (2.0, '0 -0.05 0'),

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import sys
 import time
 
-from arms import NOISE, seven, TestArm
+from bench.node_faults.arms import NOISE, seven, TestArm
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.feedforward import RAMPING
@@ -21,7 +20,6 @@ from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_paylo
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'test'))
 # Time between messages, and between their stamps, s.
 PERIOD, STEP = 0.006, 0.2
 # Rate of joint states of an arm that is guided by hand, Hz.

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import time
 
-from broken_effort import Break, intermittent_brake, KINDS
-from client import healthy, Player
+from bench.node_faults.client import healthy, Player
+from bench.shared.broken_effort import Break, intermittent_brake, KINDS
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Payload
 import numpy as np

@@ -2,7 +2,7 @@
 """
 Faults injected into the running node over DDS; each published torque is compared with the truth.
 
-    python3 bench/node_faults/run.py [--seeds 1] [--only TEXT] [--axes] [--arm six]
+    python3 -m bench.node_faults.run [--seeds 1] [--only TEXT] [--axes] [--arm six]
 
 With one seed these are 42 recordings of broken effort (14 kinds, 3 lengths; 126 with three seeds),
 20 real payloads (ten seeds, on and off the axis), 4 with an intermittent brake, 3 unannounced
@@ -27,12 +27,11 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT / 'test')]
 
 
 def run_faults(faults: list[Any], path: Path, description: str, test_arm: Any) -> list[str]:
     """Inject faults into one process; return the failures."""
-    from client import describe, PARAMETERS, Player
+    from bench.node_faults.client import describe, PARAMETERS, Player
     from ros_harness import running
     failed = []
     parameters = {**PARAMETERS, 'model_file': path, **faults[0].parameters}
@@ -66,8 +65,8 @@ def restore(probe, player) -> None:
 
 
 def main() -> int:
-    from arms import ARMS
-    from faults import all_faults
+    from bench.node_faults.arms import ARMS
+    from bench.node_faults.faults import all_faults
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--only', default='')

@@ -1,7 +1,7 @@
 """
 Time and memory for an hour of joint states at 1 kHz, compared with decoding by rosbags.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/scale/bags.py [--minutes 60] [-o bench/scale/results.json]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.scale.bags [--minutes 60] [-o bench/scale/results.json]
 
 Writes an MCAP of seven joints (zstd, 0.7 GB for an hour; a minute or two) into a temporary folder,
 or uses that of --bag. rosbags and our reader alternate in reading one minute of the same

@@ -1,7 +1,7 @@
 """
 Compare the package's table reader with pandas, each in its own process.
 
-    python3 bench/scale/csv_readers.py [--rows 65000] [--python PYTHON_WITH_PANDAS]
+    python3 -m bench.scale.csv_readers [--rows 65000] [--python PYTHON_WITH_PANDAS]
 
 A table of 21 columns is written to a temporary folder. The output is the processor time of the
 import and of reading, and the peak memory of the process.

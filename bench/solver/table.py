@@ -1,7 +1,7 @@
 """
 Write the tables of docs/performance.md from the results of the benchmarks.
 
-    python3 bench/solver/table.py [--solver FILE] [--scale FILE]
+    python3 -m bench.solver.table [--solver FILE] [--scale FILE]
 """
 
 from __future__ import annotations

@@ -1,0 +1,111 @@
+"""docs/dependencies.md lists each dependency once, every import, and no unused dependency."""
+
+import ast
+from functools import lru_cache
+from pathlib import Path
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / 'docs' / 'dependencies.md'
+SOURCES = [path for folder in ('gravity_comp_ros', 'test', 'launch', 'examples', 'bench', 'docs')
+           for path in sorted((ROOT / folder).rglob('*.py'))]
+# Names of imports and of the package index with another name on the page.
+PAGE_NAMES = {'yaml': 'pyyaml', 'sklearn': 'scikit-learn', 'PIL': 'pillow', 'pin': 'pinocchio',
+              'xdist': 'pytest-xdist', 'array_api_strict': 'array-api-strict'}
+# Files that name dependencies without an import: programs, plug-ins, solvers.
+USERS = ['Makefile', 'pyproject.toml', 'setup.cfg', 'package.xml', '.ci/run', 'setup.py',
+         'tools/make_venv.sh', *(str(path.relative_to(ROOT)) for path in SOURCES)]
+
+
+def listed():
+    """Return the names in the first column of every table of the page, lower case."""
+    names = []
+    for line in PAGE.read_text().splitlines():
+        cells = [cell.strip() for cell in line.split('|')]
+        if len(cells) > 3 and cells[1] not in ('dependency', '---') and set(cells[1]) != {'-'}:
+            names += [re.sub(r' *([<>≥(].*|, and Debian.*)$', '', part).strip().lower()
+                      for part in re.split(r',(?! and)', cells[1])]
+    return names
+
+
+@lru_cache
+def imported():
+    """Return the third-party modules that the source imports, by their names on the page."""
+    own = {path.stem for path in SOURCES} | {path.parent.name for path in SOURCES}
+    names = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.importorskip':
+                names |= {a.value for a in node.args if isinstance(a, ast.Constant)}
+    tops = {name.split('.')[0] for name in names} - set(sys.stdlib_module_names) - own
+    return {PAGE_NAMES.get(name, name)
+            for name in tops - {'resource', 'array_api_compat', 'torch'}}
+
+
+def required():
+    """Return the requirements of setup.py and requirements/, by their names on the page."""
+    text = (ROOT / 'setup.py').read_text()
+    lines = re.findall(r"'([A-Za-z][\w-]*)(?:>=|<)[\d.]+'", text)
+    for path in (ROOT / 'requirements').glob('*.txt'):
+        lines += re.findall(r'^([A-Za-z][\w-]*)(?:==|<)', path.read_text(), re.MULTILINE)
+    return {PAGE_NAMES.get(name, name).lower() for name in lines
+            if not name.startswith('ros-jazzy')}
+
+
+def test_each_dependency_is_listed_once():
+    names = listed()
+    assert len(names) > 40 and sorted(names) == sorted(set(names))
+
+
+def test_every_import_is_listed():
+    assert {name.lower() for name in imported()} - set(listed()) == set()
+
+
+def test_every_requirement_is_listed():
+    assert required() - set(listed()) == set()
+
+
+def test_every_listed_dependency_is_used():
+    assert unused() == []
+
+
+def unused():
+    """Return the listed names that are neither imported nor named in a file of `USERS`."""
+    text = '\n'.join((ROOT / user).read_text() for user in USERS
+                     if user != str(Path(__file__).relative_to(ROOT))).lower()
+    modules = {module.lower() for module in imported()}
+    return [name for name in listed() if name not in modules and not any(
+        re.search(rf'(?<![\w-]){re.escape(word)}(?![\w])', text) for word in other_names(name))]
+
+
+def other_names(name):
+    """Return the names of a listed dependency in a file that uses it."""
+    if name == 'wheel':   # pip builds with it if downloads are disabled
+        return ['--no-build-isolation']
+    return [name, name.replace('-', '_'), *(short for short, page_name in PAGE_NAMES.items()
+                                            if page_name == name)]
+
+
+def test_rosdep_keys_are_listed():
+    keys = {element.text for element in ElementTree.parse(ROOT / 'package.xml').getroot()
+            if element.tag.endswith('depend')}
+    names = set(listed()) | {name.replace('-', '_') for name in listed()}
+    bare = {re.sub('^python3-|-pip$', '', key) for key in keys} - {'mcap-ros2-support'}
+    assert {'pyyaml' if key == 'yaml' else key for key in bare} - names == set()
+
+
+def test_the_rules_detect_a_violation(monkeypatch, tmp_path):
+    page = tmp_path / 'page.md'
+    page.write_text(PAGE.read_text().replace('| zstandard |', '| leftpad |'))
+    monkeypatch.setattr('test_dependencies.PAGE', page)
+    with pytest.raises(AssertionError):
+        test_every_import_is_listed()
+    assert unused() == ['leftpad']

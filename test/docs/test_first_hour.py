@@ -1,0 +1,76 @@
+"""docs/first_hour.md shows the output of its commands, and they find the hidden friction."""
+
+import importlib.util
+from pathlib import Path
+import re
+
+from gravity_comp_ros.models.model_file import load_model
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / 'docs'
+PAGE = (DOCS / 'first_hour.md').read_text()
+NUMBER = re.compile(r'[-+]?\d+(?:\.\d+)?')
+# Tolerances of figures, which differ between machines. Slow motion does not determine lengths.
+RELATIVE, ABSOLUTE = 0.05, 0.02
+LENGTHS = re.compile(r'l_\w+ = .*? more')
+
+
+@pytest.fixture(scope='module')
+def script():
+    """Return the module that makes the page."""
+    spec = importlib.util.spec_from_file_location('first_hour', DOCS / 'make_first_hour.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('COLUMNS', '')
+        yield module
+
+
+@pytest.fixture(scope='module')
+def run(script, tmp_path_factory):
+    """Run every command; return the page that results, and the folder."""
+    folder = tmp_path_factory.mktemp('hour')
+    return script.page(PAGE, folder), folder
+
+
+def words(page):
+    """Return the words of a page without layout, with # for numbers, and the numbers."""
+    text = LENGTHS.sub('', ' '.join(re.sub('─+', '', page).split()))
+    return NUMBER.sub('#', text).split(' '), [float(x) for x in NUMBER.findall(text)]
+
+
+def test_the_page_shows_the_output_of_the_commands(run):
+    text, numbers = words(PAGE)
+    printed, printed_numbers = words(run[0])
+    assert text == printed, 'python3 docs/make_first_hour.py'
+    assert numbers == pytest.approx(printed_numbers, rel=RELATIVE, abs=ABSOLUTE)
+
+
+def test_the_hidden_friction_is_found_and_added():
+    size, half = map(float, re.search(
+        r'added coulomb_friction:iiwa_joint_4: F_c = ([\d.]+) ± ([\d.]+) N·m', PAGE).groups())
+    assert abs(size - 0.8) < half < 0.05
+    assert re.search(r'iiwa_joint_4 +coulomb_friction +established', PAGE)
+    before, after = map(float, re.search(
+        r'change\n ─+\n(?:.*\n)*? iiwa_joint_4 +([\d.]+) +([\d.]+) ', PAGE).groups())
+    # The noise is 0.1 N·m. Each run is predicted by a model fitted to the other one alone.
+    assert before == pytest.approx(0.8, rel=0.1) and after < 0.2
+
+
+def test_the_model_file_records_addition_and_undo(run):
+    model = load_model(run[1] / 'arm.json')
+    assert not model.applied.effects
+    assert [step.action for step in model.history] == ['added', 'removed']
+
+
+def test_excerpts_show_whole_sections(script):
+    output = '... fit\nfirst\n\n row\nb\n\nsecond\n\n row\n\nthird\n'
+    assert script.excerpt(output, ('second',)) == ['...', 'second', '', ' row', '...']
+    assert script.excerpt(output, ('',)) == ['first', '', ' row', 'b', '...']
+    assert script.excerpt('undone\n', ('second',)) == ['undone']
+    assert script.excerpt(output, ()) == []
+
+
+def test_the_page_has_no_local_paths_and_no_crash():
+    for word in ('/work', '/tmp', 'Traceback', 'internal error'):
+        assert word not in PAGE

@@ -1,0 +1,178 @@
+"""Import rules: one direction, ROS in the node only, NumPy and SciPy alone in the core."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = 'gravity_comp_ros'
+MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
+
+# Lowest first. A module may import from its own package and from lower ones.
+ROOMS = (
+    ('errors', 'printable', 'display', 'atomic'),
+    ('data', 'worker'),
+    ('facts',),
+    ('simulation', 'recordings', 'models'),
+    ('effects', 'description'),
+    ('description_check', 'calibration'),
+    ('evaluation', 'regression'),
+    ('estimation',),
+    ('diagnosis',),
+    ('planning', 'export'),
+    ('api',),
+    ('__init__',),
+    ('report', 'fleet'),
+    ('node', 'workbench', 'commands', 'cli'),
+)
+LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
+CORE = ({name for names in ROOMS[:9] for name in names}
+        - {'recordings', 'simulation', 'description', 'description_check',
+           'calibration'})
+# Forbidden imports between packages of a level or of adjacent levels.
+FORBIDDEN = {
+    'node': {'commands', 'cli', 'workbench', 'simulation'},
+    'commands': {'node'},
+    'workbench': {'commands', 'cli'},
+    'cli': {'node', 'workbench'},
+    'models': {'recordings', 'simulation'},
+    'recordings': {'models', 'simulation'},
+    # Ground truth for tests of effects and models, so it must share no code with them.
+    'simulation': {'models', 'recordings'},
+}
+ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs',
+       'lifecycle_msgs', 'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
+       'launch', 'launch_ros'}
+
+
+def room(path: Path) -> str:
+    """Return the top-level module or subpackage of the package that `path` belongs to."""
+    return path.relative_to(ROOT / PACKAGE).parts[0].removesuffix('.py')
+
+
+def imported(path: Path) -> set[str]:
+    """Return the dotted names that a file imports, at module level or inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f'{path}: relative import'
+            names.add(node.module)
+            if node.module == PACKAGE:
+                names |= {f'{PACKAGE}.{alias.name}' for alias in node.names}
+    return names
+
+
+def rooms_imported(path: Path) -> set[str]:
+    """Return the top-level modules of this package that a file imports from."""
+    parts = [name.split('.') for name in imported(path)]
+    return {part[1] for part in parts if part[0] == PACKAGE and len(part) > 1} - {'__version__'}
+
+
+def each(paths):
+    return pytest.mark.parametrize(
+        'path', paths, ids=[str(path.relative_to(ROOT)) for path in paths])
+
+
+@each(MODULES)
+def test_imports_flow_downwards(path):
+    own = room(path)
+    assert own in LEVEL_OF, f'give {own} a level in this test'
+    for other in rooms_imported(path):
+        assert LEVEL_OF[other] <= LEVEL_OF[own], f'{own} must not import {other}'
+        assert other not in FORBIDDEN.get(own, set()), f'{own} must not import {other}'
+
+
+def test_no_import_cycle():
+    dotted = {'.'.join(path.relative_to(ROOT).with_suffix('').parts): path for path in MODULES}
+    after = {name: {other for other in imported(path) if other in dotted and other != name}
+             for name, path in dotted.items()}
+    TopologicalSorter(after).prepare()  # raises CycleError, which names the modules
+
+
+@each(MODULES)
+def test_only_the_node_imports_ros(path):
+    used = {name.split('.')[0] for name in imported(path)} & ROS
+    assert not used or room(path) == 'node', f'{path.name} imports {used}'
+
+
+@each([path for path in MODULES if room(path) in CORE])
+def test_the_core_needs_numpy_and_scipy_alone(path):
+    allowed = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
+    assert {name.split('.')[0] for name in imported(path)} <= allowed
+
+
+def test_package_xml_lists_every_ros_package_that_is_imported():
+    manifest = (ROOT / 'package.xml').read_text()
+    listed = set(re.findall(r'<exec_depend>(.*)</exec_depend>', manifest))
+    launch = sorted((ROOT / 'launch').glob('*.py'))
+    used = {name.split('.')[0] for path in [*MODULES, *launch] for name in imported(path)}
+    assert used & ROS <= listed
+    assert listed & ROS <= used, 'listed but not used'
+
+
+def test_the_rules_detect_a_violation(tmp_path):
+    file = tmp_path / 'bad.py'
+    file.write_text('def f():\n    from gravity_comp_ros.node import messages\n    import rclpy\n')
+    assert rooms_imported(file) == {'node'}
+    assert 'rclpy' in imported(file)
+
+
+def test_the_core_loads_without_the_rest():
+    blocked = ['rclpy', 'mcap', 'rosbags', 'rich', 'yaml', 'pinocchio', 'zstandard']
+    modules = ['gravity_comp_ros.estimation.fit', 'gravity_comp_ros.models.model_file',
+               'gravity_comp_ros.evaluation.compare', 'gravity_comp_ros.data.gate',
+               'gravity_comp_ros.data.sample_buffer']
+    program = ('import sys\n'
+               f'sys.modules.update(dict.fromkeys({blocked!r}))\n'
+               + ''.join(f'import {name}\n' for name in modules) + 'print("loaded")')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=60)
+    assert done.stdout == 'loaded\n', done.stderr
+
+
+def test_programs_start_without_slow_modules_of_scipy():
+    # The import of these three takes longer than all others together; few runs need them.
+    program = ('import sys, gravity_comp_ros.api.loop, gravity_comp_ros.commands.fit, '
+               'gravity_comp_ros.node.jobs, gravity_comp_ros.workbench.jobs\n'
+               'print(sorted({"scipy.stats", "scipy.signal", "scipy.optimize"} '
+               '& set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=120)
+    assert done.stdout == '[]\n', done.stdout + done.stderr
+
+
+def test_the_process_of_the_node_imports_neither_scipy_nor_the_estimator():
+    # Its fits run in another process, and a node must restart fast.
+    program = ('import sys, gravity_comp_ros.node.node_core\n'
+               'print(sorted(name for name in sys.modules if name == "scipy" or name.startswith(('
+               '"gravity_comp_ros.estimation.fit", "gravity_comp_ros.diagnosis"))))')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=120)
+    assert done.stdout == '[]\n', done.stdout + done.stderr
+
+
+# Packages whose dataclasses with arrays must not define ==, which is ambiguous for arrays.
+WITH_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
+ARRAY = re.compile(r'\b(FloatArray|BoolArray|NDArray)\b')
+
+
+@each([path for path in MODULES if room(path) in WITH_ARRAYS])
+def test_dataclasses_with_arrays_do_not_compare_by_value(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ClassDef):
+            continue
+        decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+        fields = [ast.unparse(item.annotation) for item in node.body
+                  if isinstance(item, ast.AnnAssign)]
+        own_eq = any(isinstance(item, ast.FunctionDef) and item.name == '__eq__'
+                     for item in node.body)
+        if not own_eq and any(text.startswith('dataclass') for text in decorators) and any(
+                ARRAY.search(field) and 'Callable' not in field for field in fields):
+            assert any('eq=False' in text for text in decorators), node.name

@@ -1,0 +1,202 @@
+"""
+Prose and names use the field's standard terms: three sets of expressions that stay out.
+
+`python test/test_language.py [PATH ...]` lists the hits of each file; `--counts` only counts them.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Nouns that do not say, know, want or hold anything.
+_THINGS = (r'(data|motions?|recordings?|samples|residuals?|torques?|gravity|models?|chains?|fits?|'
+           r'effects?|nodes?|plans?|diagnos[ie]s|arms?|joints?|descriptions?|urdf|files?|bags?)')
+
+# Expression -> the field's term. Case does not matter; parts of snake_case names count, attributes
+# (`.rivals`) and keys (`'rivals'`) do not.
+WORDS = {
+    r'what (is|was|are|were) left|leaves? over|left over|'
+    r'(errors?|that) (is|was|are|were) left(?! out)|'
+    r'what (\w+ ){0,2}leaves?|(gravity|chain|model|fit|dynamics|potential) leaves?(?! out)':
+        'residual, remaining',
+    r'beside(?! friction \[Nm\])': 'jointly with, in addition to; nuisance; next to',
+    r'(can|could|cannot|may|to) be told|tells? (\w+ )?(apart|from)|told (apart|of|that|from|by)|'
+    r'telling': 'identifiable, distinguish; reported',
+    r'imitat\w+': 'is nearly collinear with, is absorbed by',
+    r'stand(s|ing)? for|stood for|stand(s|ing)? in for|stand-ins?': 'substitute, represents, is',
+    r'ask(s|ed|ing)? for': 'requires, requested',
+    rf'{_THINGS} (says?|said|asks?|tells?|knows?|knew|believes?|doubts?|remembers?|wants?|'
+    r'promises?|notices?|forgets?)(?! so\b)': 'gives, reports, contains, requires',
+    r'(that|which|it|they) (knows?|knew|believes?|remembers?|wants|tells|doubts)':
+        'has, uses, requires, reports',
+    r'(data|recordings?|samples|models?|chains?|files?|descriptions?|bags?|fits|motion|gravity) '
+    r'(holds?|lacks?)(?![- _]?out)': 'contains, does not contain, does not model',
+    r'believ\w+': 'accepts, is accepted',
+    r'doubt\w*': 'uncertain, uncertainty',
+    r'rivals?(?! ?[:=])': 'alternative',
+    r'likelier|surer|plainest': 'more probable, log-likelihood ratio',
+    r'anew': 'again, refit',
+    r'alike': 'autocorrelated, similar, equally',
+    r'(?<!half )(?<!get )(a|the|each|every|no) turns?|turns? (its|their|the) signs?|turns? back':
+        'rotation, reversal',
+    r'both ways|one way only|which way|the other way': 'direction, sign',
+    r'so (many|much|few|little)(?! (that|as))': 'the number, at least',
+    r'how (right|sure|good|wrong|likely|alike)': 'accuracy, certainty',
+    r'(a|an|the|each|every|of|its|no|other) ties?': 'ambiguous pair, alternatives',
+    r'(?<!--)(un)?settle[sd]?(?!_|:)|instability': 'resolves, converged',
+    r'(takes?|taken|took|taking) off': 'subtracts, removes, reduces',
+    r'(is|are|was|were|be|been) taken for(?! granted)': 'is mistaken for, is attributed to',
+    r'(is|are|was|be|then) (\w+ )?worth(?! \w+ing| it)': 'effective sample size, counts as',
+    r'proofs?': 'evidence',
+    r'mends?|mended': 'corrects',
+    r'flatter\w*|honest\w*': 'is biased, unbiased',
+    r'heed\w*': 'follows',
+    r'(must|can|could|does|to) (not )?pay': 'reduces the error',
+    r'(by|of) luck|(worse|better) by chance': 'within statistical uncertainty',
+    r'(brake|joint|friction|gear|it) grips?|gripped|gripping': 'engages, sticks',
+    r'gives? way|giving way': 'yields, joint elasticity',
+    r'(?<!\x27 )in words(?=[,;]|\.(?!\w)|"""| and (?!\x27)| why )': 'as text',
+    r'what (\w+ ){1,3}makes? of': 'the result of',
+    r'nobody|whoever': 'unknown, without, a user',
+    r'neighbours are': 'autocorrelated samples',
+    r'(band|interval)s? (holds?|contains?)|hold the truth': 'covers',
+    r'holds? (much |best|better)': 'generalises',
+    r'holds? (\w+ )*(arm|robot) up|drops? out of the sky': 'gravity torque',
+    r'class (Sweep|Bent|Workplace|Weighed)|other_laws': 'the concept',
+}
+
+# Openings that announce a noun clause where a noun exists, or a unit instead of the quantity.
+CLAUSES = {
+    r'"""\s?(What|Where|How|Which|Whose|Who|When|Why|Whether)\b': 'a noun phrase',
+    r'\bReturns? (what|how|where|which|who|whose)\b': 'Return the <quantity>',
+    r'(?<!#)# (What|How|Where|Who|Whose|Which|So (many|much))\b': 'a noun phrase; if',
+    r'(?<!#)# (rad|rad/s|N·m|s|m|kg|Hz): ': '# <Quantity>, in <unit>',
+}
+
+# Participles and adverbs as names of variables, and of constants.
+_NAMES = (r'(found|made|shown|taken|told|said|alike|usual|wanted|left|doubt|worth|many|most|least|'
+          r'much)')
+NAMES = {
+    rf'(?<![\w.])(?!left, (size, )?right\b|left: ){_NAMES}(, \w+)*'
+    r'(: [\w[\]|.]+(, [\w[\]|.]+)*)? = '
+    rf'|(?<!\w)for {_NAMES} in ':
+        'the noun: result, coefficients, samples',
+    r'(?<![A-Za-z])_?([A-Z]+_)*(LEAST|MOST|FEWEST|USUAL|MANY|ENOUGH|LIKELIER|ALIKE|MUCH|WORTH)'
+    r'(_[A-Z]+)* ?[=,]': 'MIN_..., MAX_..., PRIOR_STD_...',
+}
+
+
+@dataclass(frozen=True)
+class RuleSet:
+    """Expressions that stay out of files with these endings."""
+
+    pattern: re.Pattern[str]
+    suffixes: tuple[str, ...]
+
+
+TEXT = ('.py', '.md', '.rst', '.sh', '.yaml', '.toml', '.cfg', '.xml', '.js', '')
+RULES = {
+    'words': RuleSet(re.compile(
+        '(?<![A-Za-z.])(?:' + '|'.join(WORDS) + ')(?![A-Za-z])', re.I), TEXT),
+    'clauses': RuleSet(re.compile('|'.join(CLAUSES)), ('.py',)),
+    'names': RuleSet(re.compile('|'.join(NAMES)), ('.py',)),
+}
+
+
+def prose(path: Path) -> str:
+    """Return the text of a file without quoted code and keys."""
+    text = path.read_text(encoding='utf-8')
+    if path.suffix == '.md':
+        text = re.sub(r'```.*?```', '', text, flags=re.DOTALL)
+    return without_keys(re.sub(r'``[^`]*``|`[^`\n]*`', '', text))
+
+
+def without_keys(text: str) -> str:
+    return re.sub(r'\s', ' ', re.sub(r"'\w+'", "''", text))
+
+
+def hits_of(path: Path, name: str) -> list[str]:
+    """Return every hit of a set of rules in a file, with the text around it."""
+    rules = RULES[name]
+    if path.suffix not in rules.suffixes:
+        return []
+    text = prose(path)
+    return [f'{path.relative_to(ROOT)}: {match[0]!r} in '
+            f'...{text[max(0, match.start() - 35):match.end() + 25]!r}'
+            for match in rules.pattern.finditer(text)]
+
+
+def files() -> list[Path]:
+    """Return all files with text of ours, except this one."""
+    listed = subprocess.run(['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip('not in a git checkout')
+    paths = [ROOT / name for name in listed.stdout.splitlines() if name != 'LICENSE']
+    return [path for path in paths if path.exists() and path.suffix in TEXT
+            and path != Path(__file__).resolve()]
+
+
+@pytest.mark.parametrize('name', list(RULES))
+def test_prose_and_names_use_standard_terms(name):
+    hits = [hit for path in files() for hit in hits_of(path, name)]
+    assert not hits, '\n'.join(hits)
+
+
+@pytest.mark.parametrize(('name', 'text'), [
+    ('words', 'kinematics nobody has told'), ('words', 'What is left is no noise'),
+    ('words', 'the error that is left'), ('words', 'columns beside gravity'),
+    ('words', 'friction_beside = 0'), ('words', 'the model knows its error'),
+    ('words', 'until the data ask for it'), ('words', 'the rivals of it'),
+    ('words', 'how right it is'), ('words', 'a motion settles it'), ('words', '_LIKELIER = 3'),
+    ('words', 'gravity imitates it'),
+    ('clauses', '"""What a fit does."""'), ('clauses', 'Return how many rows'),
+    ('clauses', '# rad: the largest angle'), ('names', 'found = fit()'),
+    ('names', '_MOST_ROWS = 3')])
+def test_the_rules_detect(name, text):
+    assert RULES[name].pattern.search(text)
+
+
+@pytest.mark.parametrize('text', [
+    'The residual of the chain is not white.', "finding['rivals']", 'finding.rivals',
+    'rivals: int', 'half a turn', 'the samples hold-out', 'lines that are left out',
+    'Return the rows', '## Where to start', 'x = left + right', "any('a' in words for words in b)",
+    '"""Return whether it is."""'])
+def test_the_rules_do_not_detect(text):
+    assert not any(rules.pattern.search(without_keys(text)) for rules in RULES.values())
+
+
+def main() -> int:
+    """Print the hits, or their numbers, of all files or the named ones."""
+    parser = argparse.ArgumentParser(description='Expressions that stay out of the text.')
+    parser.add_argument('paths', nargs='*', help='rule sets, files or folders (default: all)')
+    parser.add_argument('--counts', action='store_true', help='numbers only')
+    args = parser.parse_args()
+    sets = [path for path in args.paths if path in RULES] or list(RULES)
+    folders = [(Path.cwd() / path).resolve() for path in args.paths if path not in RULES] or [ROOT]
+    totals = dict.fromkeys(sets, 0)
+    for path in files():
+        if not any(path == folder or folder in path.parents for folder in folders):
+            continue
+        hits = {name: hits_of(path, name) for name in sets}
+        for name in sets:
+            totals[name] += len(hits[name])
+        if not any(hits.values()):
+            continue
+        if args.counts:
+            print(f'{path.relative_to(ROOT)}: '
+                  + ', '.join(f'{len(hits[name])} {name}' for name in sets))
+        else:
+            print(*(hit for name in sets for hit in hits[name]), sep='\n')
+    print('total: ' + ', '.join(f'{count} {name}' for name, count in totals.items()))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Layouts for PlotJuggler and Foxglove: plotted topics exist in the node and in `replay`."""
+
+import importlib.util
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LAYOUTS = ROOT / 'config' / 'layouts'
+LIVE_ONLY = {'/gravity_comp/gravity_torques', '/gravity_comp/extrapolation'}
+MESSAGE_PATH = re.compile(r'(/[\w/]+)\.(position|velocity|effort)\[(\d+)\]')
+
+
+def curves():
+    """Return (topic, joint, field) of every curve of the PlotJuggler layout."""
+    root = ElementTree.parse(LAYOUTS / 'plotjuggler.xml').getroot()
+    return [tuple(curve.get('name').rsplit('/', 2)) for curve in root.iter('curve')]
+
+
+def paths():
+    """Return (topic, field, index) of every path of the Foxglove layout."""
+    panels = json.loads((LAYOUTS / 'foxglove.json').read_text())['configById']
+    return [MESSAGE_PATH.fullmatch(path['value']).groups()
+            for panel in panels.values() for path in panel.get('paths', [])]
+
+
+def check(topics):
+    """Check that each plotted field of each topic exists; `topics`: name -> message."""
+    names = {name: list(message.name) for name, message in topics.items()}
+    plotted = [curve for curve in curves() if curve[0] in topics]
+    assert {topic for topic, _, _ in plotted} == set(topics)
+    for topic, joint, field in plotted:
+        assert len(getattr(topics[topic], field)) > names[topic].index(joint)
+    for topic, field, index in paths():
+        if topic in topics:
+            assert len(getattr(topics[topic], field)) > int(index)
+
+
+class LastMessage:
+    """The last row of a topic of a bag, with the attributes of a message."""
+
+    def __init__(self, path, topic):
+        # A prediction is not a measured effort: it has no friction whose sign could be checked.
+        samples = read_bag(path, ReadOptions(topic=topic, refuse=False)).samples
+        self.name, self.position = samples.names, samples.q[-1]
+        self.effort, self.velocity = samples.tau[-1], samples.qd[-1]
+
+
+def test_plotted_topics_are_in_the_output_of_replay(iiwa_model_file, tmp_path):
+    out = tmp_path / 'out.mcap'
+    subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'replay',
+                    ROOT / 'bags' / 'eq17_later.mcap', '--model', iiwa_model_file, '-o', out],
+                   check=True, cwd=ROOT, capture_output=True)
+    everything = {topic for topic, _, _ in curves()} | {topic for topic, _, _ in paths()}
+    check({topic: LastMessage(out, topic) for topic in everything - LIVE_ONLY})
+
+
+def test_plotted_topics_are_published_by_the_node(iiwa_model_file):
+    pytest.importorskip('rclpy')
+    from ros_harness import running
+    later = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
+    with running({'model_file': iiwa_model_file, 'stale_after': 10.0,
+                  'max_torque': '[200.0]'}) as (_, probe):
+        probe.stream(later.select(np.arange(20)))
+        probe.until(lambda: probe.torques and probe.residuals and probe.predictions
+                    and probe.extrapolations, what='all topics')
+        check({'/gravity_comp/gravity_torques': probe.torques[-1],
+               '/gravity_comp/prediction': probe.predictions[-1],
+               '/gravity_comp/residual': probe.residuals[-1],
+               '/gravity_comp/extrapolation': probe.extrapolations[-1]})
+
+
+def test_layouts_are_up_to_date(tmp_path):
+    spec = importlib.util.spec_from_file_location('make_layouts', LAYOUTS / 'make_layouts.py')
+    make_layouts = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make_layouts)
+    make_layouts.main(['--folder', str(tmp_path)])
+    for name in ('plotjuggler.xml', 'foxglove.json'):
+        assert (tmp_path / name).read_text() == (LAYOUTS / name).read_text()
+    make_layouts.main(['shoulder', 'elbow', '--folder', str(tmp_path),
+                       '--joint-states', '/arm/joint_states'])
+    text = (tmp_path / 'plotjuggler.xml').read_text()
+    assert 'name="/arm/joint_states/elbow/effort"' in text and 'iiwa' not in text
+
+
+def test_foxglove_panels_match_the_layout_tree():
+    layout = json.loads((LAYOUTS / 'foxglove.json').read_text())
+    names = []
+
+    def walk(node):
+        if isinstance(node, str):
+            names.append(node)
+        else:
+            walk(node['first'])
+            walk(node['second'])
+
+    walk(layout['layout'])
+    assert sorted(names) == sorted(layout['configById'])

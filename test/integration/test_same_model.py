@@ -1,0 +1,97 @@
+"""Commands, notebook, workbench and fleet fit the same model to a recording."""
+
+from dataclasses import replace
+import json
+
+from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAISTED
+import gravity_comp_ros as gc
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.workbench.jobs import JobRunner, Learn, Read
+from gravity_comp_ros.workbench.session import Session
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with recordings whose joints are not in the order of the arm."""
+    folder = tmp_path_factory.mktemp('same')
+    q, arm = motions.eq17(duration=40.0).q, arms.iiwa7()
+    (folder / 'robots' / 'one').mkdir(parents=True)
+    recording(folder / 'robots' / 'one' / 'run', IIWA, arm, q,
+              order=lambda names: tuple(reversed(JOINTS)))
+    finger = ('finger', lambda n: 0.01 * (n % 2))
+    recording(folder / 'gripper', WAISTED, arm, q, 0, [finger])
+    return folder
+
+
+def on_the_bench(path, urdf=None):
+    """Return the workbench's session once it has learned a model."""
+    session, runner = Session((path,), urdf=urdf), JobRunner()
+    for _ in range(2):
+        job = session.next_job()
+        answer = runner.work(job, lambda word, share: None)
+        if isinstance(job, Read):
+            session.accept_recordings(answer, job.options)
+        else:
+            assert isinstance(job, Learn)
+            session.learned(answer, job.choice)
+    return session
+
+
+def poses():
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (50, len(JOINTS)))
+
+
+@pytest.mark.parametrize('name', ['robots/one/run', 'gripper'])
+def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys, name):
+    bag, file = folder / name, tmp_path / 'arm.json'
+    assert main(['fit', str(bag), '-o', str(file), '--json']) == 0
+    printed = json.loads(capsys.readouterr().out)
+    fitted = load_model(file)
+    assert fitted.joints == JOINTS and printed['report']['known_axes']
+    data = gc.read(bag)
+    assert data.joints == JOINTS
+    notebook, session = gc.fit(data).gravity, on_the_bench(bag)
+    assert session.stage.choice.joints == JOINTS == session.joints[:len(JOINTS)]
+    assert session.facts('stage 0')['axes'] == f'/robot_description in {bag.name}'
+    for other in (notebook, session.stage.model):
+        assert other.joints == JOINTS
+        np.testing.assert_array_equal(other.predict(poses()), fitted.predict(poses()))
+    # The command line shown on the page gives the same model.
+    again = session.commands()[0].split()[1:]
+    assert main([*again[:-1], str(file)]) == 0
+    np.testing.assert_array_equal(load_model(file).predict(poses()), fitted.predict(poses()))
+
+
+def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
+    assert main(['fleet', 'fit', str(folder / 'robots'), '-o', str(tmp_path)]) == 0
+    assert main(['fit', str(folder / 'robots' / 'one' / 'run'), '-o',
+                 str(tmp_path / 'single.json')]) == 0
+    capsys.readouterr()
+    model, single = (load_model(tmp_path / name) for name in ('one.json', 'single.json'))
+    assert model.joints == JOINTS and model.geometry is not None
+    np.testing.assert_array_equal(model.predict(poses()), single.predict(poses()))
+
+
+def test_the_workbench_can_ignore_the_description(folder):
+    session = on_the_bench(folder / 'robots' / 'one' / 'run')
+    session.learn(replace(session.choice, urdf='none'))
+    runner = JobRunner()
+    runner.work(Read(session.paths, session.choice.reading(None)), lambda word, share: None)
+    job = session.next_job()
+    session.learned(runner.work(job, lambda word, share: None), job.choice)
+    assert session.stage.model.geometry is None
+    assert ' --urdf none ' in session.commands()[0]
+    assert session.facts('stage 1')['axes'] == 'not known'
+
+
+def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, capsys):
+    bag, page = folder / 'gripper', tmp_path / 'page.html'
+    # The joints of the gripper are ignored.
+    assert main(['diagnose', str(bag), '--json', '--html', str(page)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed['joints']) == set(JOINTS)
+    assert 'fitted for this report to' in page.read_text()

@@ -1,0 +1,190 @@
+"""Command line: overview, help, usage errors, and reporting of all other errors."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+from types import SimpleNamespace
+
+from gravity_comp_ros import __version__, cli
+from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.usage import plan as usage_of_plan
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
+from gravity_comp_ros.planning.options import PlanOptions
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.recordings.trajectory_files import ENDINGS
+from hypothesis import given, settings, strategies as st
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def verb(monkeypatch):
+    """Return a function that makes `gravity_comp fit` run the given function."""
+    def install(run):
+        usage = SimpleNamespace(EPILOG='', add_arguments=lambda parser: None)
+        monkeypatch.setattr(cli, '_commands_module', lambda name: usage if name.startswith(
+            'usage.') else SimpleNamespace(run=run))
+    return install
+
+
+def fails_with(error):
+    def run(args):
+        raise error
+    return run
+
+
+def test_overview_lists_every_verb(capsys):
+    assert cli.main(['--help']) == 0
+    output = capsys.readouterr().out
+    assert 'not available' not in output
+    for name in cli.VERBS:
+        assert f'\n  {name} ' in output
+
+
+@pytest.mark.parametrize('name', cli.VERBS)
+def test_every_verb_has_help_with_examples(name, capsys):
+    assert cli.main([name, '--help']) == 0
+    output = capsys.readouterr().out
+    assert output.startswith(f'usage: gravity_comp {name}')
+    assert f'  gravity_comp {name} ' in output, 'no example'
+
+
+def test_help_and_wrong_usage_import_no_numerical_modules():
+    calls = [['--version'], ['--help'], *([verb, '--help'] for verb in cli.VERBS),
+             ['fit', 'a.mcap', '--terms', '-3'], ['plan', 'a.mcap', '-o', 'x.txt']]
+    code = ('import sys; from gravity_comp_ros.cli import main\n'
+            f'for call in {calls!r}:\n    main(call)\n'
+            'print([name for name in ("numpy", "scipy", "rich", "yaml") if name in sys.modules])')
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, timeout=60,
+                          capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
+
+
+def test_copied_defaults_equal_those_of_the_core():
+    assert arguments.FORMULATIONS == CHOICES and CHOICES[0] == FitOptions().formulation
+    assert usage_of_plan.ENDINGS == ENDINGS
+    limits = {name: value for name, _, value, _ in usage_of_plan.LIMITS}
+    assert PlanOptions(**limits, reach=usage_of_plan.REACH) == PlanOptions()
+
+
+@pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])
+def test_defaults_of_the_gate_are_those_in_the_help(verb, capsys):
+    assert cli.main([verb, '--help']) == 0
+    output = ' '.join(capsys.readouterr().out.split())
+    assert f'joint speed of a sample (default: {GateOptions().max_speed:g})' in output
+    assert f'per second of slow motion (default: {GateOptions().rate_hz:g})' in output
+
+
+@pytest.mark.parametrize(('typed', 'offered'), [
+    ('co', 'convert compare completion'), ('fit --form', '--formulation'),
+    ('fit --formulation=', ''), ('fit --formulation pot', 'potential'), ('info --no', '')])
+def test_a_shell_completes(tmp_path, capsys, typed, offered):
+    assert cli.main(['completion', 'bash']) == 0
+    script = tmp_path / 'gravity_comp'
+    script.write_text(capsys.readouterr().out)
+    arguments = ['gravity_comp', *typed.split()]
+    done = subprocess.run(
+        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(arguments)}); COMP_CWORD='
+         f'{len(arguments) - 1}; COMP_LINE="{" ".join(arguments)}"; $(complete -p gravity_comp | '
+         'sed "s/.*-F \\([^ ]*\\).*/\\1/"); echo "${COMPREPLY[@]}"'],
+        capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(
+        offered.split()), (done.stdout, done.stderr)
+
+
+def test_version(capsys):
+    assert cli.main(['--version']) == 0
+    assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
+
+
+@pytest.mark.parametrize('argv, text', [
+    ([], 'usage'), (['nonsense'], 'unknown verb nonsense'), (['--nonsense'], 'unknown option'),
+    (['fit'], 'BAG'), (['fit', 'a.mcap', '--max-speed', 'fast'], 'not a number'),
+    (['fit', 'a.mcap', '--rate', '-1'], 'not above 0'),
+    (['fit', 'a.mcap', '--effort-scale', 'elbow'], 'not JOINT=VALUE'),
+    (['fit', 'a.mcap', '--effort-scale', 'elbow=0'], 'must not be 0'),
+    (['fit', 'a.mcap', '--joints', 'a,,b'], 'empty joint name'),
+    (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
+    (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
+])
+def test_wrong_usage_exits_with_2_and_one_message(argv, text, capsys):
+    assert cli.main(argv) == 2
+    captured = capsys.readouterr()
+    assert text in captured.err and not captured.out
+
+
+@pytest.mark.parametrize('error, status, line', [
+    (BagError('x.mcap: empty\nof all'), 1, 'gravity_comp fit: x.mcap: empty of all\n'),
+    (BagError('joint \x1b[31mred'), 1, 'gravity_comp fit: joint \\x1b[31mred\n'),
+    (OSError(28, 'No space left on device', 'm.json'), 1,
+     'gravity_comp fit: No space left on device: m.json\n'),
+    (PermissionError(13, 'Permission denied', b'm.json'), 1,
+     'gravity_comp fit: Permission denied: m.json\n'),
+    (MemoryError(), 1, 'gravity_comp fit: not enough memory: use fewer or shorter '
+     'recordings\n'),
+    (KeyboardInterrupt(), 130, 'gravity_comp fit: interrupted\n'),
+    (ZeroDivisionError('oh'), 1, 'gravity_comp fit: internal error, please report it: '
+     'ZeroDivisionError: oh (GRAVITY_COMP_DEBUG=1 prints the traceback)\n'),
+])
+def test_a_failure_is_one_line(verb, capsys, error, status, line):
+    verb(fails_with(error))
+    assert cli.main(['fit']) == status
+    assert capsys.readouterr() == ('', line)
+
+
+def test_debug_prints_the_traceback(verb, capsys, monkeypatch):
+    monkeypatch.setenv('GRAVITY_COMP_DEBUG', '1')
+    verb(fails_with(BagError('broken')))
+    assert cli.main(['fit']) == 1
+    error = capsys.readouterr().err
+    assert 'Traceback' in error and error.endswith('gravity_comp fit: broken\n')
+
+
+def run_without(module, *argv):
+    """Run the real program with one Python module missing."""
+    program = (f'import sys; sys.modules[{module!r}] = None; '
+               f'from gravity_comp_ros.cli import main; sys.exit(main({list(argv)!r}))')
+    return subprocess.run([sys.executable, '-c', program], cwd=ROOT, capture_output=True,
+                          text=True, timeout=60)
+
+
+def test_a_missing_library_affects_only_the_verb_that_requires_it(tmp_path):
+    done = run_without('pinocchio', 'synth', '-o', str(tmp_path / 'a.mcap'))
+    assert done.returncode == 1
+    assert done.stderr.count('\n') == 1 and 'pip install pin ' in done.stderr
+    assert run_without('pinocchio', 'fit', '--help').returncode == 0
+    overview = run_without('pinocchio', '--help')
+    assert overview.returncode == 0 and overview.stdout.count('not available') <= 1
+
+
+def test_a_closed_pipe_is_quiet():
+    done = subprocess.run(f'{sys.executable} -m gravity_comp_ros.cli --help | true', shell=True,
+                          cwd=ROOT, capture_output=True, text=True, timeout=60,
+                          env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+    assert done.stderr == ''
+
+
+def test_output_to_a_terminal_without_unicode():
+    done = subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'fit', '--help'],
+                          cwd=ROOT, capture_output=True, timeout=60,
+                          env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
+    assert done.returncode == 0, done.stderr
+    assert b'N?m per unit' in done.stdout
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text())
+def test_printable_text_contains_no_control_characters(text):
+    printed = printable(text)
+    assert printed.isprintable()
+    assert len(printed.splitlines()) <= 1
+
+
+def test_printable_keeps_ordinary_names():
+    assert printable('Gelenk_1 (Größe ½) 关节') == 'Gelenk_1 (Größe ½) 关节'
+    assert printable('a\tb\r\n c') == 'a b c'
+    assert printable('\x1b]0;x\x07 \u202e\ud800') == '\\x1b]0;x\\x07 \\u202e\\ud800'

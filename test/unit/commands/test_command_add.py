@@ -1,0 +1,260 @@
+"""`add`, `add --undo` and `fit --effects`, on two links with an analytic torque."""
+
+import hashlib
+import json
+from pathlib import Path
+
+from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Value
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    runs = {'one': two_links(1), 'two': two_links(2), 'later': two_links(3),
+            'short': two_links(4, count=40), 'one_way': two_links(5, one_way=True),
+            'other': two_links(6, names=('a', 'b'))}
+    for name, samples in runs.items():
+        write_bag(folder / f'{name}.mcap', [joint_states(samples)])
+    return {name: str(folder / f'{name}.mcap') for name in runs}
+
+
+@pytest.fixture(scope='module')
+def fitted(bags, tmp_path_factory):
+    path = tmp_path_factory.mktemp('models') / 'arm.json'
+    assert main(['fit', bags['one'], bags['two'], '-o', str(path)]) == 0
+    return path.read_bytes()
+
+
+@pytest.fixture
+def model(fitted, tmp_path):
+    path = tmp_path / 'arm.json'
+    path.write_bytes(fitted)
+    return path
+
+
+def run_json(capsys, *argv):
+    status = main([*map(str, argv), '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def add(capsys, effects, model, *bags, **options):
+    return run_json(capsys, 'add', effects, '--model', model, *bags, *options.get('more', ()))
+
+
+def rms(model, samples):
+    return np.sqrt(((samples.tau - predict_torque(model, samples)) ** 2).mean(axis=0))
+
+
+def test_friction_and_offset_are_estimated_correctly(bags, model, capsys):
+    result = add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder,'
+                 'torque_offset:elbow', model, bags['one'], bags['two'])
+    effects = {effect['target']: effect['coefficients'] for effect in result['effects']}
+    for target, symbol, truth, unit in (
+            ('coulomb_friction:shoulder', 'F_c', COULOMB, 'N·m'),
+            ('viscous_friction:shoulder', 'F_v', VISCOUS, 'N·m·s/rad'),
+            ('torque_offset:elbow', 'b', OFFSET, 'N·m')):
+        value = effects[target][symbol]
+        assert value['unit'] == unit
+        low, high = value['ci95']
+        # The base tilt of a chain is free and nearly collinear with the offset of the elbow.
+        assert low < truth < high and high - low < 0.35 * truth
+    for joint in JOINTS:
+        assert result['held_out'][joint]['rmse_after'] < 1.15 * NOISE
+    # Gravity absorbed most of the offset by a feature c2, but no friction.
+    assert result['held_out']['shoulder']['rmse_before'] > 0.5
+    assert result['held_out']['elbow']['rmse_before'] > 1.5 * NOISE
+    assert result['p'] < 1e-3 and not result['warnings'] and result['written']
+    # Gravity itself is accurate on a held-out recording.
+    changed, later = load_model(model), two_links(3)
+    truth = np.column_stack([10.0 * np.sin(later.q[:, 0]), np.zeros(len(later))]) \
+        + 4.0 * np.sin(later.q.sum(axis=1))[:, None]
+    assert np.abs(changed.predict(later.q) - truth).max() < 0.1
+    assert (rms(changed, later) < 1.2 * NOISE).all()
+
+
+def test_compare_and_diagnose_take_the_effects_into_account(bags, model, capsys):
+    before = run_json(capsys, 'compare', bags['later'], '--model', model)['joints']
+    add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder', model, bags['one'])
+    after = run_json(capsys, 'compare', bags['later'], '--model', model)['joints']
+    assert after['shoulder']['rmse'] < 0.2 * before['shoulder']['rmse']
+    # The offset of the elbow biases gravity slightly, so the error changes a little.
+    assert after['elbow']['rmse'] == pytest.approx(before['elbow']['rmse'], rel=0.1)
+    rest = run_json(capsys, 'diagnose', bags['one'], bags['two'], '--model', model)['findings']
+    assert {(f['joint'], f['effect']) for f in rest} == {('elbow', 'torque_offset')}
+
+
+def test_without_a_joint_an_effect_is_added_where_identifiable(bags, model, capsys):
+    result = add(capsys, 'coulomb_friction', model, bags['one'], bags['two'])
+    assert 'coulomb_friction:shoulder' in result['added']
+    # The elbow has no friction: the effect is omitted if negative, and near zero otherwise.
+    elbow = [e for e in result['effects'] if e['joint'] == 'elbow']
+    assert 'coulomb_friction:elbow' in result['left_out'] or \
+        abs(elbow[0]['coefficients']['F_c']['value']) < 0.03
+
+
+def test_undo_restores_the_model_bit_by_bit(bags, model, capsys):
+    start = load_model(model)
+    add(capsys, 'coulomb_friction:shoulder', model, bags['one'])
+    middle = load_model(model)
+    add(capsys, 'torque_offset:elbow', model, bags['one'])
+    done = run_json(capsys, 'add', '--undo', '--model', model)
+    assert done['removed'] == ['torque_offset:elbow']
+    assert done['effects'] == ['coulomb_friction:shoulder']
+    back = load_model(model)
+    assert back.applied.effects == middle.applied.effects
+    np.testing.assert_array_equal(back.energy.weights, middle.energy.weights)
+    assert main(['add', '--undo', '--model', str(model)]) == 0
+    back = load_model(model)
+    np.testing.assert_array_equal(back.energy.weights, start.energy.weights)
+    np.testing.assert_array_equal(back.noise, start.noise)
+    assert [(step.action, step.effects) for step in back.history] == [
+        ('added', ('coulomb_friction:shoulder',)), ('added', ('torque_offset:elbow',)),
+        ('removed', ('torque_offset:elbow',)), ('removed', ('coulomb_friction:shoulder',))]
+    capsys.readouterr()
+    kept = model.read_bytes()
+    assert main(['add', '--undo', '--model', str(model)]) == 1
+    assert 'no addition to undo' in capsys.readouterr().err
+    assert model.read_bytes() == kept
+
+
+def test_an_unnecessary_effect_is_added_with_a_warning(bags, model, capsys):
+    assert main(['add', 'viscous_friction:elbow', '--model', str(model), bags['one']]) == 0
+    out = capsys.readouterr()
+    assert 'the held-out error does not decrease' in out.err
+    assert 'added viscous_friction:elbow' in out.out
+
+
+def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
+    result = add(capsys, 'coulomb_friction:shoulder', model, bags['one'], more=['--dry-run'])
+    assert result['added'] and not result['written']
+    assert model.read_bytes() == fitted
+
+
+def test_held_out_data_stays_held_out(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
+    result = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
+    # The second bag was held out.
+    assert result['n_samples'] == 1200 and result['on_holdout'] is None
+
+
+def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
+    path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
+    run_json(capsys, 'fit', *both, '--holdout', '-o', path)
+    before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
+    result = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
+    after = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
+    for joint, error in result['on_holdout'].items():
+        assert error['rmse_before'] == pytest.approx(before[joint]['rmse'], rel=1e-9)
+        assert error['rmse_after'] == pytest.approx(after[joint]['rmse'], rel=1e-9)
+        assert error['torque_std'] == pytest.approx(after[joint]['torque_std'], rel=1e-9)
+    assert result['on_holdout']['shoulder']['rmse_after'] < 0.6 * result['on_holdout'][
+        'shoulder']['rmse_before']
+    diagnosed = run_json(capsys, 'diagnose', *both, '--model', path, '--holdout', '--effects',
+                         'viscous_friction')
+    assert diagnosed['data']['n_samples'] == 1200
+
+
+def test_holdout_of_a_fit_of_all_samples_compares_all_samples(bags, tmp_path, capsys):
+    path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
+    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
+    result = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
+    assert result['gate']['all_samples'] and result['joints']['shoulder']['n'] == 1200
+
+
+@pytest.mark.parametrize('verb', ['add', 'diagnose'])
+def test_a_fit_without_holdout_is_reported(bags, model, capsys, verb):
+    effect = ['coulomb_friction'] if verb == 'add' else []
+    assert main([verb, *effect, bags['one'], '--model', str(model), '--holdout']) == 1
+    assert 'was fitted without --holdout' in capsys.readouterr().err
+
+
+def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one_way'], '-o', path)
+    status = main(['add', 'torque_offset:shoulder', bags['one_way'], '--model', str(path),
+                   '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    result = json.loads(out.out)
+    assert result['added'] == ['torque_offset:shoulder']
+    assert [(finding['effect'], finding['joint']) for finding in result['ties']] == [
+        ('torque_offset', 'shoulder')]
+    assert 'coulomb_friction' in result['ties'][0]['rivals'] and result['ties'][0]['settled_by']
+
+
+def test_fit_of_effects_jointly_with_gravity(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    result = run_json(capsys, 'fit', bags['one'], bags['two'], '--effects',
+                      'coulomb_friction:shoulder,viscous_friction:shoulder,torque_offset:elbow',
+                      '-o', path)
+    assert set(result['added']) == {'coulomb_friction:shoulder', 'viscous_friction:shoulder',
+                                    'torque_offset:elbow'}
+    model = load_model(path)
+    # 10 s1 + 4 s1 c2 + 4 c1 s2: no other coefficient is larger than noise makes it.
+    large = [sorted(np.abs(t.weights)[np.abs(t.weights) > 0.1]) for t in model.torques]
+    assert large[0] == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
+    assert large[1] == pytest.approx([4.0, 4.0], abs=0.1)
+    assert (rms(model, two_links(3)) < 1.2 * NOISE).all()
+
+
+def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
+    loaded = load_model(model)
+    strange = AppliedEffect('ghost_torque', 'elbow', {}, {'x': Value(1.0, 'N·m', (0.9, 1.1))})
+    applied = type(loaded.applied)((strange,))
+    save_model(model, type(loaded)(**{**loaded.__dict__, 'applied': applied}))
+    assert main(['compare', bags['later'], '--model', str(model)]) == 1
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert 'ghost_torque' in err and 'not installed' in err
+
+
+@pytest.mark.parametrize('effects, bag, message', [
+    ('coulom:shoulder', 'one', 'did you mean coulomb_friction?'),
+    ('coulomb_friction:sholder', 'one', 'did you mean shoulder?'),
+    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'requested twice'),
+    ('base_tilt:shoulder', 'one', 'whole arm'),
+    ('coulomb_friction:shoulder', 'short', 'too few'),
+    ('coulomb_friction:shoulder', 'one_way', 'one direction only'),
+    ('coulomb_friction:shoulder', 'other', 'no joint shoulder'),
+    ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
+])
+def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
+                                                     message):
+    path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
+    assert main(['add', effects, '--model', str(model), path]) == 1
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
+    assert len(err) == 1 and message in err[0], err
+    assert model.read_bytes() == fitted
+
+
+def test_an_effect_is_not_added_twice(bags, model, capsys):
+    add(capsys, 'torque_offset:elbow', model, bags['one'])
+    kept = hashlib.sha256(model.read_bytes()).hexdigest()
+    assert main(['add', 'torque_offset:elbow', '--model', str(model), bags['one']]) == 1
+    assert 'in the model already' in capsys.readouterr().err
+    assert hashlib.sha256(model.read_bytes()).hexdigest() == kept
+
+
+def test_a_read_only_model_is_refused_before_the_work(bags, model, fitted, capsys):
+    model.chmod(0o444)
+    assert main(['add', 'torque_offset:elbow', '--model', str(model), bags['one']]) == 1
+    err = capsys.readouterr().err
+    assert 'read-only' in err and 'read one.mcap' not in err
+    assert model.read_bytes() == fitted
+
+
+@pytest.mark.parametrize('argv', [
+    ['add', '--model', 'm.json'], ['add', 'torque_offset', '--model', 'm.json'],
+    ['add', 'torque_offset', 'a.mcap', '--model', 'm.json', '--undo'], ['add', '--undo']])
+def test_wrong_usage_exits_with_2(argv, capsys):
+    assert main(argv) == 2
+    assert capsys.readouterr().err

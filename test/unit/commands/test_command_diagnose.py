@@ -1,0 +1,185 @@
+"""`diagnose`: text and JSON output, next steps, and untestable effects."""
+
+from argparse import Namespace
+import json
+from pathlib import Path
+import shlex
+
+from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.commands import follow_up
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, VERDICTS
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import pytest
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with recordings and a model fitted to two of them."""
+    folder = tmp_path_factory.mktemp('diagnose')
+    runs = {'one': two_links(1, reach=WIDE), 'two': two_links(2, reach=WIDE),
+            'clean': two_links(3, rough=0.0),
+            'one_way': two_links(5, one_way=True), 'short': two_links(4, count=40),
+            'other': two_links(6, names=('a', 'b'))}
+    for name, samples in runs.items():
+        write_bag(folder / f'{name}.mcap', [joint_states(samples)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(['fit', 'one.mcap', 'two.mcap', '-o', 'arm.json']) == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def run_json(capsys, *argv):
+    status = main(['diagnose', *argv, '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def shown(capsys, *argv):
+    assert main(['diagnose', *argv]) == 0
+    out = capsys.readouterr()
+    return out.out, out.err
+
+
+def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
+    result = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    for finding in result['findings']:
+        assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
+                'nrmse_after', 'base_absorbed', 'runs_better', 'why', 'next_step'} <= set(finding)
+        assert finding['verdict'] in VERDICTS
+        for value in finding['coefficients'].values():
+            assert set(value) == {'value', 'unit', 'ci95'}
+            assert value['ci95'][0] <= value['value'] <= value['ci95'][1]
+    assert set(result['joints']) == set(JOINTS)
+    for report in result['joints'].values():
+        assert {'summary', 'noise_floor', 'n_effective'} <= set(report)
+        assert 0 < report['n_effective'] <= 2400
+    named = {(f['joint'], f['effect']): f for f in result['findings']}
+    assert {('shoulder', 'coulomb_friction'), ('shoulder', 'viscous_friction')} <= set(named)
+    friction = named['shoulder', 'coulomb_friction']['coefficients']['F_c']
+    assert friction['ci95'][0] < COULOMB < friction['ci95'][1]
+    assert named['shoulder', 'coulomb_friction']['nrmse_after'] < 0.5 * \
+        named['shoulder', 'coulomb_friction']['nrmse_before']
+    low, high = named['elbow', 'torque_offset']['coefficients']['b']['ci95']
+    assert low < OFFSET < high
+
+
+def test_text_has_a_sentence_a_table_and_commands(capsys):
+    out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    lines = out.splitlines()
+    assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
+    for message in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
+                    'not identifiable from this recording', 'coulomb_friction', 'established',
+                    'reversals', 'at rest', 'effective n'):
+        assert message in out, message
+
+
+def test_the_next_step_is_a_command_that_works(capsys):
+    out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    command = next(line for line in out.splitlines() if 'gravity_comp add' in line)
+    argv = shlex.split(command)[1:]
+    assert argv[-4:] == ['one.mcap', 'two.mcap', '--model', 'arm.json']
+    assert main([*argv, '--dry-run', '--json']) == 0
+    added = json.loads(capsys.readouterr().out)
+    for joint in JOINTS:
+        assert added['held_out'][joint]['rmse_after'] < 1.3 * NOISE
+
+
+def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
+    out, _ = shown(capsys, 'one.mcap', '--effects', 'coulomb_friction,viscous_friction')
+    # The file arm.json already exists.
+    assert 'gravity_comp fit one.mcap -o arm_2.json' in out
+    assert 'coulomb_friction:shoulder' in out and 'torque_offset' not in out
+
+
+def test_no_findings_where_nothing_is_missing(capsys):
+    result = run_json(capsys, 'clean.mcap')
+    assert result['findings'] == []
+    assert result['verdict'] == 'Nothing is missing that is detectable in this motion.'
+    out, _ = shown(capsys, 'clean.mcap')
+    assert out.startswith('Nothing is missing') and 'next step' not in out
+
+
+def test_friction_is_untestable_with_motion_in_one_direction(capsys):
+    result = run_json(capsys, 'one_way.mcap')
+    accepted = [f for f in result['findings'] if f['verdict'] in ('established', 'likely')]
+    assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
+    assert 'one direction only' in result['joints']['shoulder']['untestable']['coulomb_friction']
+    assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
+    out, _ = shown(capsys, 'one_way.mcap')
+    reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
+    assert reason in ' '.join(out.split())
+
+
+def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
+    out, _ = shown(capsys, 'one.mcap', '--json', str(tmp_path / 'd.json'))
+    assert 'missing effects' in out
+    assert json.loads((tmp_path / 'd.json').read_text())['findings']
+
+
+@pytest.mark.parametrize('argv, message', [
+    (['other.mcap', '--model', 'arm.json'], 'shoulder'),
+    (['short.mcap', '--model', 'arm.json'], 'too few'),
+    (['one.mcap', '--model', 'nothing.json'], 'nothing.json'),
+    (['one.mcap', '--effects', 'viscos_friction'], 'did you mean viscous_friction?'),
+    (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
+    (['one.mcap', 'other.mcap'], 'different robots'),
+])
+def test_bad_input_gets_one_line(capsys, argv, message):
+    assert main(['diagnose', *argv]) == 1
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
+    assert len(err) == 1 and message in err[0], err
+
+
+def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_path):
+    # Coulomb friction alone absorbs part of the missing viscous friction.
+    model = tmp_path / 'arm.json'
+    model.write_bytes(Path('arm.json').read_bytes())
+    assert main(['add', 'coulomb_friction:shoulder', '--model', str(model), 'one.mcap',
+                 'two.mcap']) == 0
+    capsys.readouterr()
+    findings = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
+    named = {(f['joint'], f['effect']) for f in findings if f['verdict'] == 'established'}
+    assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
+
+
+def finding(effect, verdict, alternatives=(), next_step='move it'):
+    return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
+                   next_step)
+
+
+@pytest.mark.parametrize('model', ['arm.json', None])
+def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, model):
+    args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
+                     effort_scale=[], effort_unit='Nm', rename=[], position_unit='rad', accept=(),
+                     reverse=(), zero=[],
+                     differentiate=False)
+    findings = (finding('coulomb_friction', 'established'),
+                finding('torque_offset', 'ambiguous', ('joint_spring',)),
+                finding('inertia', 'weak'), finding(None, 'unexplained'))
+    follow_up.show(args, Diagnosis(findings, {}))
+    output = capsys.readouterr().out
+    commands = [shlex.split(line)[1:] for line in output.splitlines()
+                if line.startswith('  gravity_comp ')]
+    verbs = [command[0] for command in commands]
+    # The accepted effect, the best of the ambiguous ones, and the motion for the open ones.
+    assert verbs == (['add', 'add', 'plan'] if model else ['fit', 'add', 'add', 'fit', 'plan'])
+    assert [c[1] for c in commands if c[0] == 'add'] == ['coulomb_friction:shoulder',
+                                                         'torque_offset:shoulder']
+    add, plan = (next(c for c in commands if c[0] == verb) for verb in ('add', 'plan'))
+    assert add[1] == 'coulomb_friction:shoulder' and plan[-1] == 'motion.yaml'
+    assert 'open: 3 findings not to add yet' in output
+    assert 'alternative: joint_spring' in output and 'add at most one of them' in output
+    assert 'no known effect describes it' in output
+
+
+def test_fitted_and_new_recordings_are_listed(capsys):
+    out, _ = shown(capsys, 'one.mcap', 'clean.mcap', '--model', 'arm.json', '--effects',
+                   'torque_offset')
+    assert 'the model was fitted to one.mcap and not fitted to clean.mcap' in out

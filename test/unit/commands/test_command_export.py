@@ -1,0 +1,145 @@
+"""`gravity_comp export` and `update --flange`: targets, output and bad input."""
+
+import json
+from pathlib import Path
+import re
+
+from bench.shared import urdf_snippets as snippets
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, Payload, payload_of
+from gravity_comp_ros.models.applied_effects import Quantity
+from gravity_comp_ros.models.model_file import load_model
+import numpy as np
+import pytest
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+TOOL = ('<link name="tool0"/><joint name="flange" type="fixed"><parent link="iiwa_link_7"/>'
+        '<child link="tool0"/><origin xyz="0 0 0.045" rpy="0 0 1.5707963267948966"/></joint>'
+        '</robot>')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory, iiwa_model_file):
+    """Return a folder with a model, the model with 2 kg, and a description with a flange."""
+    folder = tmp_path_factory.mktemp('export')
+    text = (BAGS / 'iiwa7.urdf').read_text().replace('</robot>', TOOL)
+    (folder / 'arm.urdf').write_text(text)
+    (folder / 'arm.json').write_bytes(iiwa_model_file.read_bytes())
+    assert main(['update', str(BAGS / 'eq17_2kg.mcap'), '--model', str(folder / 'arm.json'),
+                 '--urdf', str(folder / 'arm.urdf'), '--flange', 'tool0', '-o',
+                 str(folder / 'tool.json'), '--json', str(folder / 'update.json')]) == 0
+    return folder
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def run(capsys, *arguments):
+    status = main(['export', *arguments])
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
+
+
+def test_c(here, tmp_path, capsys):
+    status, out, _ = run(capsys, 'arm.json', '--to', 'c', '-o', str(tmp_path / 'new' / 'src'))
+    assert status == 0 and 'chain of 7 joints; 91 parameters' in out
+    assert {path.name for path in (tmp_path / 'new' / 'src').iterdir()} == {
+        'gc_gravity.c', 'gc_gravity.h'}
+
+
+def test_urdf_gives_the_load_to_the_last_link(here, tmp_path, capsys):
+    output = tmp_path / 'new.urdf'
+    status, out, _ = run(capsys, 'tool.json', '--to', 'urdf', '--urdf', 'arm.urdf', '-o',
+                         str(output), '--json', str(tmp_path / 'r.json'))
+    result = json.loads((tmp_path / 'r.json').read_text())
+    links = result['links']
+    assert status == 0 and f'wrote {output}' in out
+    # 2 kg at 0.1 m: the first moment beyond the wrist is identified.
+    moment = sum(links[name]['mass'] * links[name]['centre'][2]
+                 - links[name]['mass_before'] * links[name]['centre_before'][2]
+                 for name in ('iiwa_link_7',))
+    assert 0.05 < moment < 0.35
+    assert all(row['after'] < 0.05 for row in result['difference'].values())
+    assert result['difference']['iiwa_joint_2']['before'] > 5.0
+
+
+def test_payload_lines_in_the_frame_of_the_flange(here, capsys):
+    status, out, _ = run(capsys, 'tool.json', '--to', 'payload', '--urdf', 'arm.urdf',
+                         '--flange', 'tool0')
+    assert status == 0
+    ur = re.search(r'set_target_payload\(([\d.]+), \[(.*)\]\)', out)
+    x, y, z = map(float, ur[2].split(','))
+    assert float(ur[1]) == pytest.approx(2.0, abs=0.02)
+    # (0, 0, 0.1) in link 7 is (0, 0, 0.055) beyond a flange at 0.045.
+    assert (x, y, z) == pytest.approx((0.0, 0.0, 0.055), abs=0.003)
+    kuka = re.search(r'LOAD_DATA\[1\]=\{M ([\d.]+),CM \{X (.*),Y (.*),Z ([\d.]+),A 0', out)
+    assert float(kuka[4]) == pytest.approx(1e3 * z, abs=0.06)
+    for maker in ('set_payload ur_msgs', 'robot.setLoad(', 'franka_msgs/srv/SetLoad',
+                  'arm.set_tcp_load(', 'config.SetToolConfiguration(tool)'):
+        assert maker in out
+    update = json.loads((here / 'update.json').read_text())['flange']
+    assert update['frame'] == 'tool0'
+    assert update['centre']['z']['value'] == pytest.approx(z, abs=1e-4)
+    low, high = update['centre']['z']['ci95']
+    assert abs(z - 0.055) < high - low
+
+
+def test_a_payload_in_another_frame_by_hand():
+    joints = snippets.UR_JOINTS
+    arm = described_arm(snippets.UR, joints)
+    link = f'{joints[-1]}_link'
+    centre = {axis: Quantity(value, 'm', (value - half, value + half))
+              for axis, value, half in (('x', 0.1, 0.01), ('y', 0.2, 0.02), ('z', 0.3, 0.03))}
+    # The flange is 0.3 m along z (urdf_snippets.joint), not turned.
+    moved = in_frame(Payload(link, Quantity(2.0, 'kg', (1.9, 2.1)), centre), arm, 'tool0')
+    np.testing.assert_allclose([x.value for x in moved.centre.values()], [0.1, 0.2, 0.0],
+                               atol=1e-12)
+    np.testing.assert_allclose([0.5 * np.ptp(x.ci95) for x in moved.centre.values()],
+                               [0.01, 0.02, 0.03], atol=1e-12)
+    with pytest.raises(GravityCompError, match='turns against'):
+        in_frame(moved, arm, f'{joints[-2]}_link')
+
+
+def test_a_removed_payload_has_no_line(here):
+    payload = payload_of(load_model('tool.json'))
+    removed = Payload(payload.frame, Quantity(-2.0, 'kg', (-2.1, -1.9)), payload.centre)
+    with pytest.raises(GravityCompError, match=r'removed 2\.000 kg'):
+        drive_lines(removed)
+
+
+@pytest.mark.parametrize(('arguments', 'status', 'message'), [
+    (('arm.json',), 2, '--to'),
+    (('arm.json', '--to', 'c'), 2, '--to c needs -o PATH'),
+    (('arm.json', '--to', 'c', '-o', 'x', '--urdf', 'arm.urdf'), 2, '--urdf is not for --to c'),
+    (('arm.json', '--to', 'c', '-o', 'x', '--prefix', '9'), 1, 'is not a C name'),
+    (('arm.json', '--to', 'c', '-o', 'arm.urdf'), 1, 'cannot write to the folder'),
+    (('none.json', '--to', 'c', '-o', 'x'), 1, 'cannot read model'),
+    (('arm.json', '--to', 'urdf', '-o', 'x'), 2, 'needs the description to correct'),
+    (('arm.json', '--to', 'urdf', '--urdf', 'none.urdf', '-o', 'x'), 1, 'cannot read URDF'),
+    (('arm.json', '--to', 'urdf', '--urdf', 'arm.urdf', '-o', 'arm.urdf'), 1,
+     'would be overwritten'),
+    (('arm.json', '--to', 'urdf', '--urdf', 'ur.urdf', '-o', 'x'), 1, 'ur.urdf has no joint'),
+    (('arm.json', '--to', 'mjcf', '--mjcf', 'arm.urdf', '-o', 'x'), 1, 'is not an MJCF'),
+    (('arm.json', '--to', 'payload'), 1, 'no estimate of a payload'),
+    (('tool.json', '--to', 'payload', '-o', 'x'), 2, 'takes no -o'),
+    (('tool.json', '--to', 'payload', '--flange', 'tool0'), 2, 'name it with --urdf'),
+    (('tool.json', '--to', 'payload', '--urdf', 'arm.urdf', '--flange', 'tool9'), 1,
+     'the arm carries no link tool9')])
+def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, status, message):
+    (here / 'ur.urdf').write_text(snippets.UR)
+    before = {path.name: path.read_bytes() for path in here.iterdir()}
+    got, out, err = run(capsys, *arguments)
+    assert got == status and out == '' and err.count('\n') == 1 and message in err
+    assert {path.name: path.read_bytes() for path in here.iterdir()} == before
+
+
+def test_a_flange_that_is_not_there_is_refused_before_the_update(here, capsys):
+    assert main(['update', str(BAGS / 'eq17_2kg.mcap'), '--model', 'arm.json', '--urdf',
+                 'arm.urdf', '--flange', 'tool9', '-o', 'never.json']) == 1
+    assert 'carries no link tool9' in capsys.readouterr().err
+    assert not (here / 'never.json').exists()

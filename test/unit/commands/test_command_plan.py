@@ -1,0 +1,134 @@
+"""Command `plan`, and `synth --motion` with its output."""
+
+import json
+
+from bench.shared import urdf_snippets as robots
+from bench.shared.planning_arm import model, NAMES, one_way, played
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('plan')
+    write_bag(folder / 'old.mcap', [joint_states(one_way(0))])
+    save_model(folder / 'arm.json', model())
+    (folder / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', twist='0 0 0')))
+    return folder
+
+
+def command(folder, output, *argv):
+    return ['plan', str(folder / 'old.mcap'), '--model', str(folder / 'arm.json'), '--settle',
+            'coulomb_friction:elbow', '--duration', '12', '-o', str(output), *map(str, argv)]
+
+
+def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
+    motion = tmp_path / 'motion.yaml'
+    assert main(command(folder, motion)) == 0
+    output = capsys.readouterr().out
+    for message in (' s: elbow ', 'coulomb_friction:elbow', 'move the arm to',
+                    'obstacles are not checked', f'written to {motion}'):
+        assert message in ' '.join(output.split())
+    again = tmp_path / 'again.csv'
+    assert main(command(folder, again, '--effort', '--json')) == 0
+    document = json.loads(capsys.readouterr().out)
+    (expected,) = document['expected']
+    assert expected['effect'] == 'coulomb_friction' and expected['joint'] == 'elbow'
+    assert expected['chance'] > expected['chance_before']
+    assert document['duration_s'] <= 12.0
+    trajectory = read_trajectory(again)
+    np.testing.assert_allclose(trajectory.q[0], document['start'], atol=1e-6)
+    assert trajectory.effort is not None
+    # The simulated arm follows the file, with joints matched by name.
+    out = tmp_path / 'new.mcap'
+    assert main(['synth', '--arm', str(folder / 'arm.urdf'), '--motion', str(motion), '--noise',
+                 '0.01', '-o', str(out)]) == 0
+    moved = read_bag(out).samples
+    at = np.interp(moved.t, trajectory.t, trajectory.q[:, 1])
+    np.testing.assert_allclose(moved.q[:, moved.names.index('elbow')], at, atol=2e-3)
+
+
+def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
+    out = tmp_path / 'wide.csv'
+    assert main(command(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
+    assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
+
+
+def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
+    old, limited = read_bag(folder / 'old.mcap').samples.q, ['--urdf', folder / 'arm.urdf']
+    out, ends = tmp_path / 'wide.csv', (old.min(axis=0), old.max(axis=0))
+    for more, argv, limit in ((0.4, [], 9.0), (4.0, limited, 3.0 * 0.96)):
+        assert main(command(folder, out, '--settle', 'torque_offset', '--widen', more,
+                            *argv)) == 0
+        q = read_trajectory(out).q
+        assert (q >= np.maximum(ends[0] - more, -limit) - 1e-9).all()
+        assert (q <= np.minimum(ends[1] + more, limit) + 1e-9).all()
+        assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
+
+
+def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys):
+    # Over 0.05 rad gravity is nearly collinear with an offset.
+    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, span=0.05))])
+    line = command(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
+    line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
+    assert main(line) == 1
+    assert 'widen the position limits' in ' '.join(capsys.readouterr().err.split())
+    assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
+    assert '--widen' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('friction, verdict', [(0.5, 'established'), (0.0, 'absent')])
+def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
+    motion, stated = tmp_path / 'motion.csv', tmp_path / 'plan.json'
+    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, friction=friction))])
+    old = str(tmp_path / 'old.mcap')
+    line = command(folder, motion, '--json', stated)
+    assert main([line[0], old, *line[2:]]) == 0
+    assert f'--plan {stated}' in ' '.join(capsys.readouterr().out.split())
+    new = played(read_trajectory(motion), friction=friction)
+    write_bag(tmp_path / 'new.mcap', [joint_states(new)])
+    line = ['diagnose', old, str(tmp_path / 'new.mcap'), '--model', str(folder / 'arm.json'),
+            '--effects', 'coulomb_friction,viscous_friction', '--plan', str(stated)]
+    out = tmp_path / 'found.json'
+    assert main([*line, '--json', str(out)]) == 0
+    (outcome,) = json.loads(out.read_text())['plan']
+    assert outcome['verdict'] == verdict and outcome['settled'] and outcome['as_expected']
+    assert '1 of 1 targets of the plan are resolved' in ' '.join(capsys.readouterr().out.split())
+    if friction:
+        # The expected width is met within the uncertainty of few blocks of data.
+        assert 0.2 < outcome['found_half_width'] / outcome['half_width'] < 5.0
+    stated.write_text('{}')
+    assert main(line) == 1
+    assert 'is not what `plan --json` writes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('argv, status, message', [
+    (('--within', 'limits'), 1, '--within limits requires --urdf'),
+    (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
+    (('--widen', '-1'), 2, 'not above 0'),
+    (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
+    (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
+])
+def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, message):
+    out = tmp_path / 'motion.yaml'
+    assert main(command(folder, out, *argv)) == status
+    assert message in capsys.readouterr().err and not out.exists()
+
+
+@pytest.mark.parametrize('motion, status, message', [
+    ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
+def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, message):
+    assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
+    assert message in capsys.readouterr().err
+
+
+def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):
+    motion = tmp_path / 'motion.csv'
+    assert main(command(folder, motion)) == 0
+    assert main(['synth', '--motion', str(motion), '-o', str(tmp_path / 'x.mcap')]) == 1
+    assert 'moves shoulder, elbow, wrist, but the joints of iiwa7' in capsys.readouterr().err

@@ -1,0 +1,190 @@
+"""`update`: a new payload from ten seconds of motion, on the command line."""
+
+import json
+from pathlib import Path
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.simulation import arms, motions
+import numpy as np
+import pytest
+
+URDF = str(Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf')
+COM = (0.02, 0.03, 0.1)
+LATER = motions.eq17(start=100.0).q
+FRICTION = ('--hidden', 'coulomb_friction:4=0.6')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with recordings of the bare and the loaded arm, smooth and rough."""
+    root = tmp_path_factory.mktemp('update')
+    load = ['--payload', '2', '--payload-com', *map(str, COM), '--start', '100']
+    for name, *more in (
+            ('bare', '--seed', '1'), ('bare_rough', '--seed', '1', *FRICTION),
+            ('tool', '--seed', '2', '--samples', '50', *load),
+            ('tool_rough', '--seed', '2', '--samples', '100', *load, *FRICTION),
+            ('few', '--seed', '2', '--samples', '8', *load)):
+        assert main(['synth', '--noise', '0.1', *more, '-o', str(root / f'{name}.mcap')]) == 0
+    assert main(['fit', str(root / 'bare.mcap'), '--formulation', 'chain',
+                 '-o', str(root / 'arm.json')]) == 0
+    return root
+
+
+@pytest.fixture
+def model(folder, tmp_path):
+    path = tmp_path / 'arm.json'
+    path.write_bytes((folder / 'arm.json').read_bytes())
+    return path
+
+
+def run_json(capsys, *argv):
+    capsys.readouterr()
+    status = main([*map(str, argv), '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def refused(capsys, *argv, status=1):
+    capsys.readouterr()
+    assert main(list(map(str, argv))) == status
+    out = capsys.readouterr()
+    lines = [line for line in out.err.splitlines() if not line.startswith('... ')]
+    assert out.out == '' and len(lines) == 1, out.err
+    return lines[0]
+
+
+def worst(model) -> float:
+    """Return the RMSE in N·m of the worst joint with the tool, against noise-free gravity."""
+    arm = arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM))
+    error = model.predict(LATER) - arms.gravity_torque(arm, LATER)
+    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+
+
+def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path, capsys):
+    path, new, few = tmp_path / 'axes.json', tmp_path / 'new.json', tmp_path / 'few.mcap'
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path)]) == 0
+    update = ('update', folder / 'tool.mcap', '--model', path, '-o', new)
+    result = run_json(capsys, *update)
+    assert result['payload']['mass']['value'] == pytest.approx(2.0, abs=0.05)
+    assert result['description']['source'] and not any('few' in w for w in result['warnings'])
+    assert run_json(capsys, *update, '--urdf', 'none')['payload'] is None
+    assert main(['cut', str(folder / 'tool.mcap'), '-o', str(few), '--to', '3']) == 0
+    result = run_json(capsys, 'update', few, '--model', path, '-o', new)
+    assert any(w.startswith('16 slow samples are few') for w in result['warnings'])
+
+
+def test_the_torque_of_a_payload_is_learned(folder, model, tmp_path, capsys):
+    new = tmp_path / 'new.json'
+    before = model.read_bytes()
+    answer = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
+    assert answer['n_samples'] == 50 and answer['written'] and answer['payload'] is None
+    q = motions.eq17(start=100.0, duration=10.0).q
+    effect = (arms.gravity_torque(arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM)), q)
+              - arms.gravity_torque(arms.iiwa7(), q))
+    assert list(answer['effect_mean'].values()) == pytest.approx(effect.mean(axis=0), abs=0.1)
+    largest = np.abs(effect).max(axis=0)
+    assert list(answer['effect_max'].values()) == pytest.approx(largest, abs=0.2)
+    assert all(0.0 < std < 0.1 for std in answer['std'].values())
+    assert model.read_bytes() == before
+    assert worst(load_model(model)) > 5.0 and worst(load_model(new)) <= 0.15
+
+
+def test_mass_and_centre_with_the_urdf(folder, model, capsys):
+    result = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
+    payload = result['payload']
+    assert payload['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    assert [payload['centre'][axis]['value'] for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
+    assert payload['mass']['ci95'][0] < payload['mass']['value'] < payload['mass']['ci95'][1]
+    changed = load_model(model)
+    assert worst(changed) <= 0.1
+    update = changed.provenance['updates'][-1]
+    assert update['bags'][0]['name'] == 'tool.mcap' and update['when'].startswith('20')
+    assert [bag['name'] for bag in changed.provenance['bags']] == ['bare.mcap', 'tool.mcap']
+    capsys.readouterr()
+    assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--dry-run']) == 0
+    out = capsys.readouterr()
+    assert 'does it contain the new payload?' in out.err and '--dry-run' in out.out
+
+
+def test_text_and_undo(folder, model, capsys):
+    before = load_model(model)
+    assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--urdf', URDF]) == 0
+    text = capsys.readouterr().out
+    assert 'mass +' in text and 'in the frame of iiwa_link_7' in text
+    assert 'torque of the payload, N·m (chain, 50 samples)' in text
+    assert main(['update', '--undo', '--model', str(model)]) == 0
+    back = load_model(model)
+    np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))
+    assert [step.action for step in back.history] == ['updated', 'removed']
+    assert 'updates' not in back.provenance
+    assert 'undone already' in refused(capsys, 'update', '--undo', '--model', model)
+
+
+def test_effects_are_kept_unchanged(folder, tmp_path, capsys):
+    model, new = tmp_path / 'rough.json', tmp_path / 'new.json'
+    assert main(['fit', str(folder / 'bare_rough.mcap'), '--formulation', 'chain', '--effects',
+                 'coulomb_friction:iiwa_joint_4', '-o', str(model)]) == 0
+    result = run_json(capsys, 'update', folder / 'tool_rough.mcap', '--model', model, '-o', new,
+                      '--urdf', URDF)
+    assert result['effects'] == ['coulomb_friction:iiwa_joint_4']
+    old, changed = load_model(model), load_model(new)
+    assert changed.applied.effects == old.applied.effects
+    assert worst(changed) <= 0.15
+    assert result['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    # Both changes can be undone, the last one first.
+    assert [step.action for step in changed.history] == ['added', 'updated']
+    assert main(['update', '--undo', '--model', str(new)]) == 0
+    assert 'the addition of coulomb_friction:iiwa_joint_4' in refused(
+        capsys, 'update', '--undo', '--model', new)
+    assert main(['add', '--undo', '--model', str(new)]) == 0
+
+
+def test_an_addition_before_a_payload_change_is_not_undone(folder, tmp_path, capsys):
+    # A model updated by the node, without a history step of the update.
+    from dataclasses import replace
+    from gravity_comp_ros.models.history import with_step
+    from gravity_comp_ros.models.model_file import save_model
+    old = load_model(folder / 'arm.json')
+    added = with_step(old, old, ('coulomb_friction:iiwa_joint_4',), 'now', {}, {})
+    save_model(tmp_path / 'm.json', replace(added, provenance={
+        **added.provenance, 'updates': [{'n_samples': 50}]}))
+    message = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
+    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in message
+
+
+def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
+    before = model.read_bytes()
+    tool = folder / 'tool.mcap'
+    assert '8 slow samples' in refused(capsys, 'update', folder / 'few.mcap', '--model', model)
+    assert 'no such file' in refused(capsys, 'update', tool, '--model', model, '--urdf',
+                                     tmp_path / 'none.urdf')
+    other = tmp_path / 'other.urdf'
+    other.write_text('<robot name="r"><link name="l"/></robot>')
+    assert 'has no joint' in refused(capsys, 'update', tool, '--model', model, '--urdf', other)
+    assert 'would be overwritten' in refused(capsys, 'update', tool, '--model', model, '-o', tool)
+    assert 'there is no folder' in refused(capsys, 'update', tool, '--model', model, '-o',
+                                           tmp_path / 'no' / 'm.json')
+    assert 'at least one bag' in refused(capsys, 'update', '--model', model, status=2)
+    assert 'at least one bag' in refused(capsys, 'update', tool, '--undo', '--model', model,
+                                         status=2)
+    assert model.read_bytes() == before
+    model.chmod(0o444)
+    assert 'read-only' in refused(capsys, 'update', tool, '--model', model)
+
+
+def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
+    path = tmp_path / 'known.json'
+    result = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
+    assert result['report']['formulation'] == 'chain' and result['report']['known_axes']
+    assert load_model(path).provenance['options']['known_axes']
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
+    assert 'axes from the URDF' in capsys.readouterr().out
+    assert 'potential does not use a robot description' in refused(
+        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
+    # A recording may list the joints in any order; the model uses the order of the arm.
+    names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
+    run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path, '--joints',
+             ','.join(names))
+    assert load_model(path).joints == tuple(sorted(names))

@@ -1,0 +1,193 @@
+"""`check`: each fault of a description is found, named, and its correction corrects it."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.description.inertials import urdf_inertials
+from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.robot_tree import parse_tree
+from gravity_comp_ros.description_check.arm_state import ArmState
+from gravity_comp_ros.description_check.check import check_description
+from gravity_comp_ros.description_check.faults import KINDS
+from gravity_comp_ros.description_check.sentences import findings
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.kinematic.chain import tilt
+from gravity_comp_ros.recordings.bag import read_bag
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytestmark = pytest.mark.slow
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+URDF = (BAGS / 'iiwa7.urdf').read_text()
+JOINTS = tuple(f'iiwa_joint_{n}' for n in range(1, 8))
+
+
+@pytest.fixture(scope='module')
+def samples():
+    every = slow_samples(read_bag(BAGS / 'random_poses.mcap').samples).samples
+    return every.select(np.arange(0, len(every), 4))
+
+
+def edited(joint=None, link=None, **changes):
+    """Return the description with attributes changed: tag_attribute=value."""
+    root = ElementTree.fromstring(URDF)
+    where = root.find(f'joint[@name="{joint}"]') if joint else root.find(
+        f'link[@name="{link}"]/inertial')
+    for key, value in changes.items():
+        tag, attribute = key.split('_')
+        where.find(tag).set(attribute, value)
+    return ElementTree.tostring(root, encoding='unicode')
+
+
+def checked(text, samples):
+    arm = described_arm(text, JOINTS)
+    inertials = urdf_inertials(text, arm, 'arm.urdf')
+    result = check_description(samples, arm, inertials)
+    return result, findings(result, arm, parse_tree(text, 'arm.urdf'), inertials)
+
+
+def rpy_of(joint, turn=None, about=None):
+    """Return the rpy of a joint with its frame turned by `turn`, or the parent's by `about`."""
+    origin = ElementTree.fromstring(URDF).find(f'joint[@name="{joint}"]/origin')
+    rotation = pin.rpy.rpyToMatrix(np.array(origin.get('rpy').split(), float))
+    rotation = rotation @ turn if turn is not None else about @ rotation
+    return ' '.join(repr(float(x)) for x in pin.rpy.matrixToRpy(rotation))
+
+
+def test_a_description_without_fault(samples):
+    result, faults = checked(URDF, samples)
+    assert not faults
+    # Neither gravity nor a level base shows the zero of the first joint.
+    assert 'iiwa_joint_1' in result.unchecked['zero_angle']
+    assert 'iiwa_joint_4' not in result.unchecked['zero_angle']
+
+
+def turned(degrees, axis):
+    return pin.exp3(np.deg2rad(degrees) * np.array(axis, float))
+
+
+CASES = {
+    'axis_reversed': (lambda: edited('iiwa_joint_4', axis_xyz='0 0 -1'), 'iiwa_joint_4', None),
+    'axis_turned': (lambda: edited('iiwa_joint_4', axis_xyz=' '.join(
+        map(repr, (turned(10, [1, 0, 0])[:, 2]).tolist()))), 'iiwa_joint_4', 10.0),
+    'zero_angle': (lambda: edited('iiwa_joint_2', origin_rpy=rpy_of(
+        'iiwa_joint_2', turn=turned(5, [0, 0, 1]))), 'iiwa_joint_2', -5.0),
+    'mount': (lambda: edited('iiwa_joint_1', origin_rpy=rpy_of(
+        'iiwa_joint_1', about=turned(90, [1, 0, 0]))), 'base', 90.0),
+    'mass': (lambda: edited(link='iiwa_link_4', mass_value='4.52686'), 'iiwa_link_4', 3.4822)}
+
+
+@pytest.fixture(scope='module')
+def faulty(samples):
+    """Return the findings of each case, by kind; each check takes seconds."""
+    return {kind: checked(make(), samples)[1] for kind, (make, _, _) in CASES.items()}
+
+
+@pytest.mark.parametrize('kind', CASES)
+def test_each_fault_is_named_with_its_size(kind, faulty):
+    _, subject, value = CASES[kind]
+    faults = faulty[kind]
+    first = faults[0]
+    assert first.kind == kind and first.subjects == (subject,) and len(faults) == 1
+    if value is None:
+        assert first.value is None
+    else:
+        low, high = first.ci95
+        assert first.value == pytest.approx(value, rel=0.05)
+        assert low - 0.01 * abs(value) < value < high + 0.01 * abs(value)
+
+
+@pytest.mark.parametrize('kind', ['axis_turned', 'zero_angle', 'axis_reversed', 'mass'])
+def test_the_correction_corrects(kind, samples, faulty):
+    text, first = CASES[kind][0](), faulty[kind][0]
+    tag, attribute, value = re.search(r': <(\w+) (\w+)="(.*?)"/>', first.correction).groups()
+    root = ElementTree.fromstring(text)
+    name = re.search(r'name="(.*?)"', first.correction)[1]
+    where = root.find(f'link[@name="{name}"]/inertial') if kind == 'mass' else root.find(
+        f'joint[@name="{name}"]')
+    where.find(tag).set(attribute, value)
+    _, faults = checked(ElementTree.tostring(root, encoding='unicode'), samples)
+    assert not faults
+
+
+def test_faults_of_the_recording(samples):
+    swapped = samples.q[:, [0, 3, 2, 1, 4, 5, 6]], samples.tau[:, [0, 3, 2, 1, 4, 5, 6]]
+    _, faults = checked(URDF, replace(samples, q=swapped[0], tau=swapped[1]))
+    assert faults[0].kind == 'order'
+    assert set(faults[0].subjects) == {'iiwa_joint_2', 'iiwa_joint_4'}
+    assert faults[0].correction.startswith('--rename iiwa_joint_2=iiwa_joint_4')
+    gain = np.array([1, 1, 1, -0.8, 1, 1, 1])
+    _, faults = checked(URDF, replace(samples, tau=samples.tau * gain))
+    assert faults[0].kind == 'effort_scale' and faults[0].value == pytest.approx(-0.8, abs=0.01)
+    assert faults[0].correction.startswith('--effort-scale iiwa_joint_4=-1.2')
+    _, faults = checked(URDF, replace(samples, tau=0.5 * samples.tau))
+    assert faults[0].kind == 'effort_unit' and faults[0].value == pytest.approx(0.5, abs=0.01)
+
+
+def test_two_faults_at_once_and_a_load():
+    loaded = slow_samples(read_bag(BAGS / 'eq17_2kg.mcap').samples).samples
+    _, faults = checked(edited('iiwa_joint_4', axis_xyz='0 0 -1'), loaded)
+    names = {(one.kind, one.subjects[0]) for one in faults}
+    assert ('axis_reversed', 'iiwa_joint_4') in names
+    body = next(one for one in faults if one.kind == 'body')
+    assert body.value == pytest.approx(2.0, abs=0.1) and 'iiwa_link_7' in ' '.join(
+        (body.sentence, *body.alternatives))
+
+
+def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
+    arm = described_arm(URDF, JOINTS)
+    inertials = urdf_inertials(URDF, arm, 'arm.urdf')
+    x = np.concatenate([one.about_origin()[:4] for one in inertials.values()])
+    bodies = (arm.to_frames(list(inertials)) @ x).reshape(-1, 4)
+    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, bodies)
+    expected = arm.columns(samples.q, list(inertials)) @ x
+    np.testing.assert_allclose(state.gravity(samples.q), expected, atol=1e-9)
+    # Turned at angle 0, an axis moves nothing.
+    rest = np.zeros((1, 7))
+    moved = state.turned_axis(3, tilt(np.array([[0.2, -0.1]]))[0])
+    others = [0, 1, 2, 4, 5, 6]
+    np.testing.assert_allclose(moved.gravity(rest)[:, others], state.gravity(rest)[:, others],
+                               atol=1e-9)
+
+
+def test_few_samples_and_descriptions_without_mass_are_refused(samples):
+    arm = described_arm(URDF, JOINTS)
+    inertials = urdf_inertials(URDF, arm, 'arm.urdf')
+    with pytest.raises(DataError, match='too few'):
+        check_description(samples.select(np.arange(20)), arm, inertials)
+    text = re.sub(r'<inertial>.*?</inertial>', '', URDF, flags=re.DOTALL)
+    with pytest.raises(DataError, match='gives no mass'):
+        urdf_inertials(text, described_arm(text, JOINTS), 'arm.urdf')
+
+
+def test_the_command(tmp_path, capsys):
+    bag = str(BAGS / 'random_poses.mcap')
+    assert main(['check', bag, '--urdf', str(BAGS / 'iiwa7.urdf')]) == 0
+    assert 'no fault found' in capsys.readouterr().out
+    (tmp_path / 'arm.urdf').write_text(CASES['axis_reversed'][0]())
+    assert main(['check', bag, '--urdf', str(tmp_path / 'arm.urdf'), '--json',
+                 str(tmp_path / 'r.json')]) == 3
+    out = capsys.readouterr().out
+    assert '1. the axis of iiwa_joint_4 is reversed' in out and '<axis xyz="0 0 1"/>' in out
+    result = json.loads((tmp_path / 'r.json').read_text())
+    assert {one['kind'] for one in result['faults']} <= set(KINDS)
+    assert result['joints']['iiwa_joint_2']['rmse'] > 2 * result['joints']['iiwa_joint_2'][
+        'rmse_corrected']
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['--urdf', 'none.urdf'], 'cannot read URDF'), ([], 'name a file with --urdf'),
+    (['--urdf', 'other.urdf'], 'has no joint')])
+def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path('other.urdf').write_text(URDF.replace('iiwa_joint', 'joint'))
+    assert main(['check', str(BAGS / 'random_poses.mcap'), *arguments]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == '' and captured.err.count('\n') == 1 and message in captured.err

@@ -1,0 +1,109 @@
+"""Robot descriptions, and positions of joints without effort, in bags of all formats."""
+
+from bench.shared.recordings import messages, START_NS, STORE, write_folder
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.bag import joint_positions, PositionRange
+from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
+from gravity_comp_ros.recordings.robot_description import (
+    decode_string, first_description, robot_description)
+from hypothesis import given, settings, strategies
+import numpy as np
+import pytest
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
+from rosbags.interfaces import QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+STRING = 'std_msgs/msg/String'
+LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+              QosTime(0, 0), QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), False)
+
+
+def string(text: str) -> bytes:
+    """Return a std_msgs/String as serialised by rosbags."""
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
+
+
+def write_bag(path, topics, plugin='mcap', qos=()):
+    """Write joint states, and topics of strings: name -> list of messages in CDR."""
+    storage = StoragePlugin.MCAP if plugin == 'mcap' else StoragePlugin.SQLITE3
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        states = writer.add_connection('/joint_states', JOINT_STATE, typestore=STORE)
+        for log_ns, content in messages():
+            writer.write(states, log_ns, encode(**content))
+        for name, rows in topics.items():
+            connection = writer.add_connection(name, STRING, typestore=STORE,
+                                               offered_qos_profiles=list(qos))
+            for n, raw in enumerate(rows):
+                writer.write(connection, START_NS + n, raw)
+    return path
+
+
+@pytest.mark.parametrize('plugin', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('qos', [(), (LATCHED,)], ids=['no qos', 'latched'])
+def test_the_description_of_a_bag(tmp_path, plugin, qos):
+    text = '<robot name="Ärmchen"/>\n' * 3000
+    bag = write_bag(tmp_path / 'run1', {'/robot_description': [string(text)]}, plugin, qos)
+    result = robot_description(bag)
+    assert result.text == text
+    assert result.source == '/robot_description in run1'
+
+
+def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
+    two = write_bag(tmp_path / 'two', {'/robot_description': [string('old'), string('new')],
+                                       '/other/robot_description': [string('other')]})
+    assert robot_description(two).text == 'new'
+    one = write_bag(tmp_path / 'one', {'/left/robot_description': [string('left')]})
+    assert robot_description(one).source == '/left/robot_description in one'
+    # Two descriptions in namespaces are ambiguous.
+    assert robot_description(write_bag(tmp_path / 'none', {
+        '/left/robot_description': [string('l')], '/right/robot_description': [string('r')]})
+    ) is None
+
+
+def test_bags_without_one(tmp_path):
+    plain = write_folder(tmp_path / 'plain', {'/joint_states': messages()})
+    empty = write_bag(tmp_path / 'empty', {'/robot_description': []})
+    full = write_bag(tmp_path / 'full', {'/robot_description': [string('<robot/>')]})
+    assert robot_description(plain) is None and robot_description(empty) is None
+    assert first_description([plain, empty]) is None
+    assert first_description([plain, full]).path == full
+
+
+def test_a_damaged_description_is_refused(tmp_path):
+    bag = write_bag(tmp_path / 'bad', {'/robot_description': [string('<robot/>')[:-4]]})
+    with pytest.raises(BagError, match='the text ends after the message'):
+        robot_description(bag)
+    with pytest.raises(BagError, match='no such recording'):
+        robot_description(tmp_path / 'nothing')
+
+
+@settings(max_examples=50, deadline=None)
+@given(strategies.text(alphabet=strategies.characters(exclude_characters='\0',
+                                                      exclude_categories=['Cs'])),
+       strategies.booleans())
+def test_text_in_either_byte_order(text, little):
+    raw = STORE.serialize_cdr(STORE.types[STRING](data=text), STRING, little_endian=little)
+    assert decode_string(bytes(raw)) == text
+
+
+@settings(max_examples=50, deadline=None)
+@given(strategies.binary(max_size=40))
+def test_any_bytes_are_text_or_an_error(raw):
+    try:
+        decode_string(raw)
+    except ValueError:
+        pass  # UnicodeDecodeError is one
+
+
+def test_positions_of_joints_without_effort(tmp_path):
+    rows = []
+    for n in range(20):
+        rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['waist', 'lift'],
+                                    'position': [0.3, 0.01 * n], 'effort': []}])
+        rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['elbow'],
+                                    'position': [np.nan], 'effort': [1.0]}])
+    bag = write_folder(tmp_path / 'bag', {'/joint_states': rows})
+    result = joint_positions(bag, ('waist', 'lift', 'elbow', 'absent'))
+    assert set(result) == {'waist', 'lift'}
+    assert result['waist'] == PositionRange(0.3, 0.3, 0.3)
+    assert result['lift'].high - result['lift'].low == pytest.approx(0.19)

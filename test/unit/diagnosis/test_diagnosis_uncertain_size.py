@@ -1,0 +1,75 @@
+"""Effects of uncertain size: absorbed by gravity, small, or with an unresolved friction."""
+
+from pathlib import Path
+
+from bench.planning.scenes import Scene
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Verdict
+from gravity_comp_ros.recordings.bag import read_bag
+import numpy as np
+import pytest
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+JOINTS, NOISE = ('shoulder', 'elbow'), 0.02
+
+
+def links(reach, own, seed, count=2000):
+    """Return 100 s of two links in an upright plane; `own` (q, qd) -> N·m acts on the elbow."""
+    t, rng = 0.05 * np.arange(count), np.random.default_rng(seed)
+    phase, rates = rng.uniform(0.0, 6.0, 2), np.array([0.3, 0.43])
+    q = reach * np.sin(rates * t[:, None] + phase)
+    qd = reach * rates * np.cos(rates * t[:, None] + phase)
+    both = 4.0 * np.sin(q.sum(axis=1))
+    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + both, both + own(q[:, 1], qd[:, 1])])
+    return JointSamples.single_run(JOINTS, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
+
+
+def test_rounding_error_is_no_finding():
+    clean = read_bag(BAGS / 'eq15_test.mcap').samples
+    diagnosis = diagnose(concatenate([clean, clean]))
+    assert not diagnosis.findings
+
+
+def on_elbow(reach, own, seed):
+    samples = concatenate([links(reach, own, 10 * seed + k) for k in range(3)])
+    return {f.effect: f for f in diagnose(samples).findings if f.joint == 'elbow'}
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_an_offset_in_narrow_motion_is_ambiguous_and_established_in_wider_motion(seed):
+    def offset(q, qd):
+        return np.full(len(q), 0.5)
+
+    # Gravity absorbs the slope of a spring: only its constant remains.
+    narrow = on_elbow(0.3, offset, seed)['torque_offset']
+    assert narrow.verdict == Verdict.AMBIGUOUS and 'joint_spring' in narrow.rivals
+    wide = on_elbow(1.2, offset, seed)['torque_offset']
+    assert wide.verdict == Verdict.ESTABLISHED
+    low, high = wide.coefficients['b'].ci95
+    assert low <= 0.5 <= high
+
+
+@pytest.mark.parametrize('ripple', [0.05, 0.0])
+@pytest.mark.parametrize('seed', range(3))
+def test_a_ripple_of_a_hundredth_of_the_friction_is_found_if_there_is_one(seed, ripple):
+    def friction(q, qd):
+        return 4.0 * np.tanh(qd / 0.005) + ripple * np.sin(12.0 * q)
+
+    findings = on_elbow(1.4, friction, seed)
+    assert findings['coulomb_friction'].verdict == Verdict.ESTABLISHED
+    assert ('torque_ripple' in findings) == (ripple > 0.0)
+    if ripple:
+        low, high = findings['torque_ripple'].coefficients['a'].ci95
+        assert low <= ripple <= high
+
+
+@pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
+def test_friction_at_one_speed_is_ambiguous_and_has_no_correction(arm):
+    """At one speed viscous friction was an established hysteresis with an unresolved friction."""
+    scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
+    name = scene.arm_model.joints[1]
+    findings = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
+    assert findings['coulomb_friction'].verdict == Verdict.AMBIGUOUS
+    assert findings['coulomb_friction'].rivals == ('viscous_friction',)
+    assert set(findings) == {'coulomb_friction'}

@@ -1,0 +1,282 @@
+"""Columns of effects against their documented formulas, computed by hand."""
+
+from dataclasses import replace
+
+from bench.shared.effect_motions import clean_motion
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.effects.change_points import change_factor
+from gravity_comp_ros.effects.effect import Sizes
+from gravity_comp_ros.effects.excitation import reversals
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.models.kinematic.chain import Chain
+import numpy as np
+import pytest
+
+WIDTH = 0.01
+# Two joints, two runs of three samples, 1 s apart; the second run begins at 100 s.
+T = np.array([0.0, 1.0, 2.0, 100.0, 101.0, 102.0])
+Q = np.array([[0.0, 0.5], [0.2, 0.4], [0.1, 0.3], [-0.1, 0.3], [-0.4, 0.0], [0.6, -0.2]])
+QD = np.array([[0.02, 0.0], [0.0, -0.03], [-0.1, 0.1], [0.005, 0.2], [-0.02, -0.2], [0.3, 0.1]])
+QDD = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]])
+G = np.array([[1.0, -2.0], [-3.0, 2.0], [5.0, 0.5], [0.0, -1.0], [-4.0, 3.0], [2.0, 2.0]])
+D = np.tanh(QD / WIDTH)
+AGE = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+
+
+CLOCK = 1.7e9
+LAW = {'width': WIDTH}
+SLOPE = np.arange(24.0).reshape(6, 2, 2)
+
+
+def motion_of(samples, **given):
+    """Return a motion with the gravity, gradient and acceleration above."""
+    return Motion(samples, QDD, G, lambda q: SLOPE, **given)
+
+
+@pytest.fixture
+def motion():
+    return motion_of(JointSamples(('a', 'b'), T, Q, QD, 10 * G, np.array([0, 0, 0, 1, 1, 1]),
+                                  ('one', 'two')))
+
+
+def stamped(motion, *starts):
+    """Return the motion with the starts of its runs on a clock."""
+    return replace(motion, samples=replace(motion.samples, starts=starts))
+
+
+@pytest.mark.parametrize('name, setting, column', [
+    ('coulomb_friction', LAW, D[:, 0]),
+    ('coulomb_friction', {'ramp': 0.05}, [0.4, 0, -1, 0.1, -0.4, 1]),
+    ('viscous_friction', {}, QD[:, 0]),
+    ('asymmetric_friction', LAW, np.abs(D[:, 0])),
+    ('load_dependent_friction', LAW, np.array([1, 3, 5, 0, 4, 2]) * D[:, 0]),
+    ('friction_drift', {'time': 2.0, 'origin': 0.0, **LAW}, D[:, 0] * (np.exp(-AGE / 2) - 1)),
+    ('coupled_friction', {'partner': 2.0, 'sign': -1.0, 'width': 0.02},
+     np.tanh((QD[:, 0] - QD[:, 1]) / 0.02)),
+    ('torque_offset', {}, np.ones(6)),
+    ('torque_gain', {}, G[:, 0]),
+    ('torque_drift', {'origin': 0.0}, AGE),
+    ('torque_drift', {'origin': 0.0, 'time': 2.0}, 2.0 * (1.0 - np.exp(-AGE / 2.0))),
+    ('cable_stiffness', {'start': 0.0, 'side': 1.0, 'half': 9.0, 'order': 1.0},
+     [0, 0.2, 0.1, 0, 0, 0.6]),
+    ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 9.0, 'order': 1.0},
+     [0, 0, 0, -0.1, -0.4, 0]),
+    ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 0.2, 'order': 2.0},
+     [0, 0, 0, -0.05, -0.8, 0]),
+    ('cable_stiffness', {'start': 0.1, 'side': 0.0, 'half': 0.5, 'order': 3.0},
+     [-0.004, 0.004, 0, -0.032, -0.5, 0.5]),
+    ('end_stop', {'start': -0.2, 'side': -1.0}, [0, 0, 0, 0, -0.2, 0]),
+    # The gradient of joint a is (0, 1), (4, 5), (8, 9) ... at one sample after the other.
+    ('time_delay', {}, -(np.arange(0, 24, 4) * QD[:, 0] + np.arange(1, 24, 4) * QD[:, 1])),
+])
+def test_column_by_hand(motion, name, setting, column):
+    columns = known_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(columns, np.array(column, dtype=float)[:, None], atol=1e-12)
+
+
+@pytest.mark.parametrize('name, setting, columns', [
+    ('torque_ripple', {'k': 3.0, 'harmonics': 1.0}, [np.sin(3 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
+    ('torque_ripple', {'k': 3.0, 'harmonics': 2.0},
+     [np.sin(3 * Q[:, 0]), np.sin(6 * Q[:, 0]), np.cos(3 * Q[:, 0]), np.cos(6 * Q[:, 0])]),
+    ('joint_spring', {'centre': 0.1, 'overtones': 0.0}, [Q[:, 0] - 0.1, np.ones(6)]),
+    ('joint_spring', {'centre': 0.1, 'overtones': 2.0},
+     [np.sin(2 * Q[:, 0]), np.sin(3 * Q[:, 0]), np.cos(2 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
+])
+def test_columns_by_hand(motion, name, setting, columns):
+    result = known_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(result, np.column_stack(columns), atol=1e-12)
+
+
+def test_lubricated_friction_by_hand(motion):
+    law = {'width': 0.004}
+    d = np.tanh(QD[:, 0] / 0.004)
+    stribeck = known_effect('stribeck_friction').columns(motion, 0, {'speed': 0.05, **law})
+    np.testing.assert_allclose(stribeck[:, 0], d * np.exp(-(QD[:, 0] / 0.05) ** 2))
+    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5, **law})
+    np.testing.assert_allclose(degressive[:, 0], d * np.sqrt(np.abs(QD[:, 0])))
+
+
+def test_a_spring_on_a_crank_has_the_symbols_of_its_columns(motion):
+    spring = known_effect('joint_spring')
+    symbols = [c.symbol for c in spring.coefficients_of(motion, 0, {'overtones': 2.0})]
+    assert symbols == ['a_2', 'a_3', 'b_2', 'b_3']
+    assert [c.symbol for c in spring.coefficients_of(motion, 0, {'overtones': 0.0})] == ['k', 'm']
+
+
+def test_a_drift_goes_on_in_a_later_recording(motion):
+    """The first recording begins at 1.7e9 s on the clock, the later one 1000 s after it."""
+    drift, warmth = known_effect('torque_drift'), known_effect('friction_drift')
+    first, later = stamped(motion, CLOCK, CLOCK), stamped(motion, CLOCK + 1000.0, CLOCK + 1000.0)
+    origin = drift.settings(first, 0)[0]['origin']
+    assert origin == CLOCK
+    np.testing.assert_allclose(drift.columns(first, 0, {'origin': origin})[:, 0], T)
+    np.testing.assert_allclose(drift.columns(later, 0, {'origin': origin})[:, 0], T + 1000.0)
+    law = {'time': 500.0, 'origin': origin, **LAW}
+    np.testing.assert_allclose(warmth.columns(later, 0, law)[:, 0],
+                               D[:, 0] * (np.exp(-(T + 1000.0) / 500.0) - 1.0), atol=1e-12)
+    # An earlier recording is before the drift; one without a clock begins at 0 with each run.
+    earlier = stamped(motion, CLOCK - 1000.0, CLOCK - 1000.0)
+    assert not drift.columns(earlier, 0, {'origin': origin}).any()
+    np.testing.assert_allclose(drift.columns(motion, 0, {'origin': origin})[:, 0], AGE)
+
+
+def test_stamps_near_zero_are_no_clock(motion):
+    assert known_effect('torque_drift').settings(stamped(motion, 0.0, 0.0), 0)[0]['origin'] == 0.0
+
+
+def test_presliding_and_its_rate_by_hand(motion):
+    columns = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    z = [0.0, 1 - np.exp(-2)]
+    z += [-1 + (z[1] + 1) * np.exp(-1)]
+    z += [0.0, -1 + np.exp(-3)]
+    z += [1 + (z[4] - 1) * np.exp(-10)]
+    np.testing.assert_allclose(columns[:, 0], z, atol=1e-12)
+    # The samples are 1 s apart: differences at the ends of a run, half of them between.
+    rate = [z[1] - z[0], (z[2] - z[0]) / 2, z[2] - z[1],
+            z[4] - z[3], (z[5] - z[3]) / 2, z[5] - z[4]]
+    np.testing.assert_allclose(columns[:, 1], rate, atol=1e-12)
+
+
+def test_a_direction_that_persists_at_rest_is_that_of_presliding(motion):
+    expected = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    coulomb = known_effect('coulomb_friction').columns(motion, 0, {'distance': 0.1})
+    np.testing.assert_allclose(coulomb[:, 0], expected[:, 0], atol=1e-12)
+
+
+# A pendulum of 2 N·m on a horizontal axis, y of the base: z of frame 1 is -y.
+PENDULUM = Chain(np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]]),
+                 np.array([[2.0, 0.0]]))
+
+
+def pendulum_motion():
+    """Return the motion of the pendulum at six angles, in two runs."""
+    q = Q[:, :1]
+    samples = JointSamples(('a',), T, q, QD[:, :1], 0 * q, np.array([0, 0, 0, 1, 1, 1]),
+                           ('one', 'two'))
+    return Motion(samples, QDD[:, :1], PENDULUM.torque(q), lambda q: -2 * np.sin(q)[:, :, None],
+                  PENDULUM)
+
+
+BEFORE = np.array([-1.0, -1, -1, -1, 0, 0])
+CHANGE = {'run': 2.0, 'time': 1.0, 'clock': 0.0}
+
+
+def test_changes_of_a_pendulum_by_hand():
+    """tau_g = h_x cos q - h_y sin q, with h = (2, 0), before 1 s in the second run."""
+    motion, q = pendulum_motion(), Q[:, 0]
+    np.testing.assert_allclose(motion.gravity[:, 0], 2.0 * np.cos(q))
+    np.testing.assert_allclose(change_factor(motion, CHANGE), BEFORE)
+    payload = known_effect('payload_change').columns(motion, 0, CHANGE)
+    np.testing.assert_allclose(payload[:, 0], BEFORE[:, None] * np.column_stack(
+        [np.cos(q), -np.sin(q)]), atol=1e-12)
+    offset = known_effect('encoder_offset').columns(motion, 0, CHANGE)
+    np.testing.assert_allclose(offset[:, 0, 0], BEFORE * -2.0 * np.sin(q))
+
+
+def test_tilt_of_an_inclined_pendulum_by_hand():
+    """With its axis at an angle a from the vertical, tau_g = 2 sin a cos q."""
+    a, q = 0.4, Q[:, 0]
+    axis = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(a), -np.sin(a)], [0.0, np.sin(a), np.cos(a)]])
+    chain = Chain(axis[None], PENDULUM.moments)
+    motion = replace(pendulum_motion(), gravity=chain.torque(Q[:, :1]), chain=chain)
+    np.testing.assert_allclose(motion.gravity[:, 0], 2.0 * np.sin(a) * np.cos(q))
+    tilt = known_effect('base_tilt').columns(motion, 0, CHANGE)
+    np.testing.assert_allclose(tilt[:, 0], BEFORE[:, None] * 2.0 * np.cos(a) * np.column_stack(
+        [np.cos(q), np.sin(q)]), atol=1e-12)
+
+
+def test_columns_of_the_whole_arm_by_hand(motion):
+    rows = np.arange(0.0, 24.0, 4.0)
+    # d tau / d q_b is the second column of each sample's gradient.
+    turned = np.column_stack([rows + 1, rows + 3])
+    slipped = known_effect('encoder_offset').columns(
+        motion, 1, {'run': 1.0, 'time': 1.0, 'clock': 0.0})
+    np.testing.assert_allclose(slipped[:, :, 0], turned * [[-1], [0], [0], [0], [0], [0]])
+    soft = known_effect('joint_flexibility')
+    np.testing.assert_allclose(soft.columns(motion, 1, {})[:, :, 0], -turned * G[:, [1]])
+
+
+@pytest.mark.parametrize('name, columns, expected', [
+    ('coulomb_friction', [1.0], [2.0]),
+    ('viscous_friction', [0.1], [6.0]),
+    ('joint_spring', [0.5, 1.0], [6.0, 6.0]),
+    ('torque_offset', [1.0], [6.0]),
+    # A tenth of 20 N·m over the RMS of the column, by default.
+    ('degressive_friction', [0.25], [8.0]),
+    ('torque_drift', [50.0], [0.02]),
+    ('torque_gain', [7.0], [0.1]),
+    ('encoder_offset', [7.0], [0.05]),
+    ('base_tilt', [7.0, 2.0], [0.1, 0.1]),
+    ('payload_change', [1.0, 2.0], [10.0, 10.0]),
+    ('presliding_hysteresis', [1.0, 9.0], [2.0, 0.4]),
+    ('time_delay', [3.0], [0.02]),
+])
+def test_prior_standard_deviations_by_hand(name, columns, expected):
+    std = known_effect(name).prior_std(Sizes(20.0, np.array(columns)))
+    np.testing.assert_allclose(std, expected)
+
+
+@pytest.mark.parametrize('starts', [(), (1.7e9, 1.7e9 + 200.0, 1.7e9 + 400.0)])
+def test_gravity_includes_the_last_payload(starts):
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
+    motion = replace(motion, samples=replace(motion.samples, starts=starts))
+    runs, time = motion.samples.runs, motion.samples.t
+    first = float(time[runs == 1][0])
+    setting = {'run': 2.0, 'time': 30.0, 'clock': starts[1] + first + 30.0 if starts else 0.0}
+    before = np.abs(effect.columns(motion, 0, setting)).max(axis=(1, 2)) > 0
+    assert before[runs == 0].all() and not before[runs == 2].any()
+    np.testing.assert_array_equal(before[runs == 1], time[runs == 1] < first + 30.0)
+
+
+def test_a_later_recording_has_the_last_payload():
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
+    stamped = {number: replace(motion.samples, starts=tuple(
+        stamp + 200.0 * k for k in range(3))) for number, stamp in enumerate((1.7e9, 1.7e9 + 1e5))}
+    changed = replace(motion, samples=stamped[0])
+    for setting in effect.settings(changed, 0):
+        assert setting['clock'] > 1.7e9 and effect.columns(changed, 0, setting).any()
+        later = replace(motion, samples=stamped[1])
+        assert not effect.columns(later, 0, setting).any()
+        assert not effect.columns(motion, 0, setting).any()
+
+
+def test_change_points_are_starts_of_runs_and_times_within_them():
+    motion = clean_motion('six_axis')
+    points = known_effect('payload_change').settings(motion, 0)
+    places = [(p['run'], p['time']) for p in points]
+    assert (2.0, 0.0) in places and (3.0, 0.0) in places and (1.0, 0.0) not in places
+    assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
+
+
+def test_reversals_are_counted_within_runs(motion):
+    qd = np.array([0.1, 0.1, -0.1, 0.1, 0.1, -0.1])[:, None]
+    samples = JointSamples(('a',), T, qd, qd, qd, np.array([0, 0, 0, 1, 1, 1]), ('one', 'two'))
+    assert reversals(Motion(samples, qd, qd, lambda q: q[:, :, None]), 0) == 2
+
+
+@pytest.mark.parametrize('travel, lowest', [(6.0, 4), (1.0, 8), (0.3, 27)])
+def test_the_travel_includes_the_periods_of_the_longest_ripple(travel, lowest):
+    t = np.arange(0.0, 60.0, 0.05)
+    q = 0.5 * travel * np.sin(0.2 * t)[:, None]
+    samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
+    motion = Motion(samples, q, q, lambda q: q[:, :, None])
+    harmonics = [s['k'] for s in known_effect('torque_ripple').settings(motion, 0)]
+    assert harmonics[0] == lowest and harmonics[-1] <= 320
+    finer = known_effect('torque_ripple').refine(motion, 0, {'k': float(lowest), 'harmonics': 1.0},
+                                                 1.0)
+    assert all(s['k'] * travel >= 2.5 * np.pi - 0.01 for s in finer)
+
+
+def test_a_spring_over_a_short_range_is_no_crank():
+    t = np.arange(0.0, 60.0, 0.1)
+    for half, orders in ((0.05, []), (0.4, [0.0]), (1.0, [0.0, 1.0, 2.0])):
+        q = 0.3 + half * np.sin(t)[:, None]
+        samples = JointSamples.single_run(('a',), t, q, np.gradient(q, t, axis=0), q)
+        spring = known_effect('joint_spring')
+        motion = Motion(samples, q, q, lambda q: q[:, :, None])
+        assert ('travels' in (spring.untestable(motion, 0) or '')) == (not orders)
+        if orders:
+            settings = spring.settings(motion, 0)
+            assert [s['overtones'] for s in settings] == orders
+            assert settings[0]['centre'] == pytest.approx(0.3, abs=0.01)

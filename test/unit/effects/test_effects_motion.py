@@ -1,0 +1,302 @@
+"""Motion of a recording: acceleration, direction of motion, and what it does not excite."""
+
+from dataclasses import replace
+
+from bench.shared.effect_motions import (
+    arm_of, clean_motion, clean_samples, exact_chain, motion_on, motions_of)
+from gravity_comp_ros.data.acceleration import AccelerationOptions, accelerations
+from gravity_comp_ros.data.runs import run_time
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.excitation import reversals
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_direction import (
+    law_of, laws, refined_laws, smooth_sign, speed_noise)
+from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
+import numpy as np
+import pytest
+
+EFFECTS = library_effects()
+FRICTION = [name for name, effect in EFFECTS.items() if effect.family == 'friction']
+
+
+def test_the_gradient_of_a_model_is_that_of_finite_differences():
+    rng, step = np.random.default_rng(0), 1e-6
+    energy = Expansion(np.array([1, 5, 9, 14, 22, 26]), rng.normal(size=6))
+    model = GravityModel.from_energy(('a', 'b', 'c'), 'potential', energy, np.ones(3),
+                                     Coverage(-np.ones(3), np.ones(3), 10), {})
+    q = rng.uniform(-2, 2, (5000, 3))
+    for j in range(3):
+        shift = step * np.eye(3)[j]
+        slope = (model.predict(q + shift) - model.predict(q - shift)) / (2 * step)
+        np.testing.assert_allclose(gravity_gradient(model, q)[:, :, j], slope, atol=1e-6)
+
+
+def test_the_gradient_of_a_motion_is_computed_once_and_follows_gravity():
+    motion, calls = clean_motion('six_axis'), []
+
+    def gradient(q):
+        calls.append(len(q))
+        return np.full((len(q), 6, 6), float(len(calls)))
+
+    once = motion.with_gravity(motion.gravity, gradient, motion.chain)
+    assert once.gradient is once.gradient and calls == [len(motion.samples)]
+    again = once.with_gravity(2.0 * motion.gravity, gradient)
+    assert again.gradient[0, 0, 0] == 2.0 and again.chain is None
+    # Results that do not depend on gravity are kept.
+    assert again.direction(0, {'width': 0.01}) is once.direction(0, {'width': 0.01})
+
+
+def test_acceleration_of_the_recording_is_that_of_the_motion():
+    motion, samples = clean_motion('pendulum'), clean_samples('pendulum')
+    np.testing.assert_array_equal(motion.qdd, accelerations(samples))
+
+
+def test_acceleration_is_that_of_the_motion():
+    samples, truth = clean_samples('iiwa7'), np.concatenate([m.qdd for m in motions_of('iiwa7')])
+    # At the start of a pause, acceleration changes within the window.
+    assert np.abs(accelerations(samples) - truth).max() < 0.1 * np.abs(truth).max()
+    error = accelerations(samples) - truth
+    assert np.sqrt((error ** 2).mean()) < 0.02 * np.sqrt((truth ** 2).mean())
+
+
+def test_acceleration_is_computed_within_runs():
+    samples = clean_samples('six_axis')
+    joined = accelerations(samples)
+    for number in range(samples.n_runs):
+        np.testing.assert_array_equal(joined[samples.runs == number],
+                                      accelerations(samples.run(number)))
+
+
+def test_constant_acceleration_at_an_uneven_rate():
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.01, 0.03, 800))
+    qd = (0.3 * t + 0.1)[:, None]
+    samples = JointSamples.single_run(('a',), t, 0.15 * t[:, None] ** 2, qd, qd)
+    np.testing.assert_allclose(accelerations(samples), 0.3, atol=1e-6)
+
+
+def test_noise_of_acceleration_is_as_documented():
+    rng = np.random.default_rng(2)
+    qd = 1e-3 * rng.standard_normal((20000, 1))
+    samples = JointSamples.single_run(('a',), np.arange(20000) / 50, qd, qd, qd)
+    assert accelerations(samples).std() == pytest.approx(0.006, rel=0.1)
+
+
+def test_poses_at_rest_have_no_acceleration():
+    q = np.random.default_rng(0).uniform(-2, 2, (50, 6))
+    samples = JointSamples.single_run(arm_of('six_axis').joints, 2.0 * np.arange(50), q,
+                                      np.zeros((50, 6)), q)
+    motion = motion_on('six_axis', samples)
+    assert not motion.qdd.any()
+    for name in FRICTION + ['rigid_body_dynamics', 'time_delay']:
+        for joint in range(6):
+            assert EFFECTS[name].untestable(motion, joint), name
+
+
+def test_an_isolated_sample_has_no_acceleration():
+    t = np.array([0.0, 0.02, 0.04, 5.0, 9.0, 9.02, 9.04])
+    qd = np.linspace(0.1, 0.2, 7)[:, None]
+    assert accelerations(JointSamples.single_run(('a',), t, qd, qd, qd))[3, 0] == 0.0
+
+
+def test_a_window_of_acceleration_is_positive():
+    with pytest.raises(OptionError, match='window'):
+        AccelerationOptions(window=0.0)
+
+
+def back_and_forth(noise, seed=0):
+    """Return samples of a joint that moves and rests, its true angle and speed, and noise."""
+    rng = np.random.default_rng(seed)
+    clock = np.arange(0.0, 300.0, 0.02)
+    # The joint is at rest for 10 s in every 50 s.
+    t = np.minimum(clock % 50.0, 40.0) + 40.0 * np.floor(clock / 50.0)
+    q = 0.4 * np.sin(0.3 * t) + 0.2 * np.sin(0.77 * t + 1)
+    v = np.gradient(q, clock)
+    seen = v + noise * rng.standard_normal(len(t))
+    flutter = 1e-6 * rng.standard_normal(len(t))
+    samples = JointSamples.single_run(('a',), clock, (q + flutter)[:, None], seen[:, None],
+                                      np.zeros((len(t), 1)))
+    return samples, q, v, rng.standard_normal(len(t))
+
+
+def best_law(samples, residual, joint=0):
+    """Return the law that explains a residual best, refined, and the remaining deviation."""
+    motion = Motion.of(samples, 0 * samples.q, lambda q: q[:, :, None])
+
+    def remaining(law):
+        d = motion.direction(joint, law)
+        return float((residual - d * (d @ residual) / (d @ d)).std())
+
+    best = min(laws(float(motion.speed_noise[joint])), key=remaining)
+    for step in (1.0, 0.5, 0.25):
+        best = min((best, *refined_laws(best, step)), key=remaining)
+    return best, remaining(best)
+
+
+@pytest.mark.parametrize('width', [0.006, 0.015])
+def test_a_width_is_found_in_friction(width):
+    samples, _, v, noise = back_and_forth(2e-4)
+    law, _ = best_law(samples, np.tanh(v / width) + 0.1 * noise)
+    assert law == {'width': pytest.approx(width, rel=0.25)}
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_a_ramp_is_distinguished_from_a_smooth_sign(seed):
+    """Friction of a constraint that yields with speed, as in simulators, is a ramp."""
+    samples, _, v, noise = back_and_forth(2e-4, seed)
+    law, _ = best_law(samples, np.clip(v / 0.03, -1.0, 1.0) + 0.1 * noise)
+    assert law == {'ramp': pytest.approx(0.03, rel=0.15)}
+    assert 'width' in best_law(samples, np.tanh(v / 0.015) + 0.1 * noise)[0]
+
+
+@pytest.mark.parametrize('distance', [3e-4, 2e-3, 0.01])
+def test_friction_that_persists_at_rest_is_distinguished(distance):
+    samples, q, v, noise = back_and_forth(5e-4)
+    bristles = friction_torque(samples.t, q, v, LuGre(1.0, presliding=distance, damping=0.0))
+    law, remaining = best_law(samples, bristles + 0.1 * noise)
+    assert law == {'distance': pytest.approx(distance, rel=0.35)}
+    assert remaining < 0.11
+    assert 'distance' not in best_law(samples, np.tanh(v / 0.002) + 0.1 * noise)[0]
+
+
+def test_laws_are_not_narrower_than_the_noise_of_the_speed():
+    for noise in (0.0, 4e-3, 0.02, 0.5):
+        grid = laws(noise)
+        assert min(law.get('width', np.inf) for law in grid) >= noise
+        assert min((law['ramp'] for law in grid if 'ramp' in law), default=1.0) >= noise
+        assert any('width' in law for law in grid)
+        assert sum('distance' in law for law in grid) == 7
+
+
+def test_a_refined_law_keeps_the_other_settings():
+    down, up = refined_laws({'partner': 2.0, 'width': 0.01}, 1.0)
+    assert down == {'partner': 2.0, 'width': pytest.approx(0.01 / 1.5)}
+    assert up == {'partner': 2.0, 'width': pytest.approx(0.015)}
+    assert law_of(down) == {'width': pytest.approx(0.01 / 1.5)}
+
+
+def test_directions_by_hand():
+    qd = np.array([-0.1, -0.01, 0.0, 0.005, 0.1])
+    np.testing.assert_allclose(smooth_sign(qd, {'ramp': 0.02}), [-1, -0.5, 0, 0.25, 1])
+    np.testing.assert_allclose(smooth_sign(qd, {'width': 0.01}), np.tanh(100.0 * qd))
+
+
+def test_the_direction_of_coupled_joints_is_that_of_their_sum():
+    motion = clean_motion('six_axis')
+    qd = motion.samples.qd
+    np.testing.assert_allclose(motion.coupled_direction({2: 1.0, 3: -1.0}, {'width': 0.01}),
+                               np.tanh((qd[:, 2] - qd[:, 3]) / 0.01))
+    both = motion.samples.q[:, 2] - motion.samples.q[:, 3]
+    path = motion.path({2: 1.0, 3: -1.0})
+    assert np.abs(path - both).max() < 1e-3
+
+
+def test_speed_noise_excludes_motion():
+    assert speed_noise(back_and_forth(1e-3)[0])[0] == pytest.approx(1e-3, rel=0.1)
+    assert speed_noise(back_and_forth(0.0)[0])[0] < 1e-7
+
+
+def swing(q, qd):
+    """Return the motion of the pendulum along q (M,), at 20 Hz."""
+    t = np.arange(len(q)) / 20
+    samples = JointSamples.single_run(('swing',), t, q[:, None], qd[:, None],
+                                      exact_chain('pendulum').torque(q[:, None]))
+    return motion_on('pendulum', samples)
+
+
+def test_friction_is_untestable_in_one_way_motion():
+    t = np.arange(0.0, 40.0, 0.05)
+    motion = swing(0.05 * t + 0.1 * np.sin(0.3 * t), 0.05 + 0.03 * np.cos(0.3 * t))
+    for name in ('coulomb_friction', 'viscous_friction', 'load_dependent_friction',
+                 'friction_drift', 'presliding_hysteresis'):
+        assert 'one direction only' in EFFECTS[name].untestable(motion, 0)
+    assert EFFECTS['joint_spring'].untestable(motion, 0) is None
+
+
+def test_speed_dependence_is_untestable_at_one_speed():
+    leg = np.linspace(0.0, 1.0, 200)
+    q = np.concatenate([leg, leg[::-1]] * 3)
+    qd = np.where(np.arange(len(q)) // 200 % 2, -0.1, 0.1)
+    motion = swing(q, qd)
+    assert EFFECTS['coulomb_friction'].untestable(motion, 0) is None
+    for name in ('viscous_friction', 'stribeck_friction', 'degressive_friction'):
+        assert 'one speed' in EFFECTS[name].untestable(motion, 0)
+    assert EFFECTS['asymmetric_friction'].untestable(motion, 0) is None
+    assert EFFECTS['presliding_hysteresis'].untestable(motion, 0) is None
+    assert reversals(motion, 0) == 5
+
+
+def test_presliding_is_untestable_with_few_reversals():
+    t = np.arange(0.0, 40.0, 0.05)
+    motion = swing(np.sin(0.15 * t), 0.15 * np.cos(0.15 * t))
+    assert 'reversals' in EFFECTS['presliding_hysteresis'].untestable(motion, 0)
+
+
+def test_load_dependence_is_untestable_at_constant_load():
+    t = np.arange(0.0, 60.0, 0.05)
+    level = np.arctan2(0.1, 0.4)
+    motion = swing(level + 0.02 * np.sin(t), 0.02 * np.cos(t))
+    assert 'hardly varies' in EFFECTS['load_dependent_friction'].untestable(motion, 0)
+    for name in ('joint_spring', 'cable_stiffness', 'end_stop'):
+        assert 'travels' in EFFECTS[name].untestable(motion, 0)
+
+
+def test_drift_is_untestable_in_short_runs():
+    t = np.arange(0.0, 8.0, 0.05)
+    motion = swing(np.sin(2 * t), 2 * np.cos(2 * t))
+    assert 'too short' in EFFECTS['torque_drift'].untestable(motion, 0)
+    assert 'too short' in EFFECTS['friction_drift'].untestable(motion, 0)
+
+
+def test_effects_of_several_joints_are_untestable_on_one():
+    motion = clean_motion('pendulum')
+    for name in ('coupled_friction', 'tool_force'):
+        assert EFFECTS[name].untestable(motion, 0), name
+
+
+def test_a_tilt_of_a_level_pendulum_is_untestable():
+    # Its axis is horizontal: a tilt about the axis itself is an encoder offset.
+    reason = EFFECTS['base_tilt'].untestable(clean_motion('pendulum'), 0)
+    assert 'no gravity torque depends on a tilt' in reason
+
+
+def test_changes_of_the_arm_require_a_chain():
+    bare = replace(clean_motion('six_axis'), chain=None, geometry=None)
+    for name in ('payload_change', 'base_tilt'):
+        assert 'requires a serial arm' in EFFECTS[name].untestable(bare, 0)
+    assert 'axes of the arm are unknown' in EFFECTS['rigid_body_dynamics'].untestable(bare, 0)
+    assert EFFECTS['encoder_offset'].untestable(bare, 1) is None
+
+
+def test_changes_are_untestable_in_a_short_recording():
+    t = np.arange(0.0, 15.0, 0.05)
+    assert 'take 14.9 s' in EFFECTS['payload_change'].untestable(
+        swing(np.sin(t), np.cos(t)), 0)
+
+
+def test_time_is_counted_from_the_start_of_each_run():
+    one = JointSamples.single_run(('a',), [5.0, 6.0, 8.0], [[0.0]] * 3, [[0.0]] * 3, [[0.0]] * 3)
+    two = JointSamples.single_run(('a',), [100.0, 101.5], [[0.0]] * 2, [[0.0]] * 2, [[0.0]] * 2)
+    np.testing.assert_array_equal(run_time(concatenate([one, two])), [0, 1, 3, 0, 1.5])
+    part = concatenate([one, two]).select([3, 4])
+    np.testing.assert_array_equal(run_time(part), [0, 1.5])
+
+
+def test_lost_messages_do_not_count_as_noise():
+    t = np.arange(0.0, 60.0, 0.02)
+    q = 0.5 * np.sin(0.8 * t) + 1e-5 * np.random.default_rng(0).standard_normal(len(t))
+    kept = np.random.default_rng(1).random(len(t)) > 0.15
+    assert position_noise(q[kept], t[kept]) == pytest.approx(1e-5, rel=0.15)
+    # Without times, motion over a gap counts as noise.
+    assert position_noise(q[kept]) > 2e-5
+
+
+def test_all_windows_are_used_if_none_is_even():
+    t = np.cumsum(np.tile([0.01, 0.04], 50))
+    assert evenly_spaced(t).all() and evenly_spaced(t[:4]).size == 0

@@ -1,0 +1,189 @@
+"""Effects of other packages: loading, skipping of broken ones, and isolation of errors."""
+
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from bench.shared.effect_motions import clean_motion
+from docs import make_effects
+from gravity_comp_ros.effects.effect import ATTRIBUTES, Sizes
+from gravity_comp_ros.effects.entry_points import GuardedEffect
+from gravity_comp_ros.effects.offset import TorqueOffset
+from gravity_comp_ros.effects.registry import all_effects, library_effects
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+ASK = ('import json\n'
+       'from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins\n'
+       'print(json.dumps([list(all_effects()), broken_plug_ins()]))\n')
+EFFECT = """
+from gravity_comp_ros.effects.effect import Coefficient, Effect
+
+
+class Plain(Effect):
+    title, family, equation, description = 'T', 'f', 'e', 'd'
+    coefficients = (Coefficient('c', 'N·m', 'm'),)
+    confounders, experiment, signature, source = ('time_delay',), 'x', 'time', 's'
+
+    def __init__(self, name):
+        self.name = name
+        super().__init__()
+
+    def columns(self, motion, joint, setting):
+        return motion.qdd[:, [joint]]
+
+
+effect = Plain
+
+
+"""
+
+
+def ask(*folders, program=ASK):
+    """Return effects and skipped plug-ins of a Python with the packages of these folders."""
+    path = os.pathsep.join([*map(str, folders), str(ROOT)])
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          env={**os.environ, 'PYTHONPATH': path}, timeout=60, cwd=folders[0])
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def plug_in(folder, module, source, *points):
+    """Write an installed package with these entry points."""
+    info = folder / f'{module}-1.dist-info'
+    info.mkdir(parents=True)
+    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {module}\nVersion: 1\n')
+    (info / 'entry_points.txt').write_text(
+        '[gravity_comp_ros.effects]\n' + ''.join(f'{point}\n' for point in points))
+    (folder / f'{module}.py').write_text(source)
+
+
+def test_the_example_package_installs_and_is_found(tmp_path):
+    source, target = tmp_path / 'source', tmp_path / 'target'
+    shutil.copytree(ROOT / 'examples' / 'custom_effect', source)
+    done = subprocess.run(
+        [sys.executable, '-m', 'pip', '--disable-pip-version-check', 'install', '-q', '--no-deps',
+         '--no-build-isolation', '--no-index', '--target', str(target), str(source)],
+        capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    program = ASK + (
+        'import sys\nsys.path.insert(0, "' + str(ROOT) + '")\n'
+        'from bench.shared.effect_motions import clean_motion\n'
+        'effect = all_effects()["seal_drag"]\n'
+        'motion = clean_motion("pendulum")\n'
+        'assert effect.untestable(motion, 0) is None\n'
+        'assert effect.settings(motion, 0)\n'
+        'column = effect.columns(motion, 0, effect.settings(motion, 0)[0])\n'
+        'assert column.shape == (motion.samples.n_samples, 1) and column.std() > 0\n'
+        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1)\n')
+    names, skipped = ask(target, program=program)
+    assert names[-1] == 'seal_drag' and not skipped
+    assert names[:-1] == list(library_effects())
+
+
+def test_several_effects_may_come_from_one_name(tmp_path):
+    plug_in(tmp_path, 'pair', EFFECT + 'both = [effect("first"), effect("second")]\n',
+            'both = pair:both')
+    names, skipped = ask(tmp_path)
+    assert names[-2:] == ['first', 'second'] and not skipped
+
+
+@pytest.mark.parametrize('source, point, reason', [
+    ('raise RuntimeError("no licence\\nfor this robot")\n', 'bad:thing', 'no licence for this'),
+    ('import not_there\n', 'bad:thing', 'not_there'),
+    ('thing = 3\n', 'bad:thing', 'not an Effect'),
+    ('x = 1\n', 'bad:thing', 'thing'),
+    ('thing = ()[0]\n', 'bad:thing', 'index out of range'),
+    (EFFECT + 'thing = effect("time_delay")\n', 'bad:thing', 'effect time_delay already'),
+    ('import sys\nsys.exit(3)\n', 'bad:thing', '3'),
+    (EFFECT + 'thing = [effect("fine"), None]\n', 'bad:thing', 'not an Effect'),
+    (EFFECT + 'class thing(Plain):\n    def __init__(self):\n        self.name = "bare"\n'
+     '        self.scope = "leg"\n', 'bad:thing', "scope is 'leg'"),
+    (EFFECT + 'thing = Effect\n', 'bad:thing', 'columns'),
+    (EFFECT + 'thing = effect("a\\x1bb")\n', 'bad:thing', 'letters, digits'),
+])
+def test_a_broken_plug_in_is_skipped_and_named(tmp_path, source, point, reason):
+    plug_in(tmp_path / 'one', 'bad', source, f'broken\x1b[31m = {point}')
+    plug_in(tmp_path / 'two', 'good', EFFECT + 'thing = effect("good")\n', 'good = good:thing')
+    names, skipped = ask(tmp_path / 'one', tmp_path / 'two')
+    assert names == [*library_effects(), 'good']
+    assert len(skipped) == 1 and reason in skipped[0]
+    assert '\n' not in skipped[0] and '\x1b' not in skipped[0]
+
+
+def test_one_name_belongs_to_one_plug_in(tmp_path):
+    for folder in ('one', 'two'):
+        plug_in(tmp_path / folder, folder, EFFECT + 'thing = effect("same")\n',
+                f'same = {folder}:thing')
+    names, skipped = ask(tmp_path / 'one', tmp_path / 'two')
+    assert names.count('same') == 1
+    assert len(skipped) == 1 and 'two' in skipped[0] and 'same already' in skipped[0]
+
+
+@pytest.mark.parametrize('columns, message', [
+    (lambda motion, joint, setting: motion.qdd[:, joint] / setting['none'], "fails: 'none'"),
+    (lambda motion, joint, setting: motion.qdd, 'must be'),
+    (lambda motion, joint, setting: motion.qdd[:, [joint]] * np.nan, 'finite'),
+])
+def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, message):
+    motion = clean_motion('six_axis')
+    bad = GuardedEffect(type('Bad', (TorqueOffset,), {
+        'name': 'bad', 'columns': lambda self, *given: columns(*given)})())
+    assert message in bad.untestable(motion, 0)
+    good = GuardedEffect(known_effect('torque_ripple'))
+    assert good.untestable(motion, 0) is None
+
+
+def test_a_guarded_effect_has_the_attributes_of_the_effect():
+    motion = clean_motion('six_axis')
+    for name in ('joint_flexibility', 'rigid_body_dynamics', 'joint_spring'):
+        effect = known_effect(name)
+        guard = GuardedEffect(effect)
+        assert all(getattr(guard, word) == getattr(effect, word) for word in ATTRIBUTES)
+        assert guard.settings(motion, 1) == effect.settings(motion, 1)
+        for setting in effect.settings(motion, 1):
+            columns = effect.columns(motion, 1, setting)
+            np.testing.assert_array_equal(guard.columns(motion, 1, setting), columns)
+            assert guard.coefficients_of(motion, 1, setting) == effect.coefficients_of(
+                motion, 1, setting)
+            assert guard.refine(motion, 1, setting, 1.0) == effect.refine(motion, 1, setting, 1.0)
+            sizes = Sizes(20.0, np.ones(columns.shape[-1]))
+            np.testing.assert_array_equal(guard.prior_std(sizes), effect.prior_std(sizes))
+            values = -np.ones(columns.shape[-1])
+            assert guard.implausible(values) == effect.implausible(values)
+
+
+def test_a_guarded_effect_reports_its_own_reason():
+    assert 'one joint' in GuardedEffect(known_effect('tool_force')).untestable(
+        clean_motion('pendulum'), 0)
+
+
+def test_an_effect_is_found_by_its_name():
+    assert known_effect('time_delay') is all_effects()['time_delay']
+    with pytest.raises(OptionError, match="no effect 'gremlins'; known are coulomb_friction"):
+        known_effect('gremlins')
+
+
+def test_the_caller_cannot_change_the_registry():
+    all_effects().clear()
+    assert 'time_delay' in all_effects()
+
+
+def test_the_page_of_effects_is_that_of_the_library():
+    page = (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8')
+    assert page == make_effects.document(), (
+        'python3 docs/make_effects.py > docs/effects.md')
+
+
+def test_the_page_includes_every_effect_and_valid_links():
+    page = make_effects.document()
+    headings = {line[3:] for line in page.splitlines() if line.startswith('## ')}
+    assert headings == set(library_effects())
+    links = {part.split(')')[0] for part in page.split('](#')[1:]}
+    assert links <= headings

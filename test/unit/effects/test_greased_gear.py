@@ -1,0 +1,62 @@
+"""Simulated greased gear: torque by hand, and comparison with the library."""
+
+from bench.shared.effect_motions import clean_motion
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import iiwa7
+from gravity_comp_ros.simulation.disturbances.friction import GreasedGear
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.motions import sample
+from gravity_comp_ros.simulation.synthesise import Signals
+import numpy as np
+import pytest
+
+ARM, JOINT = iiwa7(), 3
+
+
+def torque(speed, gear):
+    """Return the friction at the end of 2 s of motion at a speed in rad/s."""
+    def path(t):
+        qd = np.zeros((len(t), 7))
+        qd[:, JOINT] = speed
+        return qd * t[:, None], qd, 0.0 * qd
+
+    motion = sample('steady', path, 2.0, 200.0)
+    still = Signals(motion.q, motion.qd, np.zeros_like(motion.q))
+    out = gear.apply(still, motion, ARM, np.random.default_rng(0)).tau
+    assert not np.delete(out, JOINT, axis=1).any()
+    return out[-1, JOINT]
+
+
+def test_slow_grease_is_viscous_and_fast_grease_grows_with_the_logarithm():
+    gear = GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0))
+    assert torque(0.001, gear) == pytest.approx(2.0 * 0.001 / 0.05, rel=1e-3)
+    assert torque(2.0, gear) - torque(1.0, gear) == pytest.approx(2.0 * np.log(2.0), rel=1e-3)
+    assert torque(-0.5, gear) == pytest.approx(-torque(0.5, gear))
+
+
+def test_coulomb_friction_is_added():
+    dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
+    alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
+    assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)
+
+
+@pytest.mark.parametrize('numbers', [(0.0, 0.05), (2.0, 0.0), (float('nan'), 0.05)])
+def test_unphysical_parameters_are_refused(numbers):
+    with pytest.raises(OptionError, match='positive'):
+        GreasedGear(JOINT, *numbers, LuGre(1.0))
+
+
+def test_the_law_of_grease_is_not_that_of_the_library():
+    speeds = np.linspace(0.02, 0.5, 200)
+    grease = np.arcsinh(speeds / 0.02)
+    line = np.column_stack([np.ones(200), speeds])
+    powers = [setting['power'] for setting in library_effects()['degressive_friction'].settings(
+        clean_motion('iiwa7'), JOINT)]
+
+    def left(columns):
+        rest = grease - columns @ np.linalg.lstsq(columns, grease, rcond=None)[0]
+        return float(rest.std() / grease.std())
+
+    best = min(left(np.column_stack([np.ones(200), speeds ** p])) for p in powers)
+    assert 0.01 < best < 0.5 * left(line)

@@ -1,0 +1,188 @@
+"""The estimator: friction fitted with gravity, outliers, correct reported errors."""
+
+from dataclasses import replace
+
+from bench.shared.rough_links import two_links
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.predict import fitted_torque
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.robust import outliers
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+import pytest
+
+NOISE, COULOMB, VISCOUS = 0.1, 0.8, 4.0
+ARM = arms.iiwa7()
+WIDE = np.random.default_rng(1).uniform(ARM.lower, ARM.upper, (500, 7))
+
+
+def eq17(seed=0, start=0.0, duration=100.0, arm=ARM, friction=1.0):
+    """Return Yu 2022, Eq. (17), with friction on every joint, which is not conservative."""
+    motion = motions.eq17(start=start, duration=duration)
+    tau = arms.gravity_torque(arm, motion.q)
+    tau = tau + friction * (COULOMB * motion.qd / np.hypot(motion.qd, 0.002)
+                            + VISCOUS * motion.qd)
+    tau = tau + NOISE * np.random.default_rng(seed).normal(size=tau.shape)
+    return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
+
+
+def gravity_error(model, q=WIDE, arm=ARM):
+    return np.sqrt(((model.predict(q) - arms.gravity_torque(arm, q)) ** 2).mean(axis=0)).max()
+
+
+def rms(x):
+    return np.sqrt((x ** 2).mean(axis=0))
+
+
+def sizes(model, name):
+    """Return the first coefficient of a fitted effect, by joint."""
+    return {effect.joint: next(iter(effect.coefficients.values()))
+            for effect in model.fitted.effects if effect.name == name}
+
+
+def std(value):
+    return (value.ci95[1] - value.ci95[0]) / (2.0 * 1.96)
+
+
+@pytest.fixture(scope='module')
+def samples():
+    return eq17()
+
+
+@pytest.fixture(scope='module')
+def result(samples):
+    return fit(samples)
+
+
+def test_gravity_does_not_absorb_friction(result):
+    model = result.model
+    assert model.formulation == 'chain' and gravity_error(model) < 0.15
+    coulomb, viscous = sizes(model, 'coulomb_friction'), sizes(model, 'viscous_friction')
+    assert set(coulomb) == set(viscous) == set(ARM.joints)
+    for size in coulomb.values():
+        assert size.value == pytest.approx(COULOMB, abs=max(4 * std(size), 0.02))
+    for size in viscous.values():
+        assert size.value == pytest.approx(VISCOUS, abs=4 * std(size))
+
+
+def test_friction_is_not_predicted(result, samples):
+    # The prediction excludes fitted effects, and the reported error includes them.
+    residual = samples.tau - result.model.predict(samples.q)
+    assert rms(residual).min() > 0.7
+    noise = residual - fitted_torque(result.model, samples)
+    assert rms(noise) == pytest.approx(np.full(7, NOISE), rel=0.2)
+    assert result.model.residual_std == pytest.approx(np.full(7, NOISE), rel=0.2)
+
+
+def test_fit_and_compare_report_the_same_errors(result, samples):
+    joints = compare(result.model, samples).joints
+    for name, rmse in result.report.rmse.items():
+        assert joints[name].rmse == pytest.approx(rmse, rel=1e-9)
+    assert result.model.noise == pytest.approx([joints[name].rmse for name in ARM.joints])
+
+
+@pytest.mark.parametrize('formulation', ['chain', 'potential'])
+def test_noise_after_an_addition_is_the_error_of_the_prediction(formulation):
+    data = two_links(1)
+    model = fit(data, FitOptions(formulation)).model
+    effects = requests(['coulomb_friction:shoulder', 'viscous_friction:shoulder'], data.names)
+    refitted = refit(data, model, effects).model
+    slow = (np.abs(data.qd) <= 0.15).all(axis=1)
+    joints = compare(refitted, data.select(slow), data).joints
+    assert refitted.noise == pytest.approx([joints[name].rmse for name in data.names], rel=1e-6)
+    assert refitted.noise[0] < 0.1 < model.noise[0]
+
+
+def test_an_update_keeps_friction(result):
+    loaded = arms.with_payload(ARM, arms.Payload(2.0, (0.02, 0.03, 0.1)))
+    new = eq17(5, 100.0, 15.0, loaded)
+    updated = update(result.model, new)
+    q = motions.eq17(start=120.0).q
+    assert gravity_error(result.model, q, loaded) > 5.0
+    assert gravity_error(updated.model, q, loaded) < 0.6
+    assert updated.model.fitted.effects == result.model.fitted.effects
+    errors = rms(new.tau - updated.model.predict(new.q))
+    assert list(updated.report.rmse.values()) == pytest.approx(errors.tolist())
+
+
+@pytest.mark.campaign
+def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
+    tau = samples.tau.copy()
+    tau[200:210, 3] += 25.0
+    tau[77, 1] -= 80.0
+    fitted = fit(replace(samples, tau=tau))
+    assert gravity_error(fitted.model) < 0.2
+    spoilt = fitted.report.outliers
+    assert spoilt['iiwa_joint_4'].n == 10 and spoilt['iiwa_joint_2'].n >= 1
+    assert spoilt['iiwa_joint_4'].first == pytest.approx(samples.t[200])
+    assert any('outliers with reduced weight: 10 samples of iiwa_joint_4' in line
+               for line in fitted.report.warnings)
+
+
+def test_outliers_of_two_runs_are_reported_with_both(samples):
+    half = samples.n_samples // 2
+    residual = np.random.default_rng(0).normal(size=samples.tau.shape)
+    residual[[200, half + 10], 3] = 100.0
+    t = np.concatenate([samples.t[:half], samples.t[:samples.n_samples - half]])
+    two = JointSamples(samples.names, t, samples.q, samples.qd, samples.tau,
+                       (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
+    text = str(outliers(two, np.ones(len(two), dtype=int), residual)['iiwa_joint_4'])
+    assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
+
+
+def test_velocities_that_contradict_positions_are_replaced(samples):
+    fitted = fit(replace(samples, qd=20.0 * samples.qd))
+    assert gravity_error(fitted.model) < 0.3
+    assert 'velocity contradicts position' in fitted.report.warnings[0]
+
+
+@pytest.mark.campaign
+def test_the_description_of_another_arm_is_not_used(samples):
+    wrong = Geometry(ARM.joints, np.tile(np.eye(3), (7, 1, 1)), np.zeros((7, 3)), 'tool',
+                     np.eye(3))
+    fitted = fit(samples, FitOptions(geometry=wrong))
+    assert gravity_error(fitted.model) < 0.2
+    assert any('the description is not used' in line for line in fitted.report.warnings)
+    assert not fitted.report.known_axes
+
+
+def test_a_model_file_keeps_fitted_effects(result, tmp_path):
+    save_model(tmp_path / 'm.json', result.model)
+    again = load_model(tmp_path / 'm.json')
+    assert again.fitted.effects == result.model.fitted.effects
+    np.testing.assert_array_equal(again.residual_std, result.model.residual_std)
+
+
+def test_long_recordings_cost_no_more_than_short_ones():
+    t = np.linspace(0.0, 100.0, 20000)
+    short = eq17()
+    q = np.stack([np.interp(t, short.t, column) for column in short.q.T], axis=1)
+    qd = np.stack([np.interp(t, short.t, column) for column in short.qd.T], axis=1)
+    tau = arms.gravity_torque(ARM, q) + NOISE * np.random.default_rng(0).normal(size=q.shape)
+    fitted = fit(JointSamples.single_run(ARM.joints, t, q, qd, tau))
+    assert fitted.report.n_samples == 20000 and fitted.report.n_fitted <= 1001
+    assert gravity_error(fitted.model) < 0.1
+
+
+def test_a_few_uneven_strokes_are_used_with_inertia():
+    # Strokes start and stop at up to 0.6 rad/s^2: 3 N·m of inertia in some samples, at low speed.
+    arm = arms.iiwa7()
+    slow = motions.multisine(0.5 * arm.lower, 0.5 * arm.upper, arm.max_speed, 7,
+                             motions.MultisineOptions(max_speed=0.15), 100.0, 4.0)
+    strokes = motions.multisine(0.05 * arm.lower, 0.05 * arm.upper, arm.max_speed, 8,
+                                motions.MultisineOptions(band=1.2, max_speed=0.14), 15.0, 20.0)
+    parts = [synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.1), k))
+             for k, motion in enumerate((slow, strokes))]
+    poses = np.random.default_rng(0).uniform(0.4 * arm.lower, 0.4 * arm.upper, (300, 7))
+    model = fit(concatenate(parts), FitOptions('chain')).model
+    error = model.predict(poses) - arms.gravity_torque(arm, poses)
+    assert np.sqrt((error ** 2).mean(axis=0)).max() < 0.1

@@ -1,0 +1,331 @@
+"""Fits of arms with known torque: by hand, of any length, tilted, with joints at rest."""
+
+import json
+
+from bench.shared.serial_arms import G, planar_2r, poses, samples_of, serial_arm
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.sparse import admm, dictionary
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
+from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
+from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
+import numpy as np
+import pytest
+
+BOTH = pytest.mark.parametrize('formulation', ['potential', 'per_joint'])
+
+
+def rms(x: np.ndarray) -> np.ndarray:
+    return np.sqrt((x ** 2).mean(axis=0))
+
+
+def uses(model, joint: int, of: int) -> bool:
+    """Return whether the torque of joint `of` has a feature with sin or cos of `joint`."""
+    features = model.torques[of].indices
+    return bool(dictionary.digits(features, model.n_joints)[:, joint].any())
+
+
+@BOTH
+def test_a_pendulum(formulation):
+    # m = 2 kg, l = 0.5 m, hanging at q = 0: tau = m g l sin q, U = -m g l cos q.
+    q = poses(60, 1)
+    result = fit(samples_of(q, 2 * G * 0.5 * np.sin(q), 0.01), FitOptions(formulation))
+    model = result.model
+    assert model.equation('axis0') == f'{model.torques[0].weights[0]:.2f} s1'
+    assert model.torques[0].weights[0] == pytest.approx(9.81, abs=0.01)
+    assert result.converged and result.report.features == {'axis0': 1}
+    if formulation == 'potential':
+        np.testing.assert_array_equal(model.energy.indices, [2])
+        assert model.energy.weights[0] == pytest.approx(-9.81, abs=0.01)
+
+
+@BOTH
+def test_a_pendulum_without_noise(formulation):
+    q = poses(60, 1)
+    model = fit(samples_of(q, 9.81 * np.sin(q)), FitOptions(formulation)).model
+    assert model.equation('axis0', digits=4) == '9.8100 s1'
+
+
+@BOTH
+@pytest.mark.parametrize('noise', [0.0, 0.05])
+def test_two_links_in_a_plane(formulation, noise):
+    # m1 = 3, m2 = 2 kg, l1 = 0.5, c1 = 0.25, c2 = 0.2 m, and cos(q1 + q2) = c1 c2 - s1 s2.
+    q = poses(120, 2, seed=3)
+    model = fit(samples_of(q, planar_2r(q), noise), FitOptions(formulation)).model
+    upper, lower = (3 * 0.25 + 2 * 0.5) * G, 2 * 0.2 * G
+    first = dict(zip(model.torques[0].indices.tolist(), model.torques[0].weights))
+    second = dict(zip(model.torques[1].indices.tolist(), model.torques[1].weights))
+    c1, c1c2, s1s2 = 6, 8, 4
+    tolerance = 0.5 * noise + 1e-3
+    assert first == pytest.approx({c1: upper, c1c2: lower, s1s2: -lower}, abs=tolerance)
+    assert second == pytest.approx({c1c2: lower, s1s2: -lower}, abs=tolerance)
+    equation = model.equation('axis0', digits=0)
+    assert equation.startswith('17 c1') and {'- 4 s1 s2', '+ 4 c1 c2'} <= {
+        equation[-19:-10], equation[-9:]}
+
+
+@pytest.mark.parametrize('formulation, n_joints', [
+    *(('potential', n) for n in range(1, 9)), *(('per_joint', n) for n in range(1, 8))])
+def test_arms_of_any_length(formulation, n_joints):
+    arm = with_base_tilt(serial_arm(n_joints, seed=1), 0.0, 0.4 if n_joints == 1 else 0.0)
+    count = 300 if formulation == 'potential' else 600
+    q = poses(count, n_joints)
+    tau = gravity_torque(arm, q)
+    result = fit(samples_of(q, tau, 0.1), FitOptions(formulation))
+    unseen = poses(200, n_joints, seed=1)
+    error = rms(result.model.predict(unseen) - gravity_torque(arm, unseen))
+    assert result.converged
+    assert (error < 0.1).all()
+    assert (result.model.noise < 0.12).all()
+    if n_joints > 1:
+        assert not result.model.predict(unseen)[:, 0].any()   # a vertical axis
+
+
+@pytest.mark.parametrize('n_joints', [9, 10])
+def test_many_joints_of_which_the_last_have_no_gravity_torque(n_joints):
+    short = serial_arm(4)
+    q = poses(200, n_joints)
+    tau = np.zeros_like(q)
+    tau[:, :4] = gravity_torque(short, q[:, :4])
+    model = fit(samples_of(q, tau, 0.1)).model
+    unseen = poses(200, n_joints, seed=1)
+    error = model.predict(unseen)
+    error[:, :4] -= gravity_torque(short, unseen[:, :4])
+    assert rms(error).max() < 0.05
+
+
+@BOTH
+def test_thirteen_joints_are_refused(formulation):
+    q = poses(20, 13)
+    with pytest.raises(ValueError, match='13 joints; the dictionary takes 1 to 12') as caught:
+        fit(samples_of(q, np.sin(q)), FitOptions(formulation))
+    assert '\n' not in str(caught.value)
+
+
+@BOTH
+def test_a_tilted_base_requires_features_of_the_first_joint(formulation):
+    q = poses(300, 4)
+    uses_first = {}
+    for tilt in (0.0, 0.1):
+        arm = with_base_tilt(serial_arm(4), tilt, 0.0)
+        model = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation)).model
+        uses_first[tilt] = [uses(model, 0, of) for of in range(4)]
+        unseen = poses(200, 4, seed=1)
+        assert rms(model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.05
+    assert uses_first[0.0] == [False] * 4
+    assert uses_first[0.1][:2] == [True, True]
+
+
+@BOTH
+@pytest.mark.parametrize('still', [1, 2])
+@pytest.mark.parametrize('jitter', [0.0, 2e-4])
+def test_a_joint_at_rest(formulation, still, jitter):
+    arm, rng = serial_arm(4), np.random.default_rng(0)
+    q = poses(250, 4)
+    q[:, still] = 0.7 + jitter * rng.uniform(-1, 1, 250)
+    tau = gravity_torque(arm, q)
+    result = fit(samples_of(q, tau, 0.05), FitOptions(formulation))
+    name = f'axis{still}'
+    assert result.report.dropped_joints == (name,)
+    assert any(name in message and 'never moved' in message for message in result.report.warnings)
+    unseen = poses(200, 4, seed=1)
+    unseen[:, still] = 0.7
+    truth = gravity_torque(arm, unseen)
+    assert np.abs(truth[:, still]).max() > 1.0    # its own torque is not 0
+    assert rms(result.model.predict(unseen) - truth).max() < 0.05
+    if formulation == 'per_joint':
+        assert not any(uses(result.model, still, of) for of in range(4))
+    assert result.model.extrapolation(unseen[0] + 0.1 * np.eye(4)[still]) > 0.09
+
+
+@BOTH
+def test_several_joints_at_rest(formulation):
+    arm, q = serial_arm(5), poses(200, 5)
+    q[:, [2, 4]] = [0.4, -1.0]
+    result = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation))
+    assert result.report.dropped_joints == ('axis2', 'axis4')
+    unseen = poses(100, 5, seed=1)
+    unseen[:, [2, 4]] = [0.4, -1.0]
+    assert rms(result.model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.06
+
+
+@BOTH
+def test_too_few_samples_are_refused(formulation):
+    q = poses(9, 2)
+    with pytest.raises(FitError, match='9 slow samples; a fit needs at least 10') as caught:
+        fit(samples_of(q, planar_2r(q)), FitOptions(formulation))
+    assert '\n' not in str(caught.value)
+    q = poses(10, 2)
+    fit(samples_of(q, planar_2r(q)), FitOptions(formulation))
+
+
+@BOTH
+@pytest.mark.parametrize('jitter', [0.0, 5e-4])
+def test_an_arm_at_rest_is_refused(formulation, jitter):
+    q = 0.5 + jitter * poses(50, 2, reach=1.0)
+    with pytest.raises(FitError, match='no joint moves'):
+        fit(samples_of(q, planar_2r(q), 0.1), FitOptions(formulation))
+
+
+@BOTH
+def test_effort_of_zero_is_refused(formulation):
+    q = poses(50, 2)
+    with pytest.raises(FitError, match='effort is 0 for every joint'):
+        fit(samples_of(q, np.zeros_like(q)), FitOptions(formulation))
+
+
+@BOTH
+def test_noise_alone_gives_a_model_of_zero_and_a_warning(formulation):
+    q = poses(100, 3)
+    result = fit(samples_of(q, np.zeros_like(q), 1.0), FitOptions(formulation))
+    assert not result.model.predict(q).any()
+    assert result.model.equation('axis1') == '0'
+    assert any('the model is 0 everywhere' in message for message in result.report.warnings)
+
+
+@BOTH
+def test_the_same_samples_give_the_same_model(formulation):
+    arm, q = serial_arm(4), poses(150, 4, reach=0.5)
+    samples = samples_of(q, gravity_torque(arm, q), 0.1)
+    first, second = (fit(samples, FitOptions(formulation)) for _ in range(2))
+    assert json.dumps(first.report.to_json()) == json.dumps(second.report.to_json())
+    for a, b in zip(first.model.torques, second.model.torques):
+        np.testing.assert_array_equal(a.indices, b.indices)
+        np.testing.assert_array_equal(a.weights, b.weights)
+
+
+@BOTH
+@pytest.mark.parametrize('order', [[3, 2, 1, 0], [1, 3, 0, 2]])
+def test_reordered_joints_give_the_same_model_reordered(formulation, order):
+    arm, q = serial_arm(4), poses(200, 4)
+    samples = samples_of(q, gravity_torque(arm, q), 0.1)
+    names = [samples.names[k] for k in order]
+    original = fit(samples, FitOptions(formulation)).model
+    reordered = fit(samples.joints(names), FitOptions(formulation)).model
+    assert reordered.joints == tuple(names)
+    np.testing.assert_array_equal(reordered.n_features(), original.n_features()[order])
+    unseen = poses(50, 4, seed=1)
+    np.testing.assert_allclose(reordered.predict(unseen[:, order]),
+                               original.predict(unseen)[:, order], atol=1e-6)
+
+
+def test_an_offset_is_fitted_and_not_predicted():
+    # A constant torque on joint 1 is not the gradient of a periodic energy, and over full
+    # revolutions it is not collinear with one.
+    q = poses(300, 2, reach=np.pi)
+    tau = planar_2r(q) + [1.5, 0.0]
+    samples = samples_of(q, tau, 0.05)
+    for formulation in ('auto', 'chain', 'potential'):
+        model = fit(samples, FitOptions(formulation)).model
+        residual = samples.tau - model.predict(q)
+        assert residual.mean(axis=0) == pytest.approx([1.5, 0.0], abs=0.1)
+        # It is reported with its size, and not predicted.
+        effect, = model.fitted.effects
+        assert effect.target == 'torque_offset:axis0'
+        low, high = effect.coefficients['b'].ci95
+        assert effect.coefficients['b'].value == pytest.approx(1.5, abs=high - low)
+    # In `per_joint` the dictionary includes the constant.
+    other = fit(samples, FitOptions('per_joint')).model
+    assert uses(other, 0, 0) and 0 in other.torques[0].indices
+    assert rms(samples.tau - other.predict(q)).max() < 0.1
+
+
+@BOTH
+def test_several_runs_are_counted(formulation):
+    arm = serial_arm(3)
+    runs = []
+    for seed in range(3):
+        q = poses(60, 3, seed)
+        runs.append(samples_of(q, gravity_torque(arm, q), 0.05, seed))
+    result = fit(concatenate(runs), FitOptions(formulation))
+    assert (result.report.n_runs, result.report.n_samples) == (3, 180)
+    assert (result.model.coverage.n_runs, result.model.coverage.n_samples) == (3, 180)
+
+
+@BOTH
+def test_the_support_is_selected_on_a_part_of_long_recordings(formulation):
+    arm, q = serial_arm(3), poses(6000, 3)
+    result = fit(samples_of(q, gravity_torque(arm, q), 0.5), FitOptions(formulation))
+    unseen = poses(200, 3, seed=1)
+    error = rms(result.model.predict(unseen) - gravity_torque(arm, unseen))
+    # A handful of coefficients from 6000 samples: 0.5 sqrt(10 / 6000) = 0.02 N·m.
+    assert error.max() < 0.03
+    assert result.report.n_samples == 6000
+
+
+def test_the_report_is_json_and_the_certificate_within_tolerance():
+    q = poses(120, 2)
+    samples = samples_of(q, planar_2r(q), 0.05)
+    steps = []
+    result = fit(samples, FitOptions('potential'), lambda message, share: steps.append(share))
+    report = json.loads(json.dumps(result.report.to_json(), allow_nan=False))
+    solver = report['solver'][0]
+    assert solver['converged'] and -1e-9 <= solver['gap'] < 1e-5
+    assert solver['violation'] < 1e-6 and solver['iterations'] > 0
+    assert 0 <= solver['primal_residual'] < 1e-5 * solver['lambda']
+    assert 0 <= solver['dual_residual'] < 1e-5 * solver['lambda']
+    residual = rms(samples.tau - result.model.predict(q))
+    assert list(report['rmse'].values()) == pytest.approx(residual.tolist())
+    assert result.model.noise == pytest.approx(residual)
+    assert report['noise']['axis0'] == pytest.approx(0.05, rel=0.3)
+    assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
+    assert result.model.provenance['report']['features'] == result.report.features
+
+
+def test_failure_to_converge_is_reported(monkeypatch):
+    monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
+    q = poses(100, 3, reach=0.3)
+    tau = gravity_torque(serial_arm(3), q)
+    options = SparseOptions(admm=admm.AdmmOptions(max_iterations=1))
+    result = fit(samples_of(q, tau, 0.05), FitOptions('potential', options))
+    assert not result.converged
+    assert any('did not reach its tolerance' in message for message in result.report.warnings)
+    assert not result.report.solver[0].lasso.converged
+    assert result.report.solver[0].lasso.certificate.violation > 1e-4
+
+
+def slow_motion(count: int) -> np.ndarray:
+    t = 0.2 * np.arange(count)
+    return np.column_stack([0.8 * np.sin(0.13 * t), 0.7 * np.sin(0.19 * t + 1),
+                            0.9 * np.sin(0.11 * t + 2), 0.6 * np.sin(0.23 * t)])
+
+
+def test_autocorrelated_noise_inflates_the_variance_and_keeps_the_model_small():
+    arm, q = serial_arm(4), slow_motion(500)
+    t, rng = 0.2 * np.arange(500), np.random.default_rng(0)
+    tau = add_noise(t, gravity_torque(arm, q), NoiseOptions(absolute=0.5, correlation=2.0), rng)
+    samples = samples_of(q, tau)
+    inflated = fit(samples, FitOptions('potential'))
+    naive = fit(samples, FitOptions('potential', SparseOptions(inflation=1.0)))
+    assert inflated.report.solver[0].inflation > 1.0
+    assert inflated.model.n_features().sum() < naive.model.n_features().sum()
+
+
+def test_white_noise_has_no_inflation():
+    q = slow_motion(300)
+    tau = gravity_torque(serial_arm(4), q)
+    report = fit(samples_of(q, tau, 0.3), FitOptions('potential')).report
+    assert report.solver[0].inflation == 1.0
+
+
+@pytest.mark.parametrize('make, message', [
+    (lambda: FitOptions('magic'), "unknown formulation 'magic'; choose from auto, per_joint"),
+    (lambda: SparseOptions(lam=0.0), 'lambda'), (lambda: SparseOptions(lam=np.inf), 'lambda'),
+    (lambda: SparseOptions(lam=float('nan')), 'lambda'),
+    (lambda: SparseOptions(inflation=0.5), 'inflation'),
+    (lambda: SparseOptions(inflation=float('nan')), 'inflation')])
+def test_options_out_of_range(make, message):
+    with pytest.raises(OptionError, match=message):
+        make()
+
+
+@BOTH
+def test_torques_of_exactly_zero_are_accepted(formulation):
+    q = poses(60, 2)
+    q[:5] = [np.pi / 2, 0.0]
+    tau = planar_2r(q)
+    tau[:5] = 0.0
+    model = fit(samples_of(q, tau), FitOptions(formulation)).model
+    assert rms(model.predict(q) - tau).max() < 1e-6

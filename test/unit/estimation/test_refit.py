@@ -1,0 +1,188 @@
+"""Joint refits of gravity and effects in every formulation, and predictions with effects."""
+
+from dataclasses import replace
+import json
+
+from bench.shared.rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.runs import rows_of
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.effects.predict import effect_torque, predict_torque
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.refit import refit, RefitOptions
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Step
+from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.model_file import load_model, save_model
+import numpy as np
+import pytest
+
+SAMPLES = concatenate([two_links(1), two_links(2)])
+FRICTION = ('coulomb_friction:shoulder', 'viscous_friction:shoulder')
+
+
+def fitted(formulation='potential', samples=SAMPLES):
+    return fit(slow_samples(samples).samples, FitOptions(formulation)).model
+
+
+MODEL = fitted()
+
+
+def added(model, *targets, samples=SAMPLES, **options):
+    return refit(samples, model, requests(targets, model.joints), **options)
+
+
+def values(model, target):
+    effect = next(e for e in model.applied.effects if e.target == target)
+    return {symbol: x.value for symbol, x in effect.coefficients.items()}
+
+
+@pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
+def test_a_refit_keeps_the_formulation(formulation):
+    model = fitted(formulation)
+    result = added(model, *FRICTION).model
+    assert result.formulation == formulation and (result.chain is None) == (model.chain is None)
+    if formulation == 'per_joint':
+        assert result.energy is None
+    else:
+        q = two_links(9).q
+        torque = np.column_stack([_slope(result, q, n) for n in range(2)])
+        np.testing.assert_allclose(result.predict(q), torque, atol=1e-6)
+        assert (result.predict_std(q) > 0.0).all()
+    assert values(result, FRICTION[0])['F_c'] == pytest.approx(COULOMB, abs=0.05)
+    assert values(result, FRICTION[1])['F_v'] == pytest.approx(VISCOUS, rel=0.1)
+
+
+def _slope(model, q, joint):
+    """Return d U / d q of a joint from energies: the torques must have a potential."""
+    from gravity_comp_ros.models.sparse import dictionary
+    step = np.zeros(q.shape[1])
+    step[joint] = 1e-5
+    energy = [dictionary.columns(x, model.energy.indices) @ model.energy.weights
+              for x in (q - step, q + step)]
+    return (energy[1] - energy[0]) / 2e-5
+
+
+def test_nonlinear_parameters_are_fitted_to_training_data():
+    # 0.8 N·m more at creeping speed, which decays at about 0.03 rad/s.
+    extra = 0.8 * np.exp(-(SAMPLES.qd[:, 0] / 0.03) ** 2) * np.tanh(SAMPLES.qd[:, 0] / 0.005)
+    tau = SAMPLES.tau + np.column_stack([extra, np.zeros(len(extra))])
+    samples = replace(SAMPLES, tau=tau)
+    model = fitted(samples=samples)
+    result = added(model, *[e.target for e in model.fitted.effects if e.joint == 'shoulder'],
+                   samples=samples)
+    effect = next(e for e in result.model.applied.effects if e.name == 'stribeck_friction')
+    assert effect.setting['speed'] == pytest.approx(0.03, rel=0.35)
+    assert effect.coefficients['F_s'].value == pytest.approx(0.8, rel=0.25)
+    # The width of the friction sign is identified in spite of Stribeck friction.
+    assert result.errors['shoulder'].after < 1.5 * NOISE
+
+
+def test_errors_before_and_after_are_held_out():
+    # An absent effect must not seem to help; errors on fitted samples would always fall.
+    tries = [added(MODEL, 'viscous_friction:elbow', 'torque_ripple:elbow',
+                   samples=concatenate([two_links(10 + k), two_links(30 + k)])) for k in range(5)]
+    assert all(t.errors['elbow'].after > 0.97 * t.errors['elbow'].before for t in tries)
+
+
+def test_unused_samples_have_no_influence():
+    use = SAMPLES.runs == 0
+    spoilt = replace(SAMPLES, tau=np.where(use[:, None], SAMPLES.tau, 0.0))
+    # The direction of motion uses all samples; everything else only those in use.
+    a = added(MODEL, 'torque_offset:elbow', samples=SAMPLES, use=use).model
+    b = added(MODEL, 'torque_offset:elbow', samples=spoilt, use=use).model
+    assert values(a, 'torque_offset:elbow') == values(b, 'torque_offset:elbow')
+    np.testing.assert_array_equal(a.energy.weights, b.energy.weights)
+
+
+def test_slow_samples_are_fitted_by_default():
+    fast = two_links(3)
+    fast = JointSamples.single_run(JOINTS, fast.t / 3, fast.q, 3 * fast.qd, fast.tau, 'fast')
+    samples = concatenate([SAMPLES, fast])
+    slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
+    assert added(MODEL, FRICTION[0], samples=samples).n_samples == slow < len(samples)
+    assert added(MODEL, FRICTION[0], samples=samples,
+                 options=RefitOptions(slow=None, max_increase=9.0)).n_samples == len(samples)
+    few = added(MODEL, FRICTION[0], samples=samples, options=RefitOptions(0.1, force=True))
+    assert few.n_samples == int((np.abs(samples.qd) <= 0.1).all(axis=1).sum())
+
+
+def test_an_effect_that_a_recording_does_not_excite_is_kept():
+    result = added(MODEL, *FRICTION).model
+    still = two_links(5, one_way=True)
+    later = added(result, 'torque_offset:elbow', samples=still)
+    assert FRICTION[0] in {effect.target for effect in later.model.applied.effects}
+    # No other term absorbs its torque.
+    assert later.errors['elbow'].after < 1.2 * NOISE
+
+
+def test_predictions_are_independent_of_measured_torque():
+    result = added(MODEL, *FRICTION, 'torque_offset:elbow').model
+    samples = two_links(7)
+    blind = replace(samples, tau=np.zeros_like(samples.tau))
+    np.testing.assert_array_equal(predict_torque(result, samples), predict_torque(result, blind))
+    np.testing.assert_allclose(predict_torque(result, samples) - result.predict(samples.q),
+                               effect_torque(result, samples))
+    turned = samples.joints(JOINTS[::-1])
+    np.testing.assert_array_equal(predict_torque(result, turned), predict_torque(result, samples))
+
+
+def test_effects_of_a_model_are_not_diagnosed_again():
+    result = added(MODEL, *FRICTION).model
+    names = {f.effect for f in diagnose(SAMPLES, result).findings if f.joint == 'shoulder'}
+    assert not names & {'coulomb_friction', 'viscous_friction'}
+
+
+def test_rows_of_finds_every_sample_of_a_selection():
+    keep = np.random.default_rng(0).random(len(SAMPLES)) < 0.3
+    np.testing.assert_array_equal(rows_of(SAMPLES, SAMPLES.select(keep)), np.flatnonzero(keep))
+
+
+def test_requests_are_expanded_and_corrected():
+    parsed = requests(['viscous_friction', 'base_tilt'], JOINTS)
+    assert [(r.target, r.named) for r in parsed] == [
+        ('viscous_friction:shoulder', False), ('viscous_friction:elbow', False),
+        ('base_tilt', True)]
+    with pytest.raises(OptionError, match='did you mean encoder_offset'):
+        requests(['encoder:elbow'], JOINTS)
+
+
+def test_files_keep_effects_and_history(tmp_path):
+    result = added(MODEL, *FRICTION)
+    model = with_step(result.model, MODEL, result.added, '2025-01-01T00:00:00+00:00',
+                      *result.by_joint())
+    save_model(tmp_path / 'm.json', model)
+    again = load_model(tmp_path / 'm.json')
+    assert again.applied.effects == model.applied.effects
+    step = again.history[0]
+    assert (step.action, step.effects) == ('added', FRICTION)
+    assert step.before == result.by_joint()[0]
+    np.testing.assert_array_equal(step.previous.energy.weights, MODEL.energy.weights)
+    np.testing.assert_array_equal(predict_torque(again, SAMPLES), predict_torque(model, SAMPLES))
+    document = json.loads((tmp_path / 'm.json').read_text())
+    # The checksum covers a coefficient of friction too.
+    document['model']['applied']['effects'][0]['coefficients']['F_c']['value'] += 0.1
+    (tmp_path / 'm.json').write_text(json.dumps(document))
+    with pytest.raises(ModelFileError, match='damaged'):
+        load_model(tmp_path / 'm.json')
+
+
+ONE = AppliedEffect('x', 'elbow', {}, {'b': Value(1.0, 'N·m', (0.9, 1.1))})
+
+
+@pytest.mark.parametrize('make', [
+    lambda: Value(float('nan'), 'N·m', (0.0, 1.0)),
+    lambda: AppliedEffect('x', None, {}, {}),
+    lambda: AppliedEffect('x', None, {'speed': float('inf')}, ONE.coefficients),
+    lambda: Applied((ONE, ONE)),
+    lambda: Step('forgotten', (), 'today'),
+    lambda: replace(MODEL, applied=Applied((replace(ONE, joint='knee'),))),
+    lambda: replace(MODEL, fitted=Applied((replace(ONE, joint='knee'),))),
+])
+def test_invalid_effects_are_refused(make):
+    with pytest.raises(DataError):
+        make()

@@ -1,0 +1,242 @@
+"""Fits of the chain: accuracy outside the motion, kinds of arms, local minima, alternatives."""
+
+from bench.cases import generated
+from bench.shared.serial_arms import parallel_axis_arm, poses, random_chain, samples_of
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
+from gravity_comp_ros.models.kinematic.chain_starts import (
+    search, SearchOptions, structure, STRUCTURE_LIMIT)
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.simulation import arms, motions
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytestmark = pytest.mark.slow
+
+NOISE = 0.1
+CHAIN = FitOptions('chain')
+
+
+def worst(model, arm, q) -> float:
+    """Return the RMSE in N·m of the worst joint against noise-free gravity."""
+    error = model.predict(q) - arms.gravity_torque(arm, q)
+    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+
+
+def parallel_arm(n: int, level: bool) -> arms.Arm:
+    """Return an arm whose axes are all parallel, upright or level."""
+    model, parent = pin.Model(), 0
+    for k in range(n):
+        rotation = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0) if level and not k else np.eye(3)
+        parent = model.addJoint(parent, pin.JointModelRZ(),
+                                pin.SE3(rotation, np.array([0.3, 0, 0])), f'j{k}')
+        model.appendBodyToJoint(parent, pin.Inertia(2.0, np.array([0.15, 0.02, 0.01]),
+                                                    0.01 * np.eye(3)), pin.SE3.Identity())
+    limit = np.full(n, 2.6)
+    return arms.Arm('parallel', tuple(f'j{k}' for k in range(n)), model, -limit, limit, limit)
+
+
+@pytest.fixture(scope='module')
+def iiwa():
+    """Return the arm, the fit of 500 samples of Yu 2022, Eq. (17), and the samples."""
+    arm, q = arms.iiwa7(), motions.eq17().q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 3, arm.joints)
+    return arm, fit(samples, CHAIN), samples
+
+
+def test_a_small_motion_yields_accuracy_over_the_whole_joint_range(iiwa):
+    arm, result, _ = iiwa
+    assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+    assert worst(result.model, arm, wide) <= 0.15
+    assert result.report.white and result.converged
+    assert result.report.warnings == ()
+
+
+def test_the_band_covers_95_percent(iiwa):
+    arm, result, _ = iiwa
+    model = result.model
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+    for q in (motions.eq17(start=100.0).q, wide):
+        tau = arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(2).normal(size=q.shape)
+        inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
+                                                                   model.noise)
+        assert 0.92 <= inside.mean() <= 0.98
+
+
+def test_the_model_file_includes_chain_and_uncertainty(iiwa, tmp_path):
+    model = iiwa[1].model
+    save_model(tmp_path / 'm.json', model)
+    loaded = load_model(tmp_path / 'm.json')
+    q = poses(20, 7)
+    np.testing.assert_array_equal(loaded.predict(q), model.predict(q))
+    np.testing.assert_array_equal(loaded.predict_std(q), model.predict_std(q))
+    np.testing.assert_array_equal(loaded.chain.axes, model.chain.axes)
+
+
+@pytest.mark.parametrize('seed', [0, 3, 6])
+@pytest.mark.parametrize('right_angles', [False, True])
+def test_generated_arms(seed, right_angles):
+    # Six and seven axes, level and tilted. The floor with true axes is 0.01 and 0.02 to 0.03.
+    arm = generated.generated_arm(seed, right_angles=right_angles)
+    q = generated.small_motion(arm, seed).q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
+    model = fit(samples, CHAIN).model
+    assert worst(model, arm, generated.small_motion(arm, seed, start=100.0).q) <= 0.04
+    assert worst(model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.15
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4, 5, 8, 9, 10])
+def test_any_number_of_joints(n):
+    arm = generated.generated_arm(2, n)
+    q = generated.small_motion(arm, 0, duration=60.0).q
+    result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
+    assert worst(result.model, arm, poses(100, n, reach=2.6)) <= 0.1
+    wide = poses(3, n)
+    for pose, torque in zip(wide, result.model.predict(wide)):
+        np.testing.assert_allclose(result.model.predict_one(pose), torque, atol=1e-4)
+
+
+@pytest.mark.parametrize('level', [True, False])
+def test_parallel_axes(level):
+    arm = arms.with_base_tilt(parallel_arm(3, level), 0.0 if level else 0.1, 0.2)
+    q = generated.small_motion(arm, 1, duration=60.0).q
+    model = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN).model
+    assert worst(model, arm, poses(200, 3)) <= 0.1
+
+
+@pytest.mark.parametrize('tilt', [(0.0, 0.0), (0.4, -0.3), (np.pi, 0.0), (np.pi / 2, 0.0)])
+def test_six_axes_three_of_them_parallel(tilt):
+    # Upright, tilted, on a ceiling, on a wall.
+    arm = arms.with_base_tilt(parallel_axis_arm(), *tilt)
+    q = generated.small_motion(arm, 2).q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    model = fit(samples, CHAIN).model
+    assert worst(model, arm, generated.small_motion(arm, 2, start=100.0).q) <= 0.03
+    assert worst(model, arm, poses(300, 6, reach=2.6)) <= 0.15
+
+
+def test_vertical_axes_have_no_gravity_torque():
+    arm = parallel_arm(3, level=False)
+    q = generated.small_motion(arm, 1, duration=60.0).q
+    model = fit(samples_of(q, np.zeros_like(q), 0.05, 0, arm.joints), CHAIN).model
+    assert np.abs(model.predict(poses(100, 3))).max() < 0.05
+
+
+def test_joints_at_rest():
+    arm = arms.iiwa7()
+    q = generated.small_motion(arm, 1).q.copy()
+    q[:, 2], q[:, 6] = 0.3, 0.0
+    result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
+    assert max(result.report.rmse.values()) < 0.07
+    assert result.report.dropped_joints == ('iiwa_joint_3', 'iiwa_joint_7')
+    elsewhere = q.copy()
+    elsewhere[:, 2] += 1.5
+    assert result.model.predict_std(elsewhere).max() > 5 * result.model.predict_std(q).max()
+
+
+def test_a_wrong_minimum_is_detected():
+    arm = generated.generated_arm(3)
+    q = generated.small_motion(arm, 3).q
+    problem = ChainProblem(q, arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(
+        0).normal(size=q.shape), np.full(q.shape, 1.0 / NOISE))
+    minima = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
+    best = min(minima, key=lambda s: s.cost)
+    assert structure(problem, best) <= STRUCTURE_LIMIT
+    wrong = [s for s in minima if s.cost > 2.0 * best.cost]
+    assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
+
+
+def test_a_single_wrong_start_is_detected():
+    arm = arms.iiwa7()
+    q = motions.eq17().q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    problem = ChainProblem(q, samples.tau, np.full(q.shape, 1.0 / NOISE))
+    results = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
+    right = [each.solution.cost < 1.3 * q.size for each in results]
+    assert not all(right) and [each.clean for each in results] == right
+
+
+def error_and_band(seed: int, right_angles: bool, duration: float):
+    """Return errors in N·m over the joint range, their standard deviations, and the report."""
+    arm = generated.generated_arm(seed, right_angles=right_angles)
+    q = generated.small_motion(arm, seed, duration=duration).q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
+    result = fit(samples, CHAIN)
+    wide = poses(300, arm.n_joints, reach=2.6)
+    return (result.model.predict(wide) - arms.gravity_torque(arm, wide),
+            result.model.predict_std(wide), result.report)
+
+
+@pytest.mark.parametrize('seed, right_angles, seconds', [
+    (0, True, 20.0), (4, True, 20.0), (6, False, 20.0), (8, False, 100.0), (7, False, 100.0)])
+def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, seconds):
+    # 20 s of motion may be insufficient.
+    error, std, report = error_and_band(seed, right_angles, seconds)
+    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.95
+    worst = float(np.sqrt((error ** 2).mean(axis=0)).max())
+    warned = any('may be off by' in line for line in report.warnings)
+    assert warned if worst > 0.3 else worst < 0.15
+    assert report.warnings == () or seconds < 100.0
+
+
+def test_search_options_are_checked():
+    with pytest.raises(OptionError, match='starts'):
+        SearchOptions(starts=0)
+
+
+def energy_samples(features: dict[str, float], n: int, noise: float):
+    """Return samples of an arm whose energy is a sum of named features."""
+    names = {dictionary.feature_name(k, n): k for k in range(3 ** n)}
+    indices = np.array([names[name] for name in features])
+    q = 1.5 * np.sin(np.multiply.outer(0.2 * np.arange(300), 0.11 + 0.07 * np.arange(n)))
+    design = EnergyDesign(q, np.ones_like(q))
+    tau = (design.columns(indices) @ np.array(list(features.values()))).reshape(n, -1).T
+    return samples_of(q, tau, noise, 0)
+
+
+def test_auto_selects_the_chain_if_its_residual_is_white(iiwa):
+    result = fit(iiwa[2], FitOptions('auto'))
+    assert result.model.formulation == 'chain'
+    assert 'is white' in result.report.choice.why
+
+
+def test_auto_selects_the_potential_if_the_arm_is_not_a_chain():
+    # No serial arm has this combination of features.
+    samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
+    result = fit(samples, FitOptions('auto'))
+    assert result.model.formulation == 'potential'
+    errors = result.report.choice.held_out
+    assert errors['potential'] < errors['chain']
+    assert 'the error of the potential is' in result.report.choice.why
+    assert result.model.chain is None
+
+
+def test_zero_moments_have_zero_torque():
+    chain = Chain(np.eye(3)[None], np.zeros((1, 2)))
+    assert not chain.torque(poses(3, 1)).any()
+
+
+def test_few_poses_with_relative_noise_do_not_yield_a_wrong_chain():
+    # The first minimum with a white residual has an error of 2.4 N·m.
+    arm = arms.iiwa7()
+    q = motions.random_poses(arm.lower, arm.upper, 60, 0).q
+    tau = arms.gravity_torque(arm, q)
+    tau *= 1.0 + 0.01 * np.random.default_rng([0, 3]).normal(size=tau.shape)
+    model = fit(samples_of(q, tau, names=arm.joints), CHAIN).model
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (300, 7))
+    assert worst(model, arm, wide) < 0.2
+
+
+def test_singular_normal_equations_have_the_minimum_norm_solution():
+    right = np.array([3.0, 4.0])
+    np.testing.assert_allclose(_solved(np.diag([2.0, 4.0]), right), [1.5, 1.0])
+    # Also where rounding has made them indefinite.
+    np.testing.assert_allclose(_solved(np.diag([2.0, -1e-20]), right), [1.5, 0.0])
+    assert _solved(np.zeros((0, 0)), np.zeros(0)).shape == (0,)

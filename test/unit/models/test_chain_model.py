@@ -1,0 +1,109 @@
+"""The chain: torque, derivatives and expansion."""
+
+from bench.shared.serial_arms import planar_2r, random_chain
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.chain import (
+    about_z, aligned, Chain, in_frames_of_axes, tilt)
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.sparse import dictionary
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+def test_planar_arm_by_hand():
+    # Both axes level: A_1 rotates z to the horizontal, A_2 keeps it parallel. With x of frame 1
+    # level and the vertical along its y, a moment m along x at q = 0 gives m cos q.
+    g, m1, m2, l1, c1, c2 = 9.81, 3.0, 2.0, 0.5, 0.25, 0.2
+    level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    chain = Chain(np.stack([level, np.eye(3)]),
+                  np.array([[(m1 * c1 + m2 * l1) * g, 0.0], [m2 * c2 * g, 0.0]]))
+    q = np.array([[0.0, 0.0], [0.3, -0.7], [np.pi / 2, 0.0], [2.0, 1.0]])
+    np.testing.assert_allclose(chain.torque(q), planar_2r(q), atol=1e-12)
+
+
+def test_tilt_is_the_matrix_exponential():
+    from scipy.linalg import expm
+    for x, y in ((0.3, -0.2), (0.0, 0.0), (2.0, 2.5), (1e-9, 0.0)):
+        skew = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
+        np.testing.assert_allclose(tilt(np.array([[x, y]]))[0], expm(skew), atol=1e-12)
+
+
+@pytest.mark.parametrize('z', [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, 0.0, -0.8)])
+def test_aligned_rotates_z_to_the_direction(z):
+    rotation = aligned(np.array(z, dtype=float))
+    np.testing.assert_allclose(rotation[:, 2], z, atol=1e-12)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_frames_of_axes_do_not_change_gravity_and_an_arm_with_right_angles_has_sparse_moments():
+    rng = np.random.default_rng(0)
+    for seed in range(5):
+        chain, q = random_chain(6, seed), rng.uniform(-3, 3, (50, 6))
+        np.testing.assert_allclose(in_frames_of_axes(chain).torque(q), chain.torque(q),
+                                   atol=1e-12)
+    # Right angles and a parallel axis; every link frame is rotated about its axis at random.
+    right = np.stack([aligned(np.array(z, dtype=float)) for z in (
+        (0, 0, 1), (1, 0, 0), (0, 0, -1), (0, 1, 0), (-1, 0, 0))])
+    moments = np.array([[0.0, 0.0], [5.0, 0.0], [3.0, 0.0], [0.0, 2.0], [1.0, 0.0]])
+    turns = about_z(rng.uniform(-3, 3, 5))
+    axes = right @ turns
+    axes[1:] = turns[:-1].transpose(0, 2, 1) @ axes[1:]
+    rotated = Chain(axes, np.einsum('nij,ni->nj', turns[:, :2, :2], moments))
+    result = in_frames_of_axes(rotated)
+    q = rng.uniform(-3, 3, (50, 5))
+    np.testing.assert_allclose(result.torque(q), Chain(right, moments).torque(q), atol=1e-12)
+    assert np.count_nonzero(np.abs(rotated.moments) > 1e-9) == 8
+    assert np.count_nonzero(np.abs(result.moments) > 1e-9) == 4
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 7), st.integers(0, 10 ** 6))
+def test_jacobian_is_the_derivative(n, seed):
+    chain, rng = random_chain(n, seed), np.random.default_rng(seed + 1)
+    q, step = rng.uniform(-3, 3, (5, n)), rng.normal(size=4 * n)
+    small = 1e-6
+    numeric = (chain.moved(small * step).torque(q) - chain.moved(-small * step).torque(q)) / (
+        2 * small)
+    analytic = np.tensordot(step, chain.jacobian(q), axes=(0, 0)).T
+    np.testing.assert_allclose(analytic, numeric, atol=1e-7 * max(1.0, np.abs(numeric).max()))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 7), st.integers(0, 10 ** 6))
+def test_expansion_is_exact(n, seed):
+    chain = random_chain(n, seed)
+    q = np.random.default_rng(seed).uniform(-3, 3, (8, n))
+    names = tuple(f'j{k}' for k in range(n))
+    model = GravityModel.from_energy(names, 'chain', expand(chain), np.zeros(n),
+                                     Coverage(-np.ones(n), np.ones(n), 1), {})
+    np.testing.assert_allclose(model.predict(q), chain.torque(q), atol=1e-7)
+
+
+def test_expansion_drops_only_rounding_errors():
+    level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    chain = Chain(np.stack([np.eye(3), level]), np.array([[0.0, 0.0], [2.0, 0.0]]))
+    energy = expand(chain)
+    names = [dictionary.feature_name(int(k), 2) for k in energy.indices]
+    assert names == ['s2'] and energy.weights == pytest.approx([2.0])
+
+
+def test_the_rotation_of_a_link_frame_has_no_effect():
+    # The rotation of frame i about its own axis, which module `chain` fixes.
+    chain, angle = random_chain(4, 3), 0.8
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
+                         [0.0, 0.0, 1.0]])
+    axes, moments = chain.axes.copy(), chain.moments.copy()
+    axes[1], axes[2] = axes[1] @ rotation, rotation.T @ axes[2]
+    moments[1] = rotation[:2, :2].T @ moments[1]
+    q = np.random.default_rng(0).uniform(-3, 3, (6, 4))
+    np.testing.assert_allclose(Chain(axes, moments).torque(q), chain.torque(q), atol=1e-12)
+
+
+@pytest.mark.parametrize('axes, moments', [
+    (np.zeros((2, 3, 3)), np.zeros((2, 2))), (np.eye(3)[None], np.zeros((2, 2))),
+    (-np.eye(3)[None], np.zeros((1, 2))), (np.eye(3)[None], np.full((1, 2), np.nan))])
+def test_invalid_chains_are_refused(axes, moments):
+    with pytest.raises(DataError, match='chain'):
+        Chain(axes, moments)

@@ -1,0 +1,297 @@
+"""Model files: a round trip is exact, and a damaged file is refused."""
+
+import errno
+import hashlib
+import json
+import os
+from pathlib import Path
+
+from bench.shared.serial_arms import planar_2r, poses, samples_of
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.errors import ModelFileError
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models import model_file
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+def some_model(formulation: str = 'potential') -> GravityModel:
+    q = poses(50, 2)
+    return fit(samples_of(q, planar_2r(q), 0.1), FitOptions(formulation)).model
+
+
+MODEL = some_model()
+
+
+@pytest.fixture
+def saved(tmp_path) -> Path:
+    path = tmp_path / 'model.json'
+    save_model(path, MODEL)
+    return path
+
+
+def check_same(a: GravityModel, b: GravityModel) -> None:
+    assert (a.joints, a.formulation) == (b.joints, b.formulation)
+    for one, other in zip((*a.torques, a.energy), (*b.torques, b.energy)):
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one.indices, other.indices)
+            np.testing.assert_array_equal(one.weights, other.weights)
+    np.testing.assert_array_equal(a.noise, b.noise)
+    np.testing.assert_array_equal(a.coverage.q_min, b.coverage.q_min)
+    np.testing.assert_array_equal(a.coverage.q_max, b.coverage.q_max)
+    assert (a.coverage.n_samples, a.coverage.n_runs) == (b.coverage.n_samples,
+                                                         b.coverage.n_runs)
+
+
+def refused(path: Path, message: str) -> None:
+    """Check that a file is refused with a message of one line that names it."""
+    with pytest.raises(ModelFileError, match=message) as caught:
+        load_model(path)
+    assert str(path) in str(caught.value) and '\n' not in str(caught.value)
+
+
+def signed(body: dict, **envelope) -> str:
+    """Return the text of a file with this body and its checksum."""
+    canonical = json.dumps(body, sort_keys=True, separators=(',', ':'))
+    return json.dumps({'format': 'gravity_comp_ros model', 'version': model_file.VERSION,
+                       'model': body,
+                       'sha256': hashlib.sha256(canonical.encode()).hexdigest(), **envelope})
+
+
+@pytest.mark.parametrize('formulation', ['potential', 'per_joint'])
+def test_the_round_trip_of_a_fitted_model_is_exact(tmp_path, formulation):
+    model = some_model(formulation)
+    save_model(tmp_path / 'model.json', model)
+    again = load_model(tmp_path / 'model.json')
+    check_same(model, again)
+    q = poses(20, 2, seed=9)
+    np.testing.assert_array_equal(again.predict(q), model.predict(q))
+    assert again.provenance == json.loads(json.dumps(dict(model.provenance)))
+    assert again.provenance['report']['n_samples'] == 50
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def models(draw):
+    """Draw a model of 1 to 6 joints with any weights, names and provenance."""
+    n = draw(st.integers(1, 6))
+    names = tuple(draw(st.lists(st.text(min_size=1, max_size=8), min_size=n, max_size=n,
+                                unique=True)))
+
+    def expansion():
+        features = sorted(draw(st.sets(st.integers(0, 3 ** n - 1), max_size=6)))
+        weights = [draw(finite) for _ in features]
+        return Expansion(np.array(features, dtype=np.int64), np.array(weights))
+
+    vectors = [np.array([draw(finite) for _ in range(n)]) for _ in range(3)]
+    coverage = Coverage(vectors[0], vectors[1], draw(st.integers(0, 10 ** 9)), 2)
+    provenance = draw(st.dictionaries(st.text(max_size=5), finite | st.text(max_size=9)))
+    if draw(st.booleans()):
+        return GravityModel.from_energy(names, 'potential', expansion(), vectors[2], coverage,
+                                        provenance)
+    return GravityModel(names, 'per_joint', tuple(expansion() for _ in range(n)), None,
+                        vectors[2], coverage, provenance)
+
+
+@settings(max_examples=60, deadline=None)
+@given(model=models())
+def test_the_round_trip_of_any_model_is_exact(tmp_path_factory, model):
+    path = tmp_path_factory.mktemp('model') / 'model.json'
+    save_model(path, model)
+    again = load_model(path)
+    check_same(model, again)
+    assert again.provenance == model.provenance
+
+
+def test_the_file_is_json_with_format_version_and_checksum(saved):
+    document = json.loads(saved.read_text())
+    assert document['format'] == 'gravity_comp_ros model'
+    assert document['version'] == model_file.VERSION
+    assert document['model']['joints'] == ['axis0', 'axis1']
+    assert signed(document['model']) and json.loads(signed(document['model'])) == document
+    assert saved.read_text().endswith('}\n') and saved.read_text().isascii()
+
+
+def test_truncated_files_are_refused(saved):
+    data = saved.read_bytes()
+    for length in [*range(0, len(data) - 1, 37), len(data) - 2, len(data) - 3]:
+        saved.write_bytes(data[:length])
+        refused(saved, 'truncated|not a model file')
+
+
+def test_the_last_line_break_is_optional(saved):
+    saved.write_bytes(saved.read_bytes()[:-1])
+    check_same(load_model(saved), MODEL)
+
+
+def test_a_flipped_bit_does_not_change_the_model_silently(saved):
+    data, rng = saved.read_bytes(), np.random.default_rng(0)
+    outcomes = {'refused': 0, 'same': 0}
+    for place, bit in zip(rng.integers(len(data), size=400), rng.integers(8, size=400)):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << bit
+        saved.write_bytes(bytes(damaged))
+        try:
+            check_same(load_model(saved), MODEL)
+            outcomes['same'] += 1
+        except ModelFileError:
+            outcomes['refused'] += 1
+    assert outcomes['refused'] > 300
+
+
+@pytest.mark.parametrize('edit', [
+    lambda body: body['energy']['weights'].__setitem__(0, 1.0),
+    lambda body: body['energy']['features'].__setitem__(0, 1),
+    lambda body: body['joints'].reverse(),
+    lambda body: body['coverage'].update(n_samples=10 ** 6),
+    lambda body: body['provenance'].update(report='mine'),
+    lambda body: body.update(extra=1),
+])
+def test_an_edit_by_hand_is_refused(saved, edit):
+    document = json.loads(saved.read_text())
+    edit(document['model'])
+    saved.write_text(json.dumps(document))
+    refused(saved, 'damaged: its checksum does not match')
+
+
+@pytest.mark.parametrize('version', [0, 2, 4, None, '3', [3]])
+def test_another_version_is_refused(saved, version):
+    saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
+    refused(saved, 'this program reads version 3')
+
+
+@pytest.mark.parametrize('text', [
+    '{}', '[]', 'null', '3', '"text"', '{"format": "other", "version": 1}',
+    '{"model": {}, "version": 1}', '', ' ', 'not json', '\x00' * 100])
+def test_other_files_are_refused(saved, text):
+    saved.write_text(text)
+    refused(saved, 'not a model file')
+
+
+@pytest.mark.parametrize('body', [None, [], 'x', 3])
+def test_a_body_that_is_not_an_object_is_refused(saved, body):
+    saved.write_text(signed(body))
+    refused(saved, 'damaged')
+
+
+@pytest.mark.parametrize('data', [b'\x89PNG\r\n\x1a\n' + bytes(range(256)), b'\xff\xfe\x00',
+                                  b'\x80\x04\x95pickle', bytes(10000)])
+def test_binary_files_are_refused(saved, data):
+    saved.write_bytes(data)
+    refused(saved, 'not a model file')
+
+
+def test_large_files_are_refused_without_being_read(saved):
+    os.truncate(saved, 2 ** 40)
+    refused(saved, 'too large')
+
+
+def test_an_endless_device_is_refused():
+    refused(Path('/dev/zero'), 'too large')
+
+
+@pytest.mark.parametrize('depth', [100, 900, 5000, 100000])
+def test_deep_nesting_is_refused(saved, depth):
+    nested = '[' * depth + ']' * depth
+    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 3, "sha256": "0", '
+                     f'"model": {{"joints": {nested}}}}}')
+    refused(saved, 'damaged|not a model file')
+
+
+@pytest.mark.parametrize('token', ['NaN', 'Infinity', '-Infinity', '1e999'])
+def test_nan_and_infinity_are_refused(saved, token):
+    text = saved.read_text()
+    weight = repr(float(MODEL.energy.weights[0]))
+    assert weight in text
+    saved.write_text(text.replace(weight, token, 1))
+    refused(saved, 'damaged|not a model file')
+
+
+def replacing(**changes):
+    """Return an edit that replaces parts of the body."""
+    return lambda body: body.update(changes)
+
+
+@pytest.mark.parametrize('edit', [
+    replacing(joints=['axis0']), replacing(joints=['axis0', 'axis0']), replacing(joints=3),
+    replacing(joints=[]), replacing(joints=[f'j{k}' for k in range(13)]),
+    replacing(formulation='magic'), replacing(formulation=['potential']),
+    replacing(noise=[0.1]), replacing(noise='loud'), replacing(noise=[[0.1], [0.1]]),
+    replacing(coverage={}), replacing(coverage=None),
+    replacing(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
+    replacing(energy={'features': [1, 1], 'weights': [1.0, 1.0]}),
+    replacing(energy={'features': [9], 'weights': [1.0]}),
+    replacing(energy={'features': [-1], 'weights': [1.0]}),
+    replacing(energy={'features': [1], 'weights': []}),
+    replacing(energy={'features': [10 ** 30], 'weights': [1.0]}),
+    replacing(energy={'features': [1], 'weights': ['x']}),
+    replacing(energy={'features': [1], 'weights': [None]}),
+    replacing(energy={'features': [1.5], 'weights': [1.0]}),
+    replacing(energy=None), replacing(energy={}),
+    replacing(provenance=3), replacing(joints='ab'), replacing(noise=['0.1', '0.1']),
+    lambda body: body.pop('energy'), lambda body: body.pop('noise'),
+])
+def test_an_invalid_file_with_a_valid_checksum_is_refused(saved, edit):
+    body = json.loads(saved.read_text())['model']
+    edit(body)
+    saved.write_text(signed(body))
+    refused(saved, 'not a valid model|formulation')
+
+
+def test_a_missing_file_and_a_folder(tmp_path):
+    refused(tmp_path / 'none.json', 'no such file')
+    refused(tmp_path, 'is a directory')
+
+
+def test_a_full_disk_leaves_the_old_model(saved, monkeypatch):
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    other = some_model('per_joint')
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fsync', full)
+        with pytest.raises(ModelFileError, match='no space left'):
+            save_model(saved, other)
+    check_same(load_model(saved), MODEL)
+    assert os.listdir(saved.parent) == ['model.json']
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_model_that_is_not_finite_is_not_written(saved, value):
+    broken = GravityModel.from_energy(MODEL.joints, 'potential', MODEL.energy,
+                                      np.array([0.1, value]), MODEL.coverage, {})
+    with pytest.raises(ModelFileError, match='cannot write'):
+        save_model(saved, broken)
+    check_same(load_model(saved), MODEL)
+
+
+def test_provenance_without_json_form_is_not_written(saved):
+    broken = GravityModel.from_energy(MODEL.joints, 'potential', MODEL.energy, MODEL.noise,
+                                      MODEL.coverage, {'when': object()})
+    with pytest.raises(ModelFileError, match='cannot write'):
+        save_model(saved, broken)
+    check_same(load_model(saved), MODEL)
+
+
+def test_files_are_small(saved):
+    assert saved.stat().st_size < 20000 < model_file._MAX_BYTES
+
+
+def test_the_round_trip_of_a_model_without_terms(tmp_path):
+    rng = np.random.default_rng(0)
+    t = np.arange(200) * 0.2
+    q = np.sin(0.1 * t)[:, None]
+    samples = JointSamples.single_run(('turntable',), t, q, np.zeros_like(q),
+                                      rng.normal(scale=0.1, size=q.shape))
+    model = fit(samples, FitOptions('potential')).model
+    save_model(tmp_path / 'm.json', model)
+    again = load_model(tmp_path / 'm.json')
+    assert not again.predict(q).any() and not again.predict_std(q).any()

@@ -1,0 +1,253 @@
+"""The support search: prices, steps by hand, and local optimality."""
+
+from bench.shared.dense import DenseDesign
+from gravity_comp_ros.models.sparse import dictionary, support
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+LN = np.log
+ALL_OF_ONE = np.ones(3, dtype=bool)
+
+
+def orthonormal(coefficients, rows: int = 20):
+    """Return a design with one joint's three features as unit vectors, and its b."""
+    a = np.eye(rows)[:, :3]
+    return DenseDesign(a), a @ np.asarray(coefficients, dtype=float)
+
+
+@pytest.mark.parametrize('n_joints', [1, 2, 5, 8])
+def test_the_prior_over_all_features_sums_to_one(n_joints):
+    price = support.costs(n_joints, 50)
+    assert price.shape == (3 ** n_joints,)
+    assert np.exp(-0.5 * (price - LN(50))).sum() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_prices_by_hand():
+    price = support.costs(2, 100)
+    assert price[0] == pytest.approx(LN(100) + 4 * LN(1.5))                 # 1
+    assert price[1] == pytest.approx(LN(100) + 2 * LN(1.5) + 2 * LN(6))     # s2
+    assert price[8] == pytest.approx(LN(100) + 4 * LN(6))                   # c1 c2
+
+
+def test_score_by_hand():
+    design, b = orthonormal([1.0, 4.0, 3.0])
+    kept = support.refit(design, b, np.array([1]))
+    assert kept.chi2 == pytest.approx(10.0)
+    assert support.score(kept, 1, 20) == pytest.approx(10.0 + LN(20) + 2 * LN(6))
+
+
+@pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0), (2, 6.0)])
+@pytest.mark.parametrize('margin, kept', [(1e-3, True), (-1e-3, False)])
+@pytest.mark.parametrize('start', ['inside', 'outside'])
+def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margin, kept, start):
+    # In an orthonormal design, dropping k raises chi^2 by b_k^2 and saves its price.
+    x = np.zeros(3)
+    x[feature] = np.sqrt(LN(20) + 2 * LN(factor) + margin)
+    others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
+    design, b = orthonormal(x + others)
+    given_start = np.arange(3) if start == 'inside' else np.flatnonzero(others)
+    selected = support.select_support(design, b, given_start, 1, ALL_OF_ONE)
+    assert (feature in selected.indices) == kept
+    assert set(np.flatnonzero(others)) <= set(selected.indices)
+
+
+def test_refit_is_least_squares():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(30, 9)) * np.logspace(-3, 3, 9), rng.normal(size=30)
+    selected = support.refit(DenseDesign(a), b, np.array([7, 2, 5]))
+    chosen = a[:, [2, 5, 7]]
+    expected, chi2 = np.linalg.lstsq(chosen, b, rcond=None)[:2]
+    np.testing.assert_array_equal(selected.indices, [2, 5, 7])
+    np.testing.assert_allclose(selected.x, expected, rtol=1e-9)
+    assert selected.chi2 == pytest.approx(chi2[0])
+
+
+def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
+    b = np.array([1.0, 2.0, 2.0])
+    nothing = support.refit(DenseDesign(np.eye(3)), b, np.zeros(0, dtype=np.int64))
+    assert nothing.chi2 == 9.0 and nothing.x.size == 0
+    a = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    selected = support.refit(DenseDesign(a), b, np.arange(3))
+    np.testing.assert_allclose(selected.x, [0.5, 0.5, 0.0], atol=1e-12)
+    assert selected.chi2 == pytest.approx(8.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 9).flatmap(lambda n: st.tuples(st.just(n),
+                                                     st.integers(0, 3 ** n - 1))))
+def test_neighbours_differ_in_one_factor(case):
+    n_joints, index = case
+    near = support.neighbours_of(np.array([index]), n_joints)[0]
+    assert len(set(near.tolist())) == 2 * n_joints
+    own = dictionary.digits(np.array([index]), n_joints)[0]
+    differences = (dictionary.digits(near, n_joints) != own).sum(axis=1)
+    assert (differences == 1).all()
+
+
+def every_single_step(indices: np.ndarray, usable: np.ndarray, n_joints: int):
+    """Yield the supports that a drop, an addition or a swap with a neighbour leads to."""
+    inside = set(indices.tolist())
+    outside = set(np.flatnonzero(usable).tolist()) - inside
+    for k in inside:
+        yield inside - {k}
+        for near in set(support.neighbours_of(np.array([k]), n_joints)[0].tolist()) & outside:
+            yield inside - {k} | {near}
+    for k in outside:
+        yield inside | {k}
+
+
+@st.composite
+def problems(draw):
+    """Draw a design of one or two joints, a torque, usable features and a start."""
+    n_joints = draw(st.integers(1, 2))
+    rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
+    kind = draw(st.sampled_from([TorqueDesign, EnergyDesign]))
+    count = draw(st.integers(8, 40))
+    q = rng.uniform(-1, 1, (count, n_joints)) * draw(st.sampled_from([0.5, 3.0]))
+    weights = rng.uniform(5, 20, (count, n_joints if kind is EnergyDesign else 1))
+    design, size = kind(q, weights), 3 ** n_joints
+    x = rng.normal(0, 3, size) * (rng.random(size) < 0.4)
+    b = design.columns(np.arange(size)) @ x + rng.normal(size=design.n_rows)
+    usable = rng.random(size) < draw(st.sampled_from([0.7, 1.0]))
+    start = np.flatnonzero(rng.random(size) < 0.5)
+    return design, b, n_joints, usable, start
+
+
+@settings(max_examples=60, deadline=None)
+@given(problems())
+def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
+    design, b, n_joints, usable, start = problem
+    selected = support.select_support(design, b, start, n_joints, usable)
+    assert usable[selected.indices].all()
+    score = support.score(selected, n_joints, design.n_rows)
+    for other in every_single_step(selected.indices, usable, n_joints):
+        refit = support.refit(design, b, np.array(sorted(other), dtype=np.int64))
+        # Dependent columns change the score by rounding errors only.
+        assert support.score(refit, n_joints, design.n_rows) > score - 1e-3
+
+
+@settings(max_examples=40, deadline=None)
+@given(problems())
+def test_selection_lowers_the_score_and_is_idempotent(problem):
+    design, b, n_joints, usable, start = problem
+    before = support.refit(design, b, start[usable[start]])
+    selected = support.select_support(design, b, start, n_joints, usable)
+    again = support.select_support(design, b, selected.indices, n_joints, usable)
+    scores = [support.score(r, n_joints, design.n_rows) for r in (before, selected)]
+    assert scores[1] <= scores[0] + 1e-6
+    np.testing.assert_array_equal(again.indices, selected.indices)
+
+
+def test_the_score_falls_with_every_step():
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-0.4, 0.4, (60, 4))
+    design = TorqueDesign(q, np.full((60, 1), 10.0))
+    b = 10 * (9 * np.sin(q[:, 0]) * np.cos(q[:, 2]) + 4 * np.cos(q[:, 3])
+              + 0.1 * rng.normal(size=60))
+    search = support._Search(b, 4, support.gram_of(design, np.ones(81, dtype=bool)),
+                             np.arange(0, 81, 7))
+    scores = [search.score]
+    while search.step() and len(scores) < 100:
+        scores.append(support.score(support.refit(design, b, search.support), 4, 60))
+        assert search.score == pytest.approx(scores[-1], abs=1e-5)
+    assert len(scores) > 3 and (np.diff(scores) < 0).all()
+
+
+@pytest.mark.parametrize('samples', [15, 20, 40])
+def test_the_search_ends_despite_rounding(samples):
+    # Over 0.05 rad all features are nearly collinear, and the torque is 10^5 times its noise.
+    rng = np.random.default_rng(0)
+    q = 0.3 + 0.05 * rng.uniform(-1, 1, (samples, 5))
+    torque = 40 * np.sin(q[:, 0]) * np.cos(q[:, 1]) + 9 * np.cos(q[:, 3])
+    design = TorqueDesign(q, np.full((samples, 1), 1e4))
+    b = 1e4 * (torque + 1e-4 * rng.normal(size=samples))
+    search = support._Search(b, 5, support.gram_of(design, np.ones(243, dtype=bool)),
+                             np.arange(0, 243, 20))
+    assert not all(search.step() for _ in range(100))
+    best = support.refit(design, b, search.support)
+    near = support.equivalents(b, best, 5, search.gram)
+    assert np.isfinite(best.x).all() and all(len(other) == len(best.indices) for other in near)
+
+
+def test_the_inverse_is_accurate_after_successive_drops():
+    rng = np.random.default_rng(5)
+    q, b = rng.uniform(-3, 3, (200, 4)), rng.normal(size=200)
+    gram = support.gram_of(TorqueDesign(q, np.ones((200, 1))), np.ones(81, dtype=bool))
+    search = support._Search(b, 4, gram, np.arange(60))
+    for _ in range(45):
+        search.change_support(np.delete(search.support, rng.integers(len(search.support))))
+        exact = np.linalg.inv(gram.within(search.support))
+        np.testing.assert_allclose(search.inverse, exact, atol=1e-9 * np.abs(exact).max())
+        x = np.linalg.lstsq(gram.columns(search.support).T, b, rcond=None)[0]
+        np.testing.assert_allclose(search.x, x, atol=1e-9)
+
+
+def test_no_profitable_feature_of_many_is_missed():
+    rng = np.random.default_rng(6)
+    q = rng.uniform(-3, 3, (400, 10))
+    true = rng.choice(3 ** 10, 12, replace=False)
+    b = dictionary.columns(q, true) @ rng.choice([-15.0, 12.0], 12) + rng.normal(size=400)
+    design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
+    selected = support.select_support(design, b, np.zeros(0, dtype=np.int64), 10, usable)
+    assert set(true) <= set(selected.indices.tolist())
+    residual = b - design.columns(selected.indices) @ selected.x
+    gain = design.correlate(residual) ** 2 / design.squared_norms() - support.costs(10, 400)
+    assert np.delete(gain, selected.indices).max() < 0.0
+
+
+def test_the_simplest_of_dependent_columns_is_kept():
+    # Joint 2 is at rest at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
+    rng = np.random.default_rng(2)
+    q = np.column_stack([rng.uniform(-2, 2, 50), np.full(50, 0.5)])
+    design = TorqueDesign(q, np.full((50, 1), 10.0))
+    b = 10 * (7 * np.sin(q[:, 0]) + 0.1 * rng.normal(size=50))
+    selected = support.select_support(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
+    np.testing.assert_array_equal(selected.indices, [3])
+    assert selected.x[0] == pytest.approx(7.0, abs=0.1)
+
+
+@pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
+@pytest.mark.parametrize('seed', range(5))
+def test_a_true_small_support_is_selected(kind, seed):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2.5, 2.5, (200, 4))
+    truth = np.sort(1 + rng.choice(80, 5, replace=False))
+    x = rng.choice([-1, 1], 5) * rng.uniform(1, 20, 5)
+    design = kind(q, np.full((200, 4 if kind is EnergyDesign else 1), 10.0))
+    b = design.columns(truth) @ x + rng.normal(size=design.n_rows)
+    start = rng.choice(81, 12, replace=False)
+    selected = support.select_support(design, b, start, 4, np.ones(81, dtype=bool))
+    np.testing.assert_array_equal(selected.indices, truth)
+    columns = design.columns(truth)
+    std = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+    assert (np.abs(selected.x - x) < 5 * std).all()
+
+
+def equivalents_of(design, b, indices):
+    best = support.refit(design, b, np.array(indices))
+    near = support.equivalents(b, best, 1, support.gram_of(design, ALL_OF_ONE))
+    return [other.tolist() for other in near]
+
+
+def test_supports_that_the_data_do_not_distinguish_are_equivalent():
+    # The columns of s1 and c1 are the same vector.
+    a = np.eye(20)[:, [0, 1, 1]]
+    assert equivalents_of(DenseDesign(a), a @ [0.0, 8.0, 0.0], [1]) == [[2]]
+
+
+@pytest.mark.parametrize('difference, near', [(7.9, [[2]]), (8.1, [])])
+def test_supports_of_similar_score_are_equivalent(difference, near):
+    # With c1 instead of s1, chi^2 is larger by the difference of the squares.
+    design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(20.0 - difference)])
+    assert equivalents_of(design, b, [1]) == near
+
+
+def test_an_empty_support_stays_empty_on_noise():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2, 2, (300, 4))
+    design = TorqueDesign(q, np.ones((300, 1)))
+    sizes = [support.select_support(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
+                                    np.ones(81, dtype=bool)).indices.size for _ in range(20)]
+    assert sum(sizes) <= 2

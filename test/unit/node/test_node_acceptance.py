@@ -1,0 +1,248 @@
+"""Plausibility tests of a new model: broken effort is refused, real payloads are accepted."""
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+import re
+
+from bench.shared.broken_effort import intermittent_brake, KINDS
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.estimation.chain_of_model import as_chain
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.subset_stability import convergence_objection
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.acceptance import (
+    AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
+from gravity_comp_ros.node.hypotheses import Hypotheses
+from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+pytest.importorskip('pinocchio')
+bench = import_module('bench.node_acceptance')
+ARM, job_of, Payload, recorded = bench.ARM, bench.job_of, bench.Payload, bench.recorded
+
+
+@pytest.fixture(scope='module')
+def base():
+    bare = recorded('eq17', 0, 100.0, 0.0, None, 'bare', np.random.default_rng(5))
+    return fit(bare.samples, FitOptions(formulation='chain')).model
+
+
+@pytest.fixture(scope='module')
+def geometry():
+    return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
+
+
+def corrupted(name, n=100, seed=1):
+    rng = np.random.default_rng(seed)
+    case = recorded('eq17', seed, n / 5.0, 50.0, Payload(2.0), name, rng)
+    s = case.samples
+    return replace(case, samples=JointSamples.single_run(
+        s.names, s.t, s.q, s.qd, KINDS[name](s.tau, rng)))
+
+
+# Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
+@pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
+def test_broken_effort_is_refused(name, base, geometry):
+    result = run_fit(job_of(corrupted(name), base, geometry))
+    assert result.fault and not result.accepted and result.fault in result.reason
+
+
+@pytest.mark.parametrize('mass, centre', [(0.3, (0.0, 0.0, 0.1)), (5.0, (0.12, -0.1, 0.1))])
+def test_a_real_payload_is_accepted_within_twenty_seconds(mass, centre, base, geometry):
+    case = recorded('eq17', 0, 20.0, 80.0, Payload(mass, centre), 'real',
+                    np.random.default_rng(2))
+    outcome = run_fit(job_of(case, base, geometry))
+    assert outcome.accepted, outcome.reason
+    assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
+
+
+@pytest.mark.parametrize('seconds, seed', [(8.0, 2), (20.0, 1), (20.0, 4)])
+def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
+    rng = np.random.default_rng(seed)
+    case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
+    samples = replace(case.samples, tau=intermittent_brake(case.samples.tau, rng))
+    result = run_fit(job_of(replace(case, samples=samples), base))
+    assert result.accepted, result.reason
+    assert result.outliers and sum(result.outliers.values()) < 0.2 * len(samples)
+    assert np.abs(result.model.predict(case.later) - case.truth).max() < 0.5
+    clean = run_fit(job_of(case, base))
+    assert not clean.outliers
+
+
+def test_a_transient_does_not_prevent_a_first_model():
+    # A controller transient causes several N·m on a joint without gravity.
+    samples = recorded('eq17', 0, 60.0, 0.0, None, '', np.random.default_rng(3)).samples
+    tau = samples.tau + np.tanh(samples.qd / 0.01)
+    tau[100:104, 0] += [9.0, -9.0, 7.0, -7.0]
+    samples = replace(samples, tau=tau)
+    job = job_of(bench.Case('', samples, samples.q, tau), None)
+    result = run_fit(job)
+    assert result.accepted, result.reason
+    assert set(result.outliers) == {ARM.joints[0]} and sum(result.outliers.values()) <= 4
+
+
+def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
+    samples = recorded('eq17', 0, 20.0, 80.0, Payload(2.0), '', np.random.default_rng(2)).samples
+    tau = samples.tau.copy()
+    tau[40:, 1] = 0.0
+    assert not outliers_of_change(replace(samples, tau=tau), base).any()
+
+
+def table(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, payload=None):
+    """
+    Return the hypotheses of twenty seconds with 0.1 N·m of noise.
+
+    :param change: of the moments (7, 2) of the chain in N·m.
+    :param scaled: joints and the gain of their effort.
+    """
+    samples = recorded('eq17', 0, 20.0, 30.0, payload, '', np.random.default_rng(0)).samples
+    if change is not None:
+        moved = base.chain.moved(np.concatenate([np.zeros(14), np.ravel(change)]))
+        noise = 0.1 * np.random.default_rng(1).standard_normal((100, 7))
+        samples = replace(samples, tau=moved.torque(samples.q) + noise)
+    tau = samples.tau.copy()
+    for joint, gain in scaled:
+        tau[:, joint] *= gain
+    return Hypotheses(replace(samples, tau=tau), 0.0 * tau, base, base, np.full(7, 0.1), limits,
+                      geometry)
+
+
+def refusals(hypotheses, limits=PayloadLimits()):
+    """Return name and text of each check that did not pass."""
+    return {check.name: check.text for check in
+            body_checks(hypotheses, np.full(7, 0.1), 1.0, limits) if not check.passed}
+
+
+def heavier(base, **changed):
+    """Return moments (7, 2) in N·m in the direction of those of the links."""
+    result = np.zeros((7, 2))
+    for name, value in changed.items():
+        own = base.chain.moments[int(name[1:])]
+        result[int(name[1:])] = value * own / np.linalg.norm(own)
+    return result
+
+
+@pytest.mark.parametrize('joint', [1, 3, 5])
+@pytest.mark.parametrize('gain', [0.0, -1.0, 0.5])
+@pytest.mark.parametrize('known', [False, True])
+def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
+    axes = geometry if known else None
+    reasons = refusals(table(as_chain(base, axes), scaled=[(joint, gain)], geometry=axes))
+    match = re.search(r'of iiwa_joint_(\d) is (\S+) times', reasons[checks.NO_FAULT])
+    assert int(match[1]) == joint + 1 and float(match[2]) == pytest.approx(gain, abs=0.02)
+
+
+def test_a_body_is_no_fault(base, geometry):
+    for axes in (None, geometry):
+        for mass in (0.3, 2.0, 5.0):
+            payload = Payload(mass, (0.1, -0.05, 0.1))
+            assert not refusals(table(as_chain(base, axes), geometry=axes, payload=payload))
+        assert not refusals(table(as_chain(base, axes), geometry=axes))
+
+
+def test_a_change_of_the_outer_links_is_a_body(base):
+    assert not refusals(table(base, heavier(base, m1=10.0, m3=9.0)))
+
+
+def test_a_change_beyond_max_payload_is_refused(base):
+    heavy = table(base, heavier(base, m1=60.0, m3=50.0))
+    assert not refusals(heavy)
+    limits = PayloadLimits(mass=5.0)
+    assert 'max_payload 5 kg' in refusals(heavy, limits)[checks.WITHIN_LIMITS]
+
+
+def test_a_common_factor_of_all_joints_is_refused(base):
+    limits = PayloadLimits(mass=100.0)
+    every = [(joint, 2.0) for joint in range(7)]
+    assert 'all joints is 2 times' in refusals(table(base, scaled=every, limits=limits), limits)[
+        checks.NO_FAULT]
+
+
+def test_known_axes_bound_mass_and_reach(base, geometry):
+    payload, chain = Payload(3.0, (0.0, 0.0, 0.4)), as_chain(base, geometry)
+    for limits, why in ((PayloadLimits(), None), (PayloadLimits(mass=2.0), 'max_payload is 2 kg'),
+                        (PayloadLimits(reach=0.2), 'max_payload_reach')):
+        reasons = refusals(table(chain, limits=limits, geometry=geometry, payload=payload), limits)
+        assert not reasons if why is None else why in reasons[checks.WITHIN_LIMITS]
+
+
+def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
+    bare = recorded('eq17', 0, 60.0, 0.0, None, 'bare', np.random.default_rng(5)).samples
+    model = fit(bare, FitOptions(formulation='potential')).model
+    chain = as_chain(model)
+    assert chain.formulation == 'chain'
+    assert np.abs(chain.predict(bare.q) - model.predict(bare.q)).max() < 0.3
+    no_chain = replace(model, uncertainty=None)
+    assert as_chain(no_chain) is None
+
+
+def test_reference_noise_is_the_larger_of_earlier_and_present_noise():
+    rng = np.random.default_rng(0)
+    t = 0.2 * np.arange(400)
+    q = np.stack([np.sin(0.1 * t), np.cos(0.1 * t)], axis=1)
+    tau = 20.0 * q + np.array([0.05, 1.0]) * rng.standard_normal(q.shape)
+    samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)
+    result = reference_noise(np.full(2, 0.1), samples, 19.0 * q)
+    assert result[0] == 0.1 and result[1] == pytest.approx(1.0, rel=0.2)
+
+
+def test_a_first_model_must_explain_every_joint():
+    q = np.random.default_rng(0).uniform(-1, 1, (200, 2))
+    samples = JointSamples.single_run(['a', 'b'], np.arange(200), q, 0 * q, q * [20.0, 10.0])
+    assert joints_agree(samples, np.array([0.5, 1.0])).passed
+    refusal = joints_agree(samples, np.array([0.5, 4.0]))
+    assert not refusal.passed and 'effort of b contradicts' in refusal.text
+    assert not gravity_present(samples, 5.0 * samples.tau, np.full(2, 0.1)).passed
+    assert gravity_present(samples, 2.0 * samples.tau, np.full(2, 0.1)).passed
+
+
+def test_limits_of_the_checks_are_positive():
+    with pytest.raises(OptionError, match='max_echo'):
+        AcceptanceOptions(max_echo=0.0)
+
+
+@pytest.mark.parametrize('bad', [{'mass': 0.0}, {'reach': -1.0}, {'mass': float('inf')}])
+def test_limits_must_be_positive(bad):
+    with pytest.raises(OptionError, match='payload limits'):
+        PayloadLimits(**bad)
+
+
+def with_wrong_axes(model, angle):
+    """Return a chain model with wrong axes, as after a fit to too little motion."""
+    turned = np.random.default_rng(0).uniform(-angle, angle, 14)
+    chain = model.chain.moved(np.concatenate([turned, np.zeros(14)]))
+    return GravityModel.from_energy(model.joints, 'chain', expand(chain), model.noise,
+                                    model.coverage, {}, chain, model.uncertainty)
+
+
+def test_a_model_that_changes_with_its_samples_has_not_converged(base):
+    case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
+    noise = np.full(7, 0.1)
+    assert convergence_objection(base, case.samples, noise, lambda early: base) is None
+    result = convergence_objection(with_wrong_axes(base, 0.3), case.samples, noise,
+                                   lambda early: base)
+    assert result is not None and 'has not converged' in result and 'N·m' in result
+    parts = []
+    convergence_objection(base, case.samples, noise, lambda part: parts.append(part) or base)
+    first, last = parts
+    assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
+    assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
+    # A fit to the first part may agree with the model, and one to the last part contradict it.
+    result = convergence_objection(
+        base, case.samples, noise,
+        lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+    assert 'the first 90 of 300 samples changed' in result
+
+    def too_few(part):
+        raise FitError('10 samples are too few')
+
+    assert 'too few for a model' in convergence_objection(base, case.samples, noise, too_few)

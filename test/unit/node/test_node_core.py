@@ -1,0 +1,433 @@
+"""`NodeCore` without ROS, with explicit messages and time, and a real fit process."""
+
+from dataclasses import replace
+import os
+import signal
+import time
+
+from bench.shared.node_messages import joint_state as message, send_message, until
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.node import model_history
+from gravity_comp_ros.node.arm_description import describe_arm
+from gravity_comp_ros.node.diagnostics import (
+    ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.torque_source import UncertainChange
+import numpy as np
+import pytest
+
+
+def torque(q, mass=1.0):
+    return mass * np.array([5.0, 2.0]) * np.sin(q)
+
+
+def motion(n, seed=0):
+    """Return time (n,) and poses (n, 2) of slow motion."""
+    t = 0.2 * np.arange(n)
+    return t, np.stack([1.2 * np.sin(0.11 * t + seed), 0.9 * np.cos(0.07 * t + seed)], axis=1)
+
+
+def joint_state(t, q, tau, names=('a', 'b')):
+    return message(names, t, q, [0.14] * len(q), tau)
+
+
+@pytest.fixture
+def live():
+    nodes = []
+
+    def make(**settings):
+        given = Parameters(**{'unlimited_torque': True, 'max_age': 0.0, **settings})
+        nodes.append(NodeCore(given, '/joint_states', 0.0))
+        return nodes[-1]
+
+    yield make
+    for each in nodes:
+        each.close()
+
+
+@pytest.fixture(scope='module')
+def model_file(tmp_path_factory):
+    t, q = motion(300)
+    rng = np.random.default_rng(0)
+    tau = torque(q) + 0.01 * rng.standard_normal(q.shape)
+    path = tmp_path_factory.mktemp('live') / 'model.json'
+    save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)).model)
+    return path
+
+
+def feed(node, n, start=1.0, mass=1.0, seed=0):
+    t, q = motion(n, seed)
+    tau = torque(q, mass) + 0.01 * np.random.default_rng(7).standard_normal(q.shape)
+    for k in range(n):
+        send_message(node, joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
+    return start + t[-1]
+
+
+def status(node, name, now=0.0):
+    return {each.name: each for each in node.statuses(now)}[name]
+
+
+def test_it_learns_the_torque_and_publishes_it(live):
+    node = live(ramp_time=0.0, max_torque_rate=())
+    now = feed(node, 140)
+    until(node, lambda: node.models.model is not None)
+    last = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
+    reading, tau = send_message(node, last, now + 0.2, 0.0)
+    np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
+
+
+@pytest.mark.parametrize('content', [b'', b'{', b'[]', b'null', b'\x00\xff' * 99,
+                                     b'{"format": "gravity_comp_ros model", "version": 99}'])
+def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp_path):
+    path = tmp_path / 'model.json'
+    path.write_bytes(content)
+    node = live(model_file=str(path))
+    assert status(node, 'model').level == ERROR
+    assert 'model.json' in status(node, 'model').message
+    assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    answers = []
+    node.save(0.0, lambda *answer: answers.append(answer))
+    assert not answers[0][0] and path.read_bytes() == content
+
+
+def test_a_model_of_other_joints_is_not_used(live, model_file):
+    node = live(model_file=str(model_file), joints=('b', 'a'))
+    assert node.models.model is None and status(node, 'model').level == ERROR
+
+
+def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    now = feed(node, 80)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.tick(time.monotonic())
+    assert node.learner.fits.state == 'fitting'
+    assert node.payload_changed(now)[0]
+    before = node.models.model
+    until(node, lambda: answers)
+    assert not answers[0][0] and 'discarded' in answers[0][1]
+    assert node.models.model is before
+
+
+def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
+    node = live(model_file=str(model_file), settle_time=1.0)
+    now = feed(node, 20)
+    node.payload_changed(now)
+    feed(node, 20, now + 0.2)
+    # Of the 16 samples after it the last one waits for later messages.
+    assert node.arm.epoch.n_samples == 15
+
+
+def test_a_first_message_that_names_no_arm(live):
+    node = live()
+    names = [f'j{k}' for k in range(11)]
+    large = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    assert send_message(node, large, 1.0, 0.0) == (None, None)
+    assert 'set the parameter joints' in status(node, 'model').message
+    assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
+    assert node.arm.joints == ('a', 'b') and node.models.problem == ''
+
+
+def test_levels_of_the_input(live):
+    node = live(joints=('a', 'b'))
+    assert status(node, 'input').level == STALE
+    send_message(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
+    assert status(node, 'input', 1.0).level == ERROR
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    assert status(node, 'input', 1.1).level == OK
+    send_message(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
+    report = status(node, 'input', 1.2)
+    assert report.level == WARN and 'effort_not_finite 1' in report.message
+    assert status(node, 'input', 9.0).level == STALE
+
+
+def test_a_large_residual_suggests_another_payload(live, model_file):
+    node = live(model_file=str(model_file))
+    now = feed(node, 40)
+    assert status(node, 'joint a', now).level == OK
+    feed(node, 40, now + 0.2, mass=1.5)
+    assert 'another payload' in status(node, 'joint a', now + 8.0).message
+
+
+def test_the_residual_without_friction_shows_another_payload():
+    residual = np.array([[1.2], [0.1]])
+    noise = np.array([[1.1], [0.12]])
+    span, none = np.ones(1), np.zeros(1)
+    quiet, = joint_statuses(('a',), span, residual, noise, none, True)
+    assert quiet.level == OK and quiet.values['residual beside friction [Nm]'] == '0.1000'
+    loud, = joint_statuses(('a',), span, np.array([[1.6], [1.0]]), noise, none, True)
+    assert loud.level == WARN and 'another payload' in loud.message
+
+
+LEARNING = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking': (), 'gate': {},
+            'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
+            'kept_old': False, 'compensated': False}
+
+
+def test_outliers_are_a_warning():
+    assert learning_status(Learning(**LEARNING)).level == OK
+    report = learning_status(Learning(**LEARNING, outliers='3 of elbow'))
+    assert report.level == WARN and '3 of elbow' in report.message and 'brake' in report.message
+
+
+@pytest.mark.parametrize('change', [{'failure': 'it died'}, {'broken': True}, {'kept_old': True},
+                                    {'compensated': True}, {'outliers': '3 of a'}, {}])
+def test_the_learning_status_always_has_the_state_of_the_epoch(change):
+    assert 'epoch 1 open' in learning_status(Learning(**{**LEARNING, **change})).message
+
+
+def test_close_replies_to_pending_calls(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    feed(node, 80)
+    answers = []
+    node.refit(0.0, lambda *answer: answers.append(answer))
+    node.close()
+    assert answers == [(False, 'the node shuts down')]
+
+
+def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
+    node = live(model_file=str(model_file), settle_time=1.0)
+    now = feed(node, 20, start=5000.0)
+    node.payload_changed(now)
+    feed(node, 20, start=10.0)
+    assert node.arm.epoch.n_samples > 10
+
+
+def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
+    feed(node, 80)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.tick(20.0, time.monotonic())
+    node.tick(1e6, time.monotonic())
+    assert node.learner.fits.state == 'fitting' and not answers
+    end = time.monotonic() + 30.0
+    while not answers:
+        assert time.monotonic() < end
+        node.tick(3.0, time.monotonic())
+    assert answers[0][1].count('N·m') >= 2
+
+
+def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
+    """All are learned from; a machine that is too slow is reported."""
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
+    now = feed(node, 20)
+    assert status(node, 'input', now).level == OK
+    node.arm.epoch.restart()
+    t, q = motion(50, 2)
+    readings = [node.read(joint_state(now + 0.2 + t[k], q[k], torque(q[k])), 0.0)
+                for k in range(50)]
+    tau = node.torque(readings, now + 0.2)
+    np.testing.assert_allclose(tau, node.models.model.predict_one(q[-1]))
+    for reading in readings:
+        node.learn(reading, now + 0.2)
+    # The last sample waits for later messages.
+    assert node.arm.epoch.n_samples == 49
+    report = status(node, 'input', now)
+    assert report.level == WARN
+    assert report.values['messages replaced by newer ones'] == '49'
+    now = feed(node, 20, now + 20.0)
+    assert status(node, 'input', now).level == OK
+
+
+def test_waiting_messages_of_another_device_are_left_out_once_the_arm_is_known(live):
+    """A gripper publishes first; its message and those of the arm are read at once."""
+    node = live()
+    t, q = motion(4)
+    arm = [joint_state(t[k], q[k], torque(q[k])) for k in range(4)]
+    finger = joint_state(t[0] - 0.01, [0.0], [0.0])
+    finger.name, finger.velocity = ['finger'], [0.0]
+    read = node.read_all([finger, *arm[:2], finger, *arm[2:]], 0.0)
+    assert node.arm.joints == tuple(arm[0].name)
+    assert [message for message, _ in read] == arm
+    for _, reading in read:
+        node.learn(reading, 0.0)
+
+
+@pytest.mark.parametrize('stamp, reason', [(1000.0, 'too_old'), (3000.0, 'from_future')])
+def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, reason):
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(), max_age=0.3)
+    for k in range(40):
+        late = joint_state(stamp + 0.2 * k, [0.4, 0.1], [0.0, 0.0])
+        assert send_message(node, late, 5.0 + 0.2 * k, 2000.0 + 0.2 * k) == (None, None)
+    report = status(node, 'input', 5.0)
+    assert report.level == ERROR and f'{reason} 40' in report.message
+    assert '1e+03 s' in report.message and 'max_age' in report.message
+    recent = joint_state(2007.9, [0.4, 0.1], [0.0, 0.0])
+    assert send_message(node, recent, 13.0, 2008.0)[1] is not None
+
+
+def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    now = feed(node, 80)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    assert node.payload_changed(now)[0] and not answers
+    node.tick(time.monotonic())
+    assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
+    assert node.learner.fits.state == 'ready' and status(node, 'learning').level == OK
+
+
+def test_no_torque_without_limits_and_the_description_has_limits(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
+                max_torque_rate=())
+    assert send_message(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert status(node, 'feed-forward').level == ERROR
+    success, why = node.enable(True)
+    assert not success and 'max_torque' in why
+    node.describe(URDF)
+    tau = send_message(node, joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
+    assert tau is not None and np.abs(tau).max() <= 1.5
+    assert status(node, 'feed-forward').values['torque limits'] == 'robot_description'
+
+
+URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
+<joint name="a" type="continuous"><parent link="base"/><child link="one"/>
+<axis xyz="0 1 0"/><limit effort="1.5" velocity="1"/></joint>
+<joint name="b" type="revolute"><parent link="one"/><child link="two"/>
+<origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>
+<limit effort="1.5" velocity="1" lower="-2" upper="2"/></joint></robot>"""
+
+
+def test_a_description_gives_axes_limits_and_continuous_joints():
+    report = describe_arm(URDF, ('a', 'b'))
+    assert report.geometry.joints == ('a', 'b') and report.continuous == ('a',)
+    assert report.max_effort == (1.5, 1.5) and not report.problem
+    assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
+    assert 'order' in describe_arm(URDF, ('b', 'a')).problem
+    assert describe_arm('<robot', ('a',)).problem
+
+
+def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
+    node = live()
+    send_message(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
+    assert node.arm.joints == ('finger',)
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    assert node.arm.joints == ('a', 'b')
+    send_message(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
+    assert node.arm.joints == ('a', 'b')
+
+
+def test_joints_in_alphabetical_order_cause_a_warning(live):
+    names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
+    node = live()
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
+    warnings = [text for is_warning, text in node.log_lines if is_warning]
+    assert len(warnings) == 1 and ', '.join(reversed(names)) in warnings[0]
+    node = live()
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
+    assert not any(is_warning for is_warning, _ in node.log_lines)
+
+
+def test_rollback_returns_to_the_previous_payload(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    first = node.models.model
+    for epoch in (1, 1, 1, 2, 2):
+        node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
+    assert node.models.n_past == 2
+    assert 'epoch 1' in node.rollback(1.0)[1] and 'loaded from' in node.rollback(2.0)[1]
+    assert not node.rollback(3.0)[0]
+
+
+def test_events_are_logged(live, model_file, tmp_path):
+    node = live(model_file=str(model_file))
+    text = node.log_lines.popleft()[1]
+    assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
+    node.models.path = str(tmp_path / 'none' / 'model.json')
+    replies = []
+    node.save(0.0, lambda *reply: replies.append(reply))
+    until(node, lambda: replies)
+    assert not replies[0][0] and 'none' in replies[0][1]
+
+
+def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    feed(node, 150)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    pid, answers = node.learner.fits.pid, []
+    os.kill(pid, signal.SIGSTOP)
+    node.diagnose(time.monotonic(), lambda *answer: answers.append(answer))
+    until(node, lambda: node.learner.fits.state == 'fitting')
+    os.kill(pid, signal.SIGKILL)
+    until(node, lambda: answers)
+    assert not answers[0][0] and 'died' in answers[0][1]
+    assert status(node, 'learning').level == ERROR
+    until(node, lambda: node.learner.fits.state == 'ready')
+    assert status(node, 'learning').level == OK
+    assert any(answers[0][1] in text for _, text in node.log_lines)
+
+
+def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, monkeypatch):
+    """The first save takes longer than the second."""
+    node = live(model_file=str(model_file))
+    node.models.path = str(tmp_path / 'model.json')
+    first = node.models.model
+    t, q = motion(60)
+    second = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    save, sizes = model_history.save_model, []
+
+    def slow_disk(path, model):
+        time.sleep(0.3 if model is first else 0.0)
+        save(path, model)
+        sizes.append(model)
+
+    monkeypatch.setattr(model_history, 'save_model', slow_disk)
+    replies = []
+    began = time.monotonic()
+    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.use(second, 'another', 1.0)
+    node.save(0.0, lambda *reply: replies.append(reply))
+    assert time.monotonic() - began < 0.3
+    until(node, lambda: len(replies) == 2)
+    assert sizes == [first, second] and all(success for success, _ in replies)
+    np.testing.assert_allclose(load_model(node.models.path).predict(q), second.predict(q))
+
+
+def test_a_later_description_changes_no_limit(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False)
+    node.describe(URDF)
+    feed(node, 3)
+    assert node.arm.feed.options.max_torque == (1.5, 1.5)
+    node.describe(URDF.replace('effort="1.5"', 'effort="40"'))
+    assert node.arm.feed.options.max_torque == (1.5, 1.5)
+    assert node.log_lines[-1][0] and 'not used' in node.log_lines[-1][1]
+
+
+def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, model_file):
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
+    now = feed(node, 20)
+    base = node.models.model
+    t, q = motion(60)
+    samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))
+    unknown = replace(fit(samples).model, uncertainty=None)
+    change = UncertainChange(unknown, base, q.min(axis=0), q.max(axis=0))
+    node.arm.use(unknown, base, 60, change)
+    pose = np.array([0.4, 0.1])
+    tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
+    np.testing.assert_allclose(tau, base.predict_one(pose))
+
+
+def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    good, now = node.models.model, feed(node, 20)
+    node.payload_changed(now)
+    t, q = motion(60)
+    wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    entry = node.models.use(wrong, 'fit of broken effort', now, 1)
+    node.arm.use(entry.model, good, 60)
+    feed(node, 40, now + 1.0)
+    node.tick(now + 10.0, time.monotonic())
+    assert node.models.model is good
+    assert 'rolled back automatically' in node.arm.epoch.describe()
+    assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
+    # After broken effort more samples are required.
+    feed(node, 20, now + 30.0)
+    assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
+    node.payload_changed(now + 50.0)
+    assert not node.arm.epoch.had_broken_effort

@@ -1,0 +1,162 @@
+"""Effects in the node: fitted on request, kept after a tool change, compensated if selected."""
+
+from dataclasses import replace
+import time
+
+from bench.shared.node_messages import joint_state, send_message, until
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
+import numpy as np
+import pytest
+
+FRICTION = 1.5
+MASS = np.array([5.0, 2.0])
+# Factor of each joint with a payload; not the same on both.
+LOADED = np.array([1.5, 1.8])
+
+
+def motion(t):
+    """Return pose and speed of both joints (M, 2) in slow motion with reversals."""
+    q = np.stack([0.6 * np.sin(0.2 * t), 0.5 * np.cos(0.23 * t)], axis=-1)
+    qd = np.stack([0.12 * np.cos(0.2 * t), -0.115 * np.sin(0.23 * t)], axis=-1)
+    return q, qd
+
+
+def gravity(q, mass=1.0):
+    """Return the torque of two links in an upright plane."""
+    moments = mass * MASS
+    both = moments[1] * np.sin(q.sum(axis=-1))
+    return np.stack([moments[0] * np.sin(q[..., 0]) + both, both], axis=-1)
+
+
+def torque(q, qd, mass=1.0):
+    """Return gravity, with Coulomb friction on the first joint."""
+    tau = gravity(q, mass)
+    tau[..., 0] += FRICTION * np.tanh(qd[..., 0] / 0.005)
+    return tau
+
+
+def feed(node, start, n, mass=1.0):
+    """Send n slow joint states from time `start`; return the time after them, and the torque."""
+    rng = np.random.default_rng(int(start))
+    for k in range(n):
+        t = start + 0.2 * k
+        q, qd = motion(t)
+        tau = torque(q, qd, mass) + 0.05 * rng.standard_normal(2)
+        result = send(node, t, q, qd, tau)
+    return start + 0.2 * n, result
+
+
+def send(node, t, q, qd=(), tau=()):
+    return send_message(node, joint_state(['a', 'b'], t, q, qd, tau), t)[1]
+
+
+@pytest.fixture(scope='module')
+def model_file(tmp_path_factory):
+    """Return the file of a model of gravity alone."""
+    t = 0.2 * np.arange(400)
+    q, qd = motion(t)
+    tau = gravity(q) + 0.05 * np.random.default_rng(0).standard_normal(q.shape)
+    path = tmp_path_factory.mktemp('effects') / 'model.json'
+    save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, qd, tau)).model)
+    return path
+
+
+@pytest.fixture
+def node(model_file):
+    settings = Parameters(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
+                          ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,),
+                          full_samples=250)
+    node = NodeCore(settings, '/joint_states', 0.0)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    yield node
+    node.close()
+
+
+def refit(node):
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    until(node, lambda: answers)
+    return answers[0]
+
+
+def change(node, **settings):
+    node.set(replace(node.settings, **settings))
+
+
+def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
+    t, _ = feed(node, 1.0, 60)
+    change(node, effects=('coulomb_friction:a',))
+    success, text = refit(node)
+    assert not success and 'coulomb_friction:a requires 100: keep moving' in text
+    t, _ = feed(node, t, 190)
+    success, text = refit(node)
+    assert success, text
+    result = node.models.model.applied.effects[0]
+    assert result.target == 'coulomb_friction:a'
+    assert result.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
+
+    # The published torque is gravity until friction is selected.
+    q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
+    gravity = node.models.model.predict_one(q)
+    np.testing.assert_allclose(send(node, t, q, qd, 0 * q), gravity)
+    change(node, compensate=('coulomb_friction',), compensate_fraction=0.5)
+    sent = send(node, t + 0.1, q, qd, 0 * q) - gravity
+    np.testing.assert_allclose(sent, [0.5 * FRICTION * np.tanh(0.1 / 0.02), 0.0], rtol=0.1)
+    status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
+    assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
+    # Without a speed the direction of friction is unknown.
+    tau = send(node, t + 2.0, q)
+    np.testing.assert_allclose(tau, gravity)
+
+
+def test_effects_stay_when_the_payload_changes(node):
+    t, _ = feed(node, 1.0, 250)
+    change(node, effects=('coulomb_friction:a',))
+    assert refit(node)[0]
+    node.payload_changed(t)
+    # In sixteen seconds the first joint moves over half of its range.
+    t, _ = feed(node, t, 80, mass=LOADED)
+    success, text = refit(node)
+    assert success and 'change of the old model' in text, text
+    applied = node.models.model.applied.effects
+    assert [effect.target for effect in applied] == ['coulomb_friction:a']
+    q = motion(np.array([3.0, 7.0, 11.0]))[0]
+    np.testing.assert_allclose(node.models.model.predict(q), gravity(q, LOADED), atol=0.5)
+    # The residual in diagnostics includes the effects of the model.
+    t, _ = feed(node, t, 20, mass=LOADED)
+    assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
+
+
+def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
+    change(node, compensate=('viscous_friction:b',))
+    t, tau = feed(node, 1.0, 2)
+    status = {s.name: s for s in node.statuses(t)}['feed-forward']
+    assert status.level == WARN and 'no effect to compensate' in status.message
+    q, _ = motion(t - 0.2)
+    np.testing.assert_allclose(tau, node.models.model.predict_one(q))
+
+
+def test_a_per_joint_model_is_held_near_its_range(tmp_path):
+    t = 0.2 * np.arange(400)
+    q, qd = motion(t)
+    tau = gravity(q) + 0.05 * np.random.default_rng(0).standard_normal(q.shape)
+    path = tmp_path / 'model.json'
+    samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
+    save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
+    settings = Parameters(model_file=str(path), ramp_time=0.0, max_torque_rate=(), max_age=0.0,
+                          unlimited_torque=True)
+    node = NodeCore(settings, '/joint_states', 0.0)
+    try:
+        far = q.max(axis=0) + 1.0
+        result = send(node, 1.0, far, 0 * far, 0 * far)
+        nearest = node.models.model.predict_one(q.max(axis=0) + 0.1)
+        np.testing.assert_allclose(result, nearest)
+        status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
+        assert status.level == WARN and 'outside the trained range' in status.message
+    finally:
+        node.close()

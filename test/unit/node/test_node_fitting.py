@@ -1,0 +1,222 @@
+"""Fit process: it stays running; its death, hang or failure is detected."""
+
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from bench.shared.rough_links import two_links
+from bench.shared.running_process import is_running
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
+from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
+from gravity_comp_ros.worker.supervised import BUSY, DOWN, Failure, READY, Supervised
+from gravity_comp_ros.worker.worker_process import command
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+FITTING = 'gravity_comp_ros.node.jobs:fitting'
+
+
+def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
+    """Return samples of two links: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (n, 2))
+    tau = mass * np.array([5.0, 2.0]) * np.sin(q) + noise * rng.standard_normal((n, 2))
+    return JointSamples.single_run(['a', 'b'], np.arange(n), q, 0 * q, tau)
+
+
+def job(number=1, old=None, mass=1.0, train=None):
+    return FitJob(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
+                  'potential')
+
+
+@contextmanager
+def process(timeout=30.0):
+    # Without lower priority: on a busy machine a process of low priority starts after minutes.
+    fits = Supervised(command(FITTING, 0), timeout)
+    fits.start(time.monotonic())
+    try:
+        yield fits
+    finally:
+        fits.stop()
+
+
+def wait(fits, condition, seconds=60.0):
+    """Poll until the condition is true; return the events."""
+    events, end = [], time.monotonic() + seconds
+    while not condition(events):
+        assert time.monotonic() < end, f'state {fits.state}: {fits.last_loss}'
+        events += fits.poll(time.monotonic())
+        time.sleep(0.002)
+    return events
+
+
+def ready(fits):
+    return wait(fits, lambda _: fits.state == READY)
+
+
+def test_it_fits_and_stays_running():
+    with process() as fits:
+        ready(fits)
+        pid = fits.pid
+        for number in (1, 2):
+            assert fits.submit(job(number), time.monotonic()) and fits.state == BUSY
+            assert not fits.submit(job(9), time.monotonic())
+            outcome, = wait(fits, lambda events: events)
+            assert isinstance(outcome, FitResult) and outcome.number == number
+            assert outcome.accepted
+            np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
+                                       [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
+        assert fits.pid == pid and fits.restarts == 0
+    assert fits.pid is None
+
+
+def test_the_result_is_that_of_a_fit_in_this_process():
+    with process() as fits:
+        ready(fits)
+        fits.submit(job(), time.monotonic())
+        outcome, = wait(fits, lambda events: events)
+    q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
+    np.testing.assert_allclose(outcome.model.predict(q), run_fit(job()).model.predict(q),
+                               atol=1e-9)
+
+
+def test_a_killed_process_is_reported_and_restarted():
+    with process() as fits:
+        ready(fits)
+        first = fits.pid
+        # Stopped first, because on a busy machine the job might end before the signal.
+        os.kill(first, signal.SIGSTOP)
+        fits.submit(job(4), time.monotonic())
+        os.kill(first, signal.SIGKILL)
+        failure, = wait(fits, lambda events: events)
+        assert failure == Failure('the fit process died (signal 9)', 4, True)
+        assert fits.state == DOWN and fits.job is None
+        ready(fits)
+        assert fits.pid != first and fits.restarts == 1
+        fits.submit(job(5), time.monotonic())
+        outcome, = wait(fits, lambda events: events)
+        assert outcome.number == 5
+
+
+def test_a_hanging_process_is_reported_and_restarted():
+    with process(timeout=0.3) as fits:
+        ready(fits)
+        first = fits.pid
+        os.kill(first, signal.SIGSTOP)
+        fits.submit(job(6), time.monotonic())
+        failure, = wait(fits, lambda events: events)
+        assert failure.number == 6 and failure.lost and 'the fit hung' in failure.reason
+        ready(fits)
+        assert fits.pid != first
+
+
+def test_a_failed_fit_is_reported_and_the_process_stays():
+    still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
+                                    np.zeros((20, 2)), np.ones((20, 2)))
+    with process() as fits:
+        ready(fits)
+        pid = fits.pid
+        fits.submit(job(7, train=still), time.monotonic())
+        failure, = wait(fits, lambda events: events)
+        assert failure == Failure('no joint moves; a fit needs poses that differ', 7, False)
+        assert fits.state == READY and fits.pid == pid
+
+
+@pytest.mark.parametrize('program, reason', [
+    ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
+    (('/no/such/program',), 'cannot be started')])
+def test_a_process_that_does_not_start_is_restarted_with_a_delay(program, reason):
+    fits = Supervised(program, 1.0)
+    now = time.monotonic()
+    fits.start(now)
+    end = time.monotonic() + 20.0
+    while fits.restarts < 1:
+        assert time.monotonic() < end
+        fits.poll(now)
+    assert reason in fits.last_loss
+    for _ in range(50):
+        fits.poll(now + 0.4)
+    assert fits.restarts == 1
+    fits.stop()
+
+
+def test_it_ends_with_the_process_that_started_it(tmp_path):
+    code = ('import time\nfrom gravity_comp_ros.worker.supervised import Supervised\n'
+            'from gravity_comp_ros.worker.worker_process import command\n'
+            f'fits = Supervised(command({FITTING!r}, 10), 9.0); fits.start(0.0)\n'
+            'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
+            'print(fits.pid, flush=True); time.sleep(60)')
+    parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
+                              env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    pid = int(parent.stdout.readline())
+    parent.kill()
+    parent.communicate()
+    end = time.monotonic() + 10.0
+    while is_running(pid):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_few_samples_give_a_change_of_the_old_model():
+    old = run_fit(job()).model
+    few = pendulum(30, 5, mass=1.5)
+    outcome = run_fit(job(2, old, 1.5, few))
+    assert outcome.how == 'change of the old model' and outcome.accepted
+    assert outcome.model.energy is not None
+    q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
+    truth = 1.5 * np.array([5.0, 2.0]) * np.sin(q)
+    assert np.abs(outcome.model.predict(q) - truth).max() < 0.1
+    assert outcome.model.coverage.q_min[0] <= old.coverage.q_min[0]
+    gradient = [outcome.model.energy.gradient(2, k) for k in range(2)]
+    for expansion, torque in zip(gradient, outcome.model.torques):
+        np.testing.assert_array_equal(expansion.indices, torque.indices)
+        np.testing.assert_allclose(expansion.weights, torque.weights)
+
+
+PRIORITY = """
+import os, sys, time
+from gravity_comp_ros.worker.supervised import READY, Supervised
+from gravity_comp_ros.worker.worker_process import command
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+except PermissionError:
+    sys.exit(77)
+fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', 10), 30.0)
+fits.start(time.monotonic())
+end = time.monotonic() + 60.0
+while fits.state != READY and time.monotonic() < end:
+    fits.poll(time.monotonic())
+    time.sleep(0.01)
+print(fits.state, os.sched_getscheduler(0) == os.SCHED_FIFO,
+      os.sched_getscheduler(fits.pid) == os.SCHED_OTHER, os.getpriority(0, fits.pid))
+fits.stop()
+"""
+
+
+def test_it_does_not_inherit_real_time_priority():
+    done = subprocess.run([sys.executable, '-c', PRIORITY], cwd=ROOT, capture_output=True,
+                          text=True, timeout=120)
+    if done.returncode == 77:
+        pytest.skip('real-time priority is for the privileged')
+    assert done.stdout.split() == ['ready', 'True', 'True', '10'], done
+
+
+def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
+    # On a joint that moves in one direction only, friction and offset are collinear.
+    samples = two_links(1, one_way=True)
+    result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
+    assert result.number == 7 and 'torque_offset:shoulder (ambiguous)' in result.text
+    match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+                      result.text)
+    assert match and 2 <= int(match[1]) <= 20, result.text
+    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])
+    # Without a model no motion is planned.
+    assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text

@@ -1,0 +1,276 @@
+"""Unannounced payloads are suspected; friction, contacts and broken effort are not."""
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+import time
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.effects.predict import fitted_torque
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
+from gravity_comp_ros.node.jobs import interleaved, run_payload_test
+from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.slow_samples import (
+    expected_residual, LiveResidual, residual_noise, SlowSample)
+from gravity_comp_ros.node.torque_source import UncertainChange
+from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+pytest.importorskip('pinocchio')
+bench = import_module('bench.node_suspicion')
+ARM, gravity_torque = bench.ARM, import_module('bench.node_acceptance').gravity_torque
+N = 50
+
+
+@pytest.fixture(scope='module')
+def model():
+    return bench.learned(np.random.default_rng(5))
+
+
+@pytest.fixture(scope='module')
+def geometry():
+    return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
+
+
+def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0):
+    """Return the samples of an arm with friction in some seconds of slow motion."""
+    motion = bench.eq17(seconds, 5.0, start)
+    arm = ARM if mass == 0.0 else bench.with_payload(ARM, bench.Payload(mass, (0.08, -0.05, 0.1)))
+    tau = gravity_torque(arm, motion.q)
+    tau += friction * (bench.COULOMB * np.tanh(motion.qd / bench.WIDTH)
+                       + bench.VISCOUS * motion.qd)
+    tau += bench.NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
+    if force is not None:
+        tau[force[0]] += force[1]
+    return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
+
+
+def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
+    """Return slow motion with a constant or varying force (3,) on the last link, N."""
+    samples = window(start=start, seed=seed, seconds=seconds)
+    data = ARM.model.createData()
+    size = 1.0 + varies * np.sin(2.0 * np.pi * (samples.t - samples.t[0]) / 5.0)
+    torque = [part * bench.force_torque(ARM, data, q, np.array(force))
+              for part, q in zip(size, samples.q)]
+    return replace(samples, tau=samples.tau + np.array(torque))
+
+
+def finding(model, samples, geometry=None):
+    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry))
+
+
+@pytest.mark.parametrize('known', [False, True])
+@pytest.mark.parametrize('mass', [1.0, 3.0])
+def test_a_payload_is_found_with_its_mass(mass, known, model, geometry):
+    result = finding(model, window(mass), geometry if known else None)
+    assert result.is_payload and not result.is_other and 'another payload' in result.text
+    assert float(result.values['log evidence']) > 20.0
+    if known:
+        assert float(result.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
+
+
+@pytest.mark.parametrize('change', [
+    {}, {'friction': 0.5}, {'friction': 1.6}, {'force': (slice(20, 34), 15.0)},
+    {'force': (slice(0, 25), np.array([0, 20.0, 0, -9.0, 0, 2.0, 0]))}],
+    ids=['nothing', 'less friction', 'more friction', 'a touch', 'a longer touch'])
+def test_friction_and_contacts_are_no_payload(change, model, geometry):
+    for axes in (None, geometry):
+        assert not finding(model, window(**change), axes).is_payload
+
+
+@pytest.mark.parametrize('force, known', [((10.0, 0.0, 0.0), False), ((0.0, 3.0, 10.0), True)])
+def test_a_lasting_push_is_reported_and_no_payload(force, known, model, geometry):
+    result = finding(model, pushed(force), geometry if known else None)
+    assert not result.is_payload and result.is_other, result.text
+    assert 'pushes or pulls the last link, not only downwards' in result.text
+
+
+@pytest.mark.parametrize('known', [False, True])
+def test_a_constant_force_downwards_is_a_payload_and_a_varying_one_is_not(known, model,
+                                                                          geometry):
+    axes = geometry if known else None
+    assert finding(model, pushed((0.0, 0.0, 20.0), seconds=16.0), axes).is_payload
+    varying = finding(model, pushed((0.0, 0.0, 20.0), varies=0.1, seconds=16.0), axes)
+    assert not varying.is_payload and varying.is_other, varying.text
+    assert 'a varying force acts' in varying.text
+
+
+def test_broken_effort_is_no_payload(model):
+    samples = window()
+    tau = samples.tau.copy()
+    tau[:, 1] *= -1.0
+    result = finding(model, replace(samples, tau=tau))
+    assert not result.is_payload
+    if result.is_other:
+        assert 'no payload explains' in result.text
+
+
+def with_fitted(model, *effects):
+    """Return a model with nuisance terms: name, joint number, setting, coefficients."""
+    return replace(model, applied=Applied(), fitted=Applied(tuple(
+        AppliedEffect(name, ARM.joints[joint], setting,
+                      {symbol: Value(x, '', (x, x)) for symbol, x in values.items()})
+        for name, joint, setting, values in effects)), residual_std=np.full(7, 0.1))
+
+
+def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
+    fitted = with_fitted(model, ('coulomb_friction', 1, {'distance': 1e-4}, {'F_c': 2.0}),
+                         ('viscous_friction', 2, {}, {'F_v': 4.0}),
+                         ('torque_offset', 3, {}, {'b': -0.7}),
+                         ('load_dependent_friction', 4, {'width': 0.002}, {'mu': 0.1}))
+    live, gravity = LiveResidual(fitted), np.full(7, -5.0)
+
+    def nuisance(q, qd):
+        sample = SlowSample(CompleteReading(0.0, q, qd, np.zeros(7)), np.zeros((1, 7)))
+        error, residual = live.of(sample, gravity, np.ones(7))
+        np.testing.assert_array_equal(error, -gravity)
+        return error - residual
+
+    q, qd = np.zeros(7), np.full(7, 0.1)
+    nuisance(q, qd)
+    moving = nuisance(q + 0.01, qd)
+    np.testing.assert_allclose(moving, [0.0, 2.0, 0.4, -0.7, 0.5, 0.0, 0.0], atol=1e-9)
+    still = nuisance(q + 0.01, 0.0 * qd)
+    np.testing.assert_allclose(still[1:5], [2.0, 0.0, -0.7, 0.0], atol=1e-9)
+    assert nuisance(q, -qd)[1] == pytest.approx(-2.0)
+    # Friction drifts by 0.3 of its size; an offset does not.
+    np.testing.assert_allclose(expected_residual(fitted)[[1, 2, 3]],
+                               [np.hypot(0.1, 0.6), np.hypot(0.1, 0.12), 0.1], atol=2e-3)
+    assert residual_noise(model).max() < 0.3 * model.noise.max()
+
+
+def offered(watch, ratios, start=0.0, step=0.01):
+    for k, ratio in enumerate(ratios):
+        t = start + 0.2 * k
+        watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.zeros(2),
+                    np.full(2, ratio))
+
+
+def test_a_test_is_due_only_for_a_lasting_residual():
+    watch = PayloadWatch(('a', 'b'), 16.0)
+    offered(watch, [-9.0] * (MIN_WINDOW - 1))
+    assert not watch.is_due()
+    offered(watch, [-9.0], 100.0)
+    assert watch.is_due() and len(watch.window()) == MIN_WINDOW and not watch.is_due()
+    short_contact = PayloadWatch(('a', 'b'), 16.0)
+    offered(short_contact, [1.0] * MIN_WINDOW + [30.0] * (MIN_WINDOW // 3) + [1.0] * MIN_WINDOW)
+    assert not short_contact.is_due()
+    resting = PayloadWatch(('a', 'b'), 16.0)
+    offered(resting, [9.0] * 5 * MIN_WINDOW, step=0.0)
+    assert not resting.is_due()
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 60.0), st.floats(3.0, 40.0), st.floats(1.0, 100.0))
+def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
+    """At any sample rate, although each test finds a payload."""
+    watch, suspected = PayloadWatch(('a',), lasting), []
+    finding = PayloadResult(1, True, False, 'a payload', 0.0)
+    for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
+        ratio = 9.0 if t <= lasts else 1.0
+        watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.zeros(1),
+                    np.array([ratio]))
+        if watch.is_due():
+            window = watch.window()
+            assert MIN_WINDOW <= len(window) <= MAX_WINDOW
+            assert np.diff(window.t).min() > 0.85 * PERIOD
+            if watch.add_finding(replace(finding, since=window.t[0])) is not None:
+                suspected.append(t)
+    assert len(suspected) <= 1 and all(t >= lasting for t in suspected)
+    if lasts < lasting:
+        assert not suspected
+    # The longest time between two samples at this rate, and the samples between two tests.
+    elif lasts > max(lasting, MIN_WINDOW * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
+        assert suspected
+
+
+@given(st.floats(0.0, 50.0), st.floats(0.0, 3.0))
+def test_a_share_of_an_uncertain_change_is_used(change, std):
+    class Model:
+        def __init__(self, torque):
+            self.torque = torque
+
+        def predict_one(self, q):
+            return self.torque
+
+        def predict_std(self, q):
+            return np.full((1, 2), std)
+
+    uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
+                                np.ones(2))
+    here, far = uncertain.share(np.full(2, 0.5)), uncertain.share(np.full(2, 1.5))
+    assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
+    if 1e-3 < change <= 2.0 * std:
+        assert here[0] == 0.0
+    elif change > 20.0 * std:
+        assert here[0] >= 0.99
+
+
+def core_with(model, **settings):
+    """Return the core of a node with a model in use."""
+    core = bench.Core(model, False)
+    core.live.set(replace(core.live.settings, **settings))
+    return core
+
+
+def play(core, samples, until):
+    """Send samples at 10 Hz until a condition is true."""
+    for k in range(len(samples)):
+        for j in range(2):
+            t = samples.t[k] + 0.1 * j
+            q = samples.q[k] + 0.1 * j * samples.qd[k]
+            core.send(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
+        core.live.tick(t, time.monotonic())
+        while core.live.learner.fits.state != 'ready':
+            time.sleep(0.002)
+            core.live.tick(t, time.monotonic())
+        if until():
+            return
+
+
+@pytest.mark.parametrize('action', ['report', 'learn'])
+def test_the_node_reports_a_payload_or_learns_it(action, model):
+    core = core_with(model, on_suspected_payload=action, settle_time=0.0)
+    live = core.live
+    try:
+        play(core, window(seed=1), lambda: live.learner.events)
+        assert not live.learner.events
+        play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.learner.events)
+        event = live.learner.events.popleft()
+        assert 'another payload is suspected' in event.text and event.since > 185.0
+        assert any('another payload' in text for _, text in live.log_lines)
+        status = {each.name: each for each in live.statuses(212.0)}['payload']
+        if action == 'learn':
+            assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
+            assert 'opened automatically' in live.arm.epoch.describe() and status.level == OK
+        else:
+            assert live.arm.epoch.number == 0 and status.level == WARN
+            play(core, window(2.0, start=212.0), lambda: live.learner.events)
+            assert not live.learner.events, 'suspected once'
+            play(core, window(start=222.0), lambda: False)
+            status = {each.name: each for each in live.statuses(232.0)}['payload']
+            assert status.level == OK
+    finally:
+        live.close()
+
+
+def test_static_friction_follows_from_the_whole_path(model):
+    """The path of a joint does not follow from every fourth second alone."""
+    t = 0.2 * np.arange(200)
+    q = np.stack([0.4 * np.sin(0.2 * t + k) for k in range(7)], axis=1)
+    qd = np.stack([0.08 * np.cos(0.2 * t + k) for k in range(7)], axis=1)
+    fitted = with_fitted(model, *(('coulomb_friction', k, {'distance': 1e-4}, {'F_c': 1.0})
+                                  for k in range(7)))
+    every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
+    held_out = np.arange(200) // 5 % 4 == 3
+    friction = interleaved(lambda samples: fitted_torque(fitted, samples),
+                           every.select(~held_out), every.select(held_out))
+    for part, here in zip(friction, (~held_out, held_out)):
+        fast = np.abs(qd[here]) > 0.03
+        np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

@@ -1,0 +1,219 @@
+"""Planned motion and its expected results on an arm of known gravity."""
+
+from dataclasses import replace
+from functools import cache
+
+from bench.shared.planning_arm import model, NAMES, NOISE, one_way, played
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning.criterion import coefficients, Criterion, unabsorbed
+from gravity_comp_ros.planning.evidence import _log_evidence, evidence_after
+from gravity_comp_ros.planning.questions import questions_of
+from gravity_comp_ros.planning.segments import Limits, Line, sampled
+from gravity_comp_ros.planning.sums import PlannedMotion, Sums
+from gravity_comp_ros.planning.targets import open_targets
+from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.posterior import solve
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.shared import State
+import numpy as np
+import pytest
+
+ELBOW = 1
+
+
+@cache
+def estimated(offset=0.0):
+    """Return the estimate of a one-way recording, with an offset of the elbow in N·m."""
+    return estimate(with_offset(one_way(0), offset), FitOptions('chain'), old=model())
+
+
+def with_offset(samples, offset):
+    return replace(samples, tau=samples.tau + offset * np.eye(3)[ELBOW])
+
+
+def back_and_forth(*turns):
+    """Return lines of the elbow, back and forth between angles in rad."""
+    poses = [np.array([0.1, turn, -0.1]) for turn in turns]
+    return [Line(a, b, Limits(0.2, 1.0, 10.0)) for a, b in zip(poses, poses[1:])]
+
+
+def asked(target, path):
+    """Return sums and question of a target with a path as the probe."""
+    planned = PlannedMotion(estimated().regression)
+    sums, (question,), _ = questions_of(planned, [target], path, 15.0, None)
+    return sums, question
+
+
+def test_friction_of_a_joint_that_moved_in_one_direction():
+    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+                   estimated=estimated())
+    (expected,) = planned.expectations
+    assert expected.chance_before == 0.0 and expected.chance > 0.9 and expected.is_likely
+    assert all('elbow' in part.joints for part in planned.parts)
+    assert any('coulomb_friction:elbow' in part.settles for part in planned.parts)
+    q, qd = planned.trajectory.q, planned.trajectory.qd
+    assert qd[:, ELBOW].min() < -0.05 and qd[:, ELBOW].max() > 0.05
+    assert np.ptp(q[:, ELBOW]) > 0.1
+    # The prior of Coulomb friction is a tenth of the torque scale.
+    scale = estimated().regression.problem.scale.torque[ELBOW]
+    assert expected.assumed['F_c'] == pytest.approx(0.1 * scale) and not expected.size_is_measured
+
+
+def test_planned_sums_are_those_of_the_recording_of_the_motion():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.2)
+    sums, _ = asked(Target('coulomb_friction', 'elbow'), path)
+    t, (q, qd, qdd) = sampled(path, 100.0)
+    old, shared = estimated().regression.problem, estimated().regression.shared
+    problem = Problem.of(played(Trajectory(NAMES, t, q, qd, qdd)), None, old.options)
+    motion = problem.motion.with_gravity(shared.gravity(q), shared.gradient, shared.chain)
+    factory = TermFactory(motion, problem.rows, old.scale)
+    columns = problem.rows.mean(shared.columns(State(q, qd, motion.qdd)))
+    design = Design(problem.rows, problem.y, columns, shared.prior_std(old.scale),
+                    np.ones_like(problem.y))
+    terms = [factory.term(term.effect, term.joint, term.setting) for term in sums.terms]
+    design.add(terms)
+    expected = np.zeros_like(sums.recorded)
+    for j in range(3):
+        here = [k for k, term in enumerate(terms) if j in term.joints(3)]
+        places = sums.with_shared([sums.terms[k] for k in here])
+        chosen = design.selected(j, [terms[k] for k in here])
+        expected[np.ix_(places, places)] += sums.weights[j] * design.gram[j][
+            np.ix_(chosen, chosen)]
+    # In units of the prior, relative to the largest products of each coefficient.
+    size = sums.std * np.sqrt(np.diag(expected))
+    size = np.maximum(size, 1e-3 * size.max()) / sums.std
+    error = (sums.added([path])[0] - expected) / np.outer(size, size)
+    # Accelerations of a recording are smoothed at starts and stops, those of a plan are exact.
+    # They change the columns of tilts and lengths, not those of moments.
+    gravity = np.r_[6:12, sums.places(sums.terms)]
+    assert np.abs(error[np.ix_(gravity, gravity)]).max() < 0.02
+    assert np.abs(error).max() < 0.15
+
+
+@pytest.mark.parametrize('effect', ['torque_offset', 'coulomb_friction', 'joint_spring'])
+def test_the_evidence_of_the_recordings_is_that_of_the_engine(effect):
+    sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
+    design = estimated().regression.posterior.design
+    evidence = [_log_evidence(sums, terms, sums.recorded, sums.score[None])[0] for terms in (
+        (*question.base, question.term), question.base)]
+    engine = [solve(design, terms, sums.weights).log_evidence for terms in (
+        (*question.base, question.term), question.base)]
+    assert evidence[0] - evidence[1] == pytest.approx(engine[0] - engine[1], rel=1e-4, abs=1e-3)
+
+
+def test_the_utility_is_the_mean_evidence_of_drawn_results():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.2, -0.4, 0.0)
+    sums, question = asked(Target('torque_offset', 'elbow'), path)
+    added = sums.added([path])
+    alone = replace(question, alternatives=())
+    utility = Criterion(sums, (alone,), None).utilities(sums.recorded + added)[0, 0]
+    drawn = evidence_after(sums, alone, added[0]).gain - question.term.log_odds
+    options = estimated().regression.problem.options
+    mean = (options.min_gain + options.margin - question.term.log_odds) * np.expm1(utility)
+    assert mean == pytest.approx(drawn.mean(), abs=4.0 * drawn.std() / np.sqrt(len(drawn)))
+    # An alternative never raises it.
+    smallest = Criterion(sums, (question,), None).utilities(sums.recorded + added)[0, 0]
+    assert question.alternatives and smallest <= utility + 1e-9
+
+
+def test_more_motion_identifies_more():
+    path = back_and_forth(0.0, 0.3, -0.3, 0.0)
+    sums, question = asked(Target('coulomb_friction', 'elbow'), path)
+    added = sums.added([path, path + path])
+    after = [sums.recorded, *(sums.recorded + added)]
+    shares = [unabsorbed(sums, question, a) for a in after]
+    assert shares[0] < 0.15 < min(shares[1:])
+    places = sums.with_shared((*question.base, question.term))
+    stds = [np.sqrt(coefficients(sums, places, a, sums.score)[1][-1, -1]) for a in after]
+    assert stds[2] < stds[1] < 0.5 * stds[0]
+    chances = [evidence_after(sums, question, a).chance(3.0, 3.0) for a in added]
+    assert 0.7 < chances[0] <= chances[1] + 0.05
+
+
+def test_the_alternative_determines_the_motion():
+    # Load friction is distinguished from Coulomb friction by a change of load only.
+    target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
+    wide = PlanOptions(20.0, low=np.full(3, -0.8), high=np.full(3, 0.8), reach=np.inf)
+    planned = plan(one_way(0), model(), [target], wide, estimated=estimated())
+    load = np.abs(model().predict(planned.trajectory.q)[:, ELBOW])
+    moving = np.abs(planned.trajectory.qd[:, ELBOW]) > 0.02
+    assert np.ptp(load[moving]) > 0.3
+
+
+def test_an_offset_after_one_way_motion_is_separated_from_friction():
+    old = with_offset(one_way(0), 1.5)
+    first = estimated(1.5)
+    targets = open_targets(first.regression)
+    assert 'coulomb_friction:elbow' in [target.name for target in targets]
+    planned = plan(old, model(), None, PlanOptions(20.0), estimated=first)
+    assert any(each.target.name == 'coulomb_friction:elbow' and each.is_likely
+               for each in planned.expectations)
+    both = concatenate([old, with_offset(played(planned.trajectory), 1.5)])
+    after = estimate(both, FitOptions('chain'), old=model()).regression
+    assert ('coulomb_friction', ELBOW) not in after.gains
+    assert ('coulomb_friction', ELBOW) not in after.candidates.untestable
+    assert not {key for key in after.gains if key[1] != ELBOW}
+
+
+def test_friction_is_found_after_the_motion_without_an_alternative():
+    old = one_way(0, friction=0.4)
+    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
+    both = concatenate([old, played(planned.trajectory, friction=0.4)])
+    after = estimate(both, FitOptions('chain'), old=model()).regression
+    term = next(term for term in after.terms if term.key == ('coulomb_friction', ELBOW))
+    assert not after.alternatives[term.key]
+    value = after.posterior.beta[after.posterior.at[term]][0]
+    width, unit = expected.half_width['F_c']
+    assert unit == 'N·m' and abs(value - 0.4) < 2.0 * width
+    # The plan allows for viscous friction, which this joint does not have.
+    assert 0.3 * width / 1.96 < after.posterior.std(term)[0] < width / 1.96
+
+
+def test_the_effect_that_the_recordings_measure_has_its_size():
+    old = one_way(0)
+    moved = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+                 estimated=estimated()).trajectory
+    both = concatenate([one_way(0, friction=0.4), played(moved, friction=0.4)])
+    planned = plan(both, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
+    assert expected.size_is_measured and expected.assumed['F_c'] == pytest.approx(0.4, abs=0.05)
+    assert expected.chance_before > 0.9 and expected.chance > 0.9
+
+
+def test_nothing_is_open():
+    moved = plan(one_way(0), model(), None, PlanOptions(20.0), estimated=estimated()).trajectory
+    both = concatenate([one_way(0), played(moved)])
+    with pytest.raises(OptionError, match='no target is open'):
+        plan(both, model(), None, PlanOptions())
+
+
+@pytest.mark.parametrize('target, message', [
+    (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
+    (Target('rigid_body_dynamics', None), 'every fit estimates'),
+    (Target('coulomb_friction', 'hip'), 'no joint hip')])
+def test_invalid_targets(target, message):
+    with pytest.raises(OptionError, match=message):
+        plan(one_way(0), model(), [target], PlanOptions(15.0), estimated=estimated())
+
+
+def test_a_joint_that_cannot_move():
+    still = one_way(0, span=1e-4)
+    options = PlanOptions(15.0)
+    with pytest.raises(OptionError, match='no joint of the targets can move'):
+        plan(still, model(), [Target('coulomb_friction', 'elbow')], options,
+             estimated=estimated())
+
+
+def test_the_weights_contain_the_discrepancy_of_the_planned_rows():
+    planned = PlannedMotion(estimated().regression)
+    problem, posterior = planned.regression.problem, planned.regression.posterior
+    sums = Sums(planned, (), 20.0)
+    error = (problem.options.discrepancy * problem.scale.torque) ** 2 * 200
+    np.testing.assert_allclose(1.0 / sums.weights, 1.0 / posterior.precision + error, rtol=0.01)
+    assert (planned.regression.noise < NOISE).all()

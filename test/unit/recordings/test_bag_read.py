@@ -1,0 +1,429 @@
+"""Reading of recordings in all formats, and handling of defects in them."""
+
+import re
+import shutil
+
+from bench.shared.recordings import messages, motion, NAMES, START_NS, write_folder
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.facts.fact import Action, Kind
+from gravity_comp_ros.recordings import cleaning, joint_columns
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+T, Q, QD, TAU = motion()
+
+
+def recorded(tmp_path, rows):
+    """Write these messages as a recording of /joint_states; return its path."""
+    return write_folder(tmp_path / 'bag', {'/joint_states': rows})
+
+
+def check_is_the_motion(recording):
+    samples = recording.samples
+    assert samples.names == NAMES
+    np.testing.assert_allclose(samples.t, T, atol=1e-9)
+    np.testing.assert_array_equal(samples.q, Q)
+    np.testing.assert_array_equal(samples.qd, QD)
+    np.testing.assert_array_equal(samples.tau, TAU)
+    report = recording.report
+    assert (report.n_messages, report.n_samples, dict(report.dropped)) == (50, 50, {})
+    assert report.velocity == 'measured'
+    assert report.rate_hz == pytest.approx(50)
+    assert report.duration_s == pytest.approx(0.98)
+    assert report.start_ns == START_NS
+    assert len(report.sha256) == 64
+
+
+@pytest.mark.parametrize('version', [8, 9])
+@pytest.mark.parametrize('plugin', ['sqlite3', 'mcap'])
+@pytest.mark.parametrize('compression', [None, 'MESSAGE', 'FILE', 'STORAGE'])
+def test_rosbag2_folders(tmp_path, plugin, version, compression):
+    if compression == 'STORAGE' and plugin == 'sqlite3':
+        compression = None  # only mcap has storage compression
+    path = write_folder(tmp_path / 'bag', {'/joint_states': messages()}, plugin, version,
+                        compression)
+    check_is_the_motion(read_bag(path))
+
+
+def test_bare_db3_without_metadata_and_folder_without_metadata(tmp_path):
+    folder = recorded(tmp_path, messages())
+    (folder / 'metadata.yaml').unlink()
+    (file,) = folder.iterdir()
+    check_is_the_motion(read_bag(file))
+    recording = read_bag(folder)
+    check_is_the_motion(recording)
+    assert recording.report.sha256 == read_bag(file).report.sha256
+
+
+def test_reading_leaves_a_db3_and_its_folder_untouched(tmp_path):
+    folder = recorded(tmp_path, messages())
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    folder.chmod(0o555)
+    read_bag(folder)
+    folder.chmod(0o755)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_recording_split_into_files_in_natural_order(tmp_path):
+    rows = messages()
+    folder = tmp_path / 'split'
+    folder.mkdir()
+    for name, part in (('x_2', rows[:20]), ('x_10', rows[20:])):
+        (source,) = write_folder(tmp_path / name, {'/joint_states': part}).glob('*.db3')
+        shutil.copy(source, folder / f'{name}.db3')
+    check_is_the_motion(read_bag(folder))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_written_samples_are_read_back(tmp_path_factory, data):
+    n = data.draw(st.integers(1, 10))
+    m = data.draw(st.integers(1, 20))
+    # Words such as `linear` and `finger` name joints that are left out.
+    names = data.draw(st.lists(st.text(st.characters(codec='utf-8', exclude_characters='\0'),
+                                       min_size=1, max_size=12).filter(
+                                           lambda name: not re.search('[a-zA-Z]', name)),
+                               min_size=n, max_size=n, unique=True))
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    t = np.cumsum(rng.integers(1, 10**9, m)) / 1e9
+    q, qd, tau = rng.standard_normal((3, m, n)) * 10.0 ** rng.integers(-300, 8)
+    samples = JointSamples.single_run(names, t, q, qd, tau)
+    path = tmp_path_factory.mktemp('x') / 'x.mcap'
+    write_bag(path, [joint_states(samples)])
+    result = read_bag(path).samples
+    assert result.names == samples.names
+    np.testing.assert_allclose(result.t, t - t[0], atol=1.1e-9)
+    for field in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(result, field), getattr(samples, field))
+
+
+def test_joints_are_matched_by_name_in_every_message(tmp_path):
+    rows = messages()
+    rng = np.random.default_rng(0)
+    for _, content in rows[1:]:
+        order = rng.permutation(3)
+        for field in ('names', 'position', 'velocity', 'effort'):
+            content[field] = [content[field][k] for k in order]
+    check_is_the_motion(read_bag(recorded(tmp_path, rows)))
+
+
+def test_chosen_joints_and_effort_scale(tmp_path):
+    path = recorded(tmp_path, messages())
+    options = ReadOptions(joints=('wrist', 'shoulder'), effort_scale={'wrist': -2.0, 'elbow': 9})
+    samples = read_bag(path, options).samples
+    assert samples.names == ('wrist', 'shoulder')
+    np.testing.assert_array_equal(samples.q, Q[:, [2, 0]])
+    np.testing.assert_array_equal(samples.tau, TAU[:, [2, 0]] * [-2, 1])
+
+
+def spoil_nan(row):
+    row[1]['effort'][1] = float('nan')
+
+
+def spoil_inf(row):
+    row[1]['position'][2] = float('-inf')
+
+
+def spoil_velocity(row):
+    row[1]['velocity'][0] = float('nan')
+
+
+def spoil_empty_effort(row):
+    row[1]['effort'] = []
+
+
+def spoil_size(row):
+    row[1]['velocity'] = row[1]['velocity'][:2]
+
+
+def spoil_names(row):
+    row[1]['names'] = ['shoulder', 'shoulder', 'wrist']
+
+
+def spoil_time_back(row):
+    row[1]['stamp_ns'] -= 10**9
+
+
+def spoil_time_repeated(row):
+    row[1]['stamp_ns'] -= 20_000_000
+
+
+def spoil_bytes(row):
+    row[1] = b'\0\1\0\0rubbish'
+
+
+def spoil_joint(row):
+    for field in ('names', 'position', 'velocity', 'effort'):
+        row[1][field] = row[1][field][:2]
+
+
+def spoil_joints(row):
+    row[1].update(names=['gripper'], position=[1.0], velocity=[0.0], effort=[0.5])
+
+
+@pytest.mark.parametrize(('corrupt', 'reason'), [
+    (spoil_nan, cleaning.NOT_FINITE), (spoil_inf, cleaning.NOT_FINITE),
+    (spoil_velocity, cleaning.VELOCITY),
+    (spoil_empty_effort, cleaning.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
+    (spoil_names, 'duplicate joint name'), (spoil_time_back, cleaning.TIME),
+    (spoil_time_repeated, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
+    (spoil_joint, cleaning.MISSING),
+    (spoil_joints, cleaning.OTHER_JOINTS)])
+def test_bad_messages_are_dropped_and_counted(tmp_path, corrupt, reason):
+    rows = messages()
+    bad = [7, 20, 30]
+    for number in bad:
+        corrupt(rows[number])
+    recording = read_bag(recorded(tmp_path, rows), ReadOptions(joints=NAMES))
+    assert dict(recording.report.dropped) == {reason: 3}
+    assert (recording.report.n_messages, recording.report.n_samples) == (50, 47)
+    np.testing.assert_array_equal(recording.samples.q, np.delete(Q, bad, axis=0))
+    np.testing.assert_allclose(recording.samples.t, np.delete(T, bad), atol=1e-9)
+
+
+def every(corrupt):
+    def spoil_all(rows):
+        for row in rows:
+            corrupt(row)
+    return spoil_all
+
+
+def every_second(corrupt):
+    def spoil_half(rows):
+        for row in rows[::2]:
+            corrupt(row)
+    return spoil_half
+
+
+def zero_effort(row):
+    row[1]['effort'] = [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(('corrupt', 'message'), [
+    (every(zero_effort), 'effort is 0 throughout'),
+    (every(spoil_empty_effort), 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
+    (every(spoil_nan), 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
+                       '--joints shoulder,wrist'),
+    (every(spoil_inf), 'position of joint wrist .*--joints shoulder,elbow'),
+    (every_second(spoil_joint), 'joint wrist is missing from 25 of 50 messages.*'
+                                '--joints shoulder,elbow'),
+    (every(spoil_size), 'no usable message: 50 arrays of different lengths'),
+    (every(spoil_names), 'no usable message: 50 duplicate joint name'),
+    (every(spoil_bytes), 'no usable message: 50 not decodable'),
+    (lambda rows: rows.clear(), 'has no messages')])
+def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, corrupt, message):
+    rows = messages()
+    corrupt(rows)
+    path = recorded(tmp_path, rows)
+    with pytest.raises(BagError, match=message) as error:
+        read_bag(path)
+    assert str(path) in str(error.value) and '\n' not in str(error.value)
+
+
+def test_joints_of_two_publishers_on_one_topic_can_be_selected(tmp_path):
+    rows = messages(100)
+    for row in rows[1::2]:
+        row[1].update(names=['lamp'], position=[1.0], velocity=[0.0], effort=[0.5])
+    path = recorded(tmp_path, rows)
+    with pytest.raises(BagError, match='missing from 50 of 100.*--joints'):
+        read_bag(path)
+    recording = read_bag(path, ReadOptions(joints=NAMES))
+    assert dict(recording.report.dropped) == {cleaning.OTHER_JOINTS: 50}
+    assert recording.report.rate_hz == pytest.approx(25)
+
+
+@pytest.mark.parametrize('option', [{'joints': ('elbow', 'knee')}, {'effort_scale': {'knee': 2}}])
+def test_unknown_joint(tmp_path, option):
+    path = recorded(tmp_path, messages())
+    with pytest.raises(ModelMismatchError, match='no joint knee .*shoulder, elbow, wrist'):
+        read_bag(path, ReadOptions(**option))
+
+
+@pytest.mark.parametrize('stamp', ['unset', 'same', 'backwards', 'one from the future'])
+def test_log_time_replaces_bad_stamps(tmp_path, stamp):
+    rows = messages()
+    for number, (log_ns, content) in enumerate(rows):
+        content['stamp_ns'] = {'unset': 0, 'same': START_NS, 'backwards': START_NS - number,
+                               'one from the future': log_ns + (number == 3) * 10**15}[stamp]
+    recording = read_bag(recorded(tmp_path, rows))
+    np.testing.assert_allclose(recording.samples.t, T, atol=1e-9)
+    assert any('time of recording' in note for note in recording.report.notes)
+
+
+def test_stamps_take_precedence_over_a_jittering_log_time(tmp_path):
+    rows = messages()
+    rng = np.random.default_rng(1)
+    for row in rows:
+        row[0] += int(rng.integers(0, 15_000_000))
+    recording = read_bag(recorded(tmp_path, rows))
+    np.testing.assert_allclose(recording.samples.t, T, atol=1e-9)
+    assert recording.report.notes == ()
+
+
+def test_simulated_clock_that_begins_at_zero(tmp_path):
+    rows = messages()
+    for row in rows:
+        row[1]['stamp_ns'] -= START_NS
+    recording = read_bag(recorded(tmp_path, rows))
+    assert recording.report.start_ns == 0
+    check = recording.samples.t
+    np.testing.assert_allclose(check, T, atol=1e-9)
+
+
+def test_missing_velocity_is_differentiated_and_noted(tmp_path):
+    rows = messages(200)
+    for row in rows:
+        row[1]['velocity'] = []
+    recording = read_bag(recorded(tmp_path, rows))
+    assert recording.report.velocity == 'differentiated'
+    assert any('velocity of every joint is not recorded' in n for n in recording.report.notes)
+    _, _, qd, _ = motion(200)
+    np.testing.assert_allclose(recording.samples.qd, qd, atol=2e-3)
+
+
+def test_velocity_missing_on_one_joint_only(tmp_path):
+    rows = messages(200)
+    for row in rows:
+        row[1]['velocity'][1] = float('nan')
+    recording = read_bag(recorded(tmp_path, rows))
+    assert any('velocity of elbow is not recorded' in note for note in recording.report.notes)
+    _, _, qd, _ = motion(200)
+    np.testing.assert_array_equal(recording.samples.qd[:, [0, 2]], qd[:, [0, 2]])
+    np.testing.assert_allclose(recording.samples.qd[:, 1], qd[:, 1], atol=2e-3)
+
+
+def test_velocity_of_zero_is_differentiated_unless_accepted(tmp_path):
+    rows = messages(200)
+    for row in rows:
+        row[1]['velocity'] = [0.0] * 3
+    path = recorded(tmp_path, rows)
+    recording = read_bag(path)
+    (fact,) = recording.report.facts
+    assert (fact.kind, fact.action) == (Kind.VELOCITY, Action.CORRECTED)
+    forced = read_bag(path, ReadOptions(differentiate=True))
+    for each in (recording, forced):
+        assert each.report.velocity == 'differentiated'
+        np.testing.assert_allclose(each.samples.qd, motion(200)[2], atol=2e-3)
+    accepted = read_bag(path, ReadOptions(accept=('velocity',)))
+    assert accepted.report.facts[0].action is Action.NOTED and not accepted.samples.qd.any()
+
+
+def test_zero_velocity_of_one_joint_is_differentiated(tmp_path):
+    rows = messages(200)
+    for row in rows:
+        row[1]['velocity'][1] = 0.0
+    recording = read_bag(recorded(tmp_path, rows))
+    (fact,) = recording.report.facts
+    assert fact.joints == ('elbow',) and fact.action is Action.CORRECTED
+    np.testing.assert_allclose(recording.samples.qd, motion(200)[2], atol=2e-3)
+    # Velocity 0 of a joint at rest is no fact.
+    for row in rows:
+        row[1]['position'][1] = 0.4
+    assert read_bag(recorded(tmp_path / 'still', rows)).report.facts == ()
+
+
+def test_the_report_contains_the_effort_scales_used(tmp_path):
+    path = recorded(tmp_path, messages())
+    options = ReadOptions(joints=('wrist', 'elbow'), effort_scale={'elbow': -2, 'shoulder': 3,
+                                                                   'wrist': 1.0})
+    assert read_bag(path, options).report.effort_scale == {'elbow': -2.0}
+
+
+def test_an_isolated_sample_is_dropped(tmp_path):
+    rows = messages(100)
+    for number, row in enumerate(rows):
+        row[1]['velocity'] = []
+        row[1]['stamp_ns'] += 10**10 * ((number >= 50) + (number >= 51))
+    recording = read_bag(recorded(tmp_path, rows))
+    assert dict(recording.report.dropped) == {cleaning.ISOLATED: 1}
+    assert len(recording.samples) == 99
+
+
+def test_joint_without_effort_is_noted(tmp_path):
+    rows = messages()
+    for row in rows:
+        row[1]['effort'][0] = 0.0
+    notes = read_bag(recorded(tmp_path, rows)).report.notes
+    assert notes == ('effort of joint shoulder is always 0',)
+
+
+def test_several_bags_are_several_runs(tmp_path):
+    first = write_folder(tmp_path / 'one', {'/joint_states': messages(30)})
+    reversed_names = messages(40)
+    for _, content in reversed_names:
+        for field in ('names', 'position', 'velocity', 'effort'):
+            content[field] = content[field][::-1]
+    second = write_folder(tmp_path / 'two', {'/joint_states': reversed_names}, 'mcap')
+    both = concatenate(read_bag(path).samples for path in (first, second))
+    assert both.names == NAMES
+    assert both.run_labels == ('one', 'two')
+    assert [len(run) for run in both.each_run()] == [30, 40]
+    np.testing.assert_array_equal(both.run(1).q, motion(40)[1])
+
+
+def test_bags_of_different_robots(tmp_path):
+    first = write_folder(tmp_path / 'one', {'/joint_states': messages()})
+    second = write_folder(tmp_path / 'two', {'/joint_states': messages(names='xyz')})
+    with pytest.raises(ModelMismatchError, match='different robots'):
+        concatenate(read_bag(path).samples for path in (first, second))
+
+
+def topic(name, effort=TAU):
+    return JointTopic(name, NAMES, T, Q, QD, effort)
+
+
+def test_choice_of_the_topic(tmp_path):
+    path = tmp_path / 'x.mcap'
+    write_bag(path, [topic('/other', 2 * TAU), topic('/joint_states')])
+    recording = read_bag(path)
+    assert recording.report.topic == '/joint_states'
+    assert recording.report.notes == ('JointState topics not read: /other',)
+    np.testing.assert_array_equal(recording.samples.tau, TAU)
+    for name in ('/other', 'other'):
+        other = read_bag(path, ReadOptions(topic=name))
+        np.testing.assert_array_equal(other.samples.tau, 2 * TAU)
+    with pytest.raises(BagError, match='no topic /none; its JointState topics are /other, /joi'):
+        read_bag(path, ReadOptions(topic='/none'))
+
+
+def test_ambiguous_topics_are_refused(tmp_path):
+    path = tmp_path / 'x.mcap'
+    write_bag(path, [topic('/left/joint_states'), topic('/right/joint_states')])
+    with pytest.raises(BagError, match='/left/joint_states, /right/joint_states; choose'):
+        read_bag(path)
+    empty = JointTopic('/left/joint_states', NAMES, np.empty(0), np.empty((0, 3)))
+    write_bag(path, [empty, topic('/right/joint_states')])
+    assert read_bag(path).report.topic == '/right/joint_states'
+
+
+@pytest.mark.parametrize('bad', [
+    {'effort_scale': {'a': 0.0}}, {'effort_scale': {'a': float('nan')}}, {'joints': ()},
+    {'joints': ('a', 'a')}])
+def test_invalid_options_are_refused(bad):
+    with pytest.raises(OptionError):
+        ReadOptions(**bad)
+
+
+@pytest.mark.parametrize('plugin', ['sqlite3', 'mcap'])
+def test_many_messages_are_subsampled_evenly(tmp_path, plugin):
+    # The messages of a gripper alternate with those of the arm.
+    rows = []
+    for row in messages(600):
+        gripper = [row[0] + 1, {**row[1], 'stamp_ns': row[0] + 1, 'names': ['gripper'],
+                                'position': [1.0], 'velocity': [0.0], 'effort': [0.0]}]
+        rows += [row, gripper]
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin)
+    whole = read_bag(path, ReadOptions(joints=NAMES)).samples
+    recording = read_bag(path, ReadOptions(joints=NAMES, max_messages=600))
+    samples = recording.samples
+    assert abs(len(samples) - 300) <= 2 and len(whole) == 600
+    assert '50% of 1200 messages are used' in ' '.join(recording.report.notes)
+    kept = np.searchsorted(whole.t + 1e-9, samples.t + whole.t[0])
+    assert np.diff(kept).max() <= 4
+    with pytest.raises(OptionError, match='messages to read'):
+        ReadOptions(max_messages=0)
+    assert read_bag(path, ReadOptions(joints=NAMES, max_messages=1200)).report.notes == ()

@@ -1,0 +1,140 @@
+"""Written MCAP files, as read by the mcap library and by rosbags."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE_DEFINITION
+from gravity_comp_ros.recordings.mcap_writer import (
+    joint_states, JointTopic, write_bag, WriteOptions)
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+NAMES = ('a', 'b')
+T = np.array([0.0, 0.1, 0.2])
+Q = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+START = WriteOptions().start_ns
+
+
+def topics():
+    return [JointTopic('/joint_states', NAMES, T, Q, 10 * Q, -Q),
+            JointTopic('/extra', NAMES, T + 0.05, effort=Q)]
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'lz4', 'none'])
+def test_mcap_library_reads_it(tmp_path, compression):
+    path = tmp_path / 'x.mcap'
+    assert write_bag(path, topics(), WriteOptions(compression=compression, chunk_bytes=300)) == 6
+    with path.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 6
+        used = {chunk.compression for chunk in summary.chunk_indexes}
+        assert used == {'' if compression == 'none' else compression}
+        (schema,) = summary.schemas.values()
+        assert (schema.name, schema.encoding) == ('sensor_msgs/msg/JointState', 'ros2msg')
+        assert schema.data.decode() == JOINT_STATE_DEFINITION
+        seen = [(channel.topic, message.log_time, message.publish_time, message.sequence)
+                for _, channel, message in reader.iter_messages(log_time_order=False)]
+    assert [topic for topic, *_ in seen] == ['/joint_states', '/extra'] * 3
+    assert [log - START for _, log, _, _ in seen] == [k * 50_000_000 for k in range(6)]
+    assert all(log == published for _, log, published, _ in seen)
+    assert [number for *_, number in seen] == [0, 0, 1, 1, 2, 2]
+
+
+def test_rosbags_reads_names_stamps_and_values(tmp_path):
+    path = tmp_path / 'x.mcap'
+    write_bag(path, topics())
+    with AnyReader([path]) as reader:
+        result = {}
+        for connection, log_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            assert stamp == log_ns
+            result.setdefault(connection.topic, []).append(message)
+    assert [m.name for m in result['/joint_states']] == [['a', 'b']] * 3
+    np.testing.assert_array_equal([m.position for m in result['/joint_states']], Q)
+    np.testing.assert_array_equal([m.velocity for m in result['/joint_states']], 10 * Q)
+    np.testing.assert_array_equal([m.effort for m in result['/joint_states']], -Q)
+    np.testing.assert_array_equal([m.effort for m in result['/extra']], Q)
+    assert [m.position.size for m in result['/extra']] == [0, 0, 0]
+
+
+def test_same_samples_give_the_same_bytes(tmp_path):
+    one, two = tmp_path / '1.mcap', tmp_path / '2.mcap'
+    write_bag(one, topics())
+    write_bag(two, topics())
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_empty_topic_and_nan_are_written_as_they_are(tmp_path):
+    path = tmp_path / 'x.mcap'
+    nothing = np.empty((0, 1))
+    write_bag(path, [JointTopic('/none', ('a',), np.empty(0), nothing),
+                     JointTopic('/nan', ('a',), T, effort=np.full((3, 1), np.nan))])
+    with AnyReader([path]) as reader:
+        efforts = [reader.deserialize(raw, c.msgtype).effort for c, _, raw in reader.messages()]
+    assert np.isnan(efforts).all() and len(efforts) == 3
+
+
+FULL_DISK = """
+import resource, sys
+from test_bag_write import topics
+from gravity_comp_ros.recordings.mcap_writer import write_bag
+from gravity_comp_ros.errors import BagError
+resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
+try:
+    write_bag(sys.argv[1], topics())
+except BagError as error:
+    print(error)
+    sys.exit(3)
+"""
+
+
+def test_a_full_disk_leaves_the_old_file_only(tmp_path):
+    path = tmp_path / 'x.mcap'
+    path.write_bytes(b'old')
+    places = ':'.join([str(Path(__file__).parent), *sys.path])
+    result = subprocess.run([sys.executable, '-c', FULL_DISK, str(path)], text=True,
+                            capture_output=True, env={'PYTHONPATH': places}, check=False,
+                            timeout=60)
+    assert result.returncode == 3, result.stderr
+    assert str(path) in result.stdout and result.stdout.count('\n') == 1
+    assert path.read_bytes() == b'old'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_missing_folder_is_refused(tmp_path):
+    with pytest.raises(BagError) as error:
+        write_bag(tmp_path / 'none' / 'x.mcap', topics())
+    assert 'x.mcap' in str(error.value) and '\n' not in str(error.value)
+
+
+def test_a_topic_requires_a_single_run():
+    one = JointSamples.single_run(NAMES, T, Q, Q, Q)
+    topic = joint_states(one)
+    assert topic.name == '/joint_states' and topic.joints == NAMES
+    with pytest.raises(OptionError, match='one bag per run'):
+        joint_states(concatenate([one, one]))
+
+
+@pytest.mark.parametrize('make', [
+    lambda path: JointTopic('no_slash', NAMES, T, Q),
+    lambda path: JointTopic('/x', NAMES, T, Q[:, :1]),
+    lambda path: JointTopic('/x', NAMES, T, effort=Q[:2]),
+    lambda path: WriteOptions(compression='zip'),
+    lambda path: WriteOptions(chunk_bytes=0),
+    lambda path: WriteOptions(start_ns=-1),
+    lambda path: write_bag(path, [JointTopic('/x', NAMES, -1e10 * T[::-1], Q)]),
+    lambda path: write_bag(path, [JointTopic('/x', NAMES, T[::-1], Q)]),
+    lambda path: write_bag(path, [JointTopic('/x', NAMES, np.array([0, np.nan, 1]), Q)]),
+    lambda path: write_bag(path, topics() + topics())])
+def test_wrong_calls_are_refused_and_write_nothing(tmp_path, make):
+    with pytest.raises(OptionError):
+        make(tmp_path / 'x.mcap')
+    assert not list(tmp_path.iterdir())

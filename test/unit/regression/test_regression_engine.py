@@ -1,0 +1,204 @@
+"""The regression as a whole: a pendulum and two links by hand, laws, and pure noise."""
+
+from dataclasses import replace
+
+from bench.shared.regression_cases import (
+    chain_of_two_links, EFFECTS, motion_of_joints, NOISE, OwnGravity, two_links, with_torque)
+from bench.shared.serial_arms import planar_2r
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.friction import ViscousFriction
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.regression.engine import huber_weights, regress
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+SMALL = tuple(known_effect(name) for name in EFFECTS)
+EVERY = tuple(library_effects().values())
+
+
+def pendulums(n, samples, effects=SMALL, **given):
+    """Return the regression of joints that do not load each other."""
+    return regress(Problem.of(samples), OwnGravity(np.zeros(2 * n)), effects, **given)
+
+
+def coefficients(result):
+    """Return mean and standard deviation of the coefficients of each term."""
+    posterior = result.posterior
+    return {t.key: (posterior.beta[posterior.at[t]], posterior.std(t)) for t in result.terms}
+
+
+def rich(q, qd, t):
+    """Return the torque of three joints: gravity, friction on one, a spring on another."""
+    gravity = 4.0 * np.sin(q) + np.array([1.0, -3.0, 0.5]) * np.cos(q)
+    gravity[:, 0] += 0.6 * np.tanh(qd[:, 0] / 0.005) + 1.5 * qd[:, 0]
+    gravity[:, 2] += 2.0 * (q[:, 2] - 0.8)
+    return gravity
+
+
+FOUND = {('coulomb_friction', 0), ('viscous_friction', 0), ('joint_spring', 2)}
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_a_pendulum_by_hand(seed):
+    samples = with_torque(motion_of_joints(1, seed, rate=10.0), lambda q, qd, t: (
+        4.0 * np.sin(q) - 1.0 * np.cos(q) + 0.5 * np.tanh(qd / 0.005) + 1.2 * qd), seed)
+    result = pendulums(1, samples, EVERY)
+    estimates = coefficients(result)
+    assert set(estimates) == {('coulomb_friction', 0), ('viscous_friction', 0)}
+    for key, truth in ((('coulomb_friction', 0), 0.5), (('viscous_friction', 0), 1.2)):
+        value, std = estimates[key]
+        assert abs(value[0] - truth) < 5.0 * std[0] and std[0] < 0.1 * truth
+    np.testing.assert_allclose(result.shared.weights, [4.0, -1.0], atol=0.05)
+    assert result.noise[0] == pytest.approx(NOISE, rel=0.1)
+    assert result.converged
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_two_links_by_hand(seed):
+    def friction(q, qd, t):
+        return np.column_stack([0.4 * np.tanh(qd[:, 0] / 0.005), 0.8 * (q[:, 1] - 0.5)])
+
+    samples = two_links(seed, friction)
+    result = regress(Problem.of(samples), UnknownLengths.of(chain_of_two_links()), SMALL)
+    estimates = coefficients(result)
+    assert set(estimates) == {('coulomb_friction', 0), ('joint_spring', 1)}
+    assert estimates['coulomb_friction', 0][0][0] == pytest.approx(0.4, abs=0.03)
+    stiffness, std = (x[0] for x in estimates['joint_spring', 1])
+    assert abs(stiffness - 0.8) < 5.0 * std
+    q = np.random.default_rng(1).uniform(samples.q.min(axis=0), samples.q.max(axis=0), (200, 2))
+    # The constant of a spring, or an offset, is a part of the held-out error of gravity alone.
+    total = result.shared.gravity(q)
+    term = next(t for t in result.terms if t.name == 'joint_spring')
+    total[:, 1] += (np.column_stack([q[:, 1] - term.setting['centre'], np.ones(200)])
+                    @ estimates['joint_spring', 1][0])
+    truth = planar_2r(q) + np.column_stack([np.zeros(200), 0.8 * (q[:, 1] - 0.5)])
+    assert np.abs(total - truth).max() < 0.12, np.abs(total - truth).max()
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 20), st.permutations(range(3)))
+def test_the_order_of_joints_does_not_matter(seed, order):
+    samples = with_torque(motion_of_joints(3, seed), rich, seed)
+    order = list(order)
+    moved = samples.joints([samples.names[k] for k in order])
+    one, two = pendulums(3, samples), pendulums(3, moved)
+    assert {(name, order[joint]) for name, joint in coefficients(two)} == set(coefficients(one))
+    assert FOUND <= set(coefficients(one))
+    for (name, joint), (value, std) in coefficients(two).items():
+        expected = coefficients(one)[name, order[joint]]
+        np.testing.assert_allclose(value, expected[0], rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(std, expected[1], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(two.noise, one.noise[order], rtol=1e-5)
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 20), st.floats(1e-3, 1e3))
+def test_units_of_torque_scale_the_coefficients_and_leave_the_terms(seed, factor):
+    samples = with_torque(motion_of_joints(3, seed), rich, seed)
+    one = pendulums(3, samples)
+    two = pendulums(3, replace(samples, tau=factor * samples.tau))
+    assert [(t.key, t.setting) for t in two.terms] == [(t.key, t.setting) for t in one.terms]
+    np.testing.assert_allclose(two.posterior.beta, factor * one.posterior.beta, rtol=1e-5,
+                               atol=1e-7 * factor)
+    np.testing.assert_allclose(two.noise, factor * one.noise, rtol=1e-6)
+    for key, gain in one.gains.items():
+        assert two.gains[key] == pytest.approx(gain, rel=1e-4, abs=1e-4)
+
+
+def test_the_order_of_effects_does_not_matter():
+    samples = with_torque(motion_of_joints(3, 2), rich, 2)
+    one, two = pendulums(3, samples), pendulums(3, samples, SMALL[::-1])
+    assert set(coefficients(one)) == set(coefficients(two))
+    for key, (value, _) in coefficients(one).items():
+        np.testing.assert_allclose(coefficients(two)[key][0], value, rtol=1e-6)
+
+
+def test_a_collinear_term_is_ambiguous_with_the_chosen_one():
+    twin = type('Twin', (ViscousFriction,), {'name': 'twin'})()
+    samples = with_torque(motion_of_joints(1, 0), lambda q, qd, t: (
+        4.0 * np.sin(q) + 1.2 * qd), 0)
+    result = pendulums(1, samples, (*SMALL, twin))
+    (chosen, others), = result.alternatives.items()
+    assert {chosen, *others} == {('viscous_friction', 0), ('twin', 0)}
+    alone = pendulums(1, samples)
+    assert alone.alternatives == {('viscous_friction', 0): ()}
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_negative_friction_is_not_selected(seed):
+    samples = with_torque(motion_of_joints(1, seed), lambda q, qd, t: (
+        4.0 * np.sin(q) - 0.5 * np.tanh(qd / 0.002)), seed)
+    result = pendulums(1, samples, (known_effect('coulomb_friction'),
+                                    known_effect('viscous_friction')))
+    assert not result.terms
+    assert result.noise[0] > 0.2
+
+
+def test_forced_terms_stay_without_a_gain():
+    samples = with_torque(motion_of_joints(1, 1), lambda q, qd, t: 4.0 * np.sin(q), 1)
+    free = pendulums(1, samples)
+    assert not free.terms
+    offset = free.candidates.of_joint[0]
+    term = next(t for t in offset if t.name == 'torque_offset')
+    kept = pendulums(1, samples, start=[term], forced=frozenset([term.key]))
+    assert [t.key for t in kept.terms] == [term.key]
+    value, std = coefficients(kept)[term.key]
+    assert abs(value[0]) < 5.0 * std[0]
+
+
+def test_spikes_do_not_move_the_coefficients():
+    samples = with_torque(motion_of_joints(1, 4), lambda q, qd, t: (
+        4.0 * np.sin(q) + 0.5 * np.tanh(qd / 0.005)), 4)
+    tau = samples.tau.copy()
+    hit = np.random.default_rng(0).random(len(tau)) < 0.003
+    tau[hit] += 30.0
+    clean, spiky = pendulums(1, samples), pendulums(1, replace(samples, tau=tau))
+    key = 'coulomb_friction', 0
+    assert coefficients(spiky)[key][0][0] == pytest.approx(coefficients(clean)[key][0][0],
+                                                           abs=0.05)
+    np.testing.assert_allclose(spiky.shared.weights, clean.shared.weights, atol=0.1)
+
+
+def test_weights_of_outliers_by_hand():
+    residual = np.array([[1.0], [-1.0], [1.0], [-1.0], [59.304]])
+    weights = huber_weights(residual, EngineOptions())
+    # The standard deviation by the median is 1.4826; the limit four times that.
+    np.testing.assert_allclose(weights[:, 0], [1, 1, 1, 1, 0.1])
+
+
+@pytest.mark.parametrize('arm', ['without gravity', 'pendulum'])
+def test_nothing_is_found_in_noise(arm):
+    """At upper 1 of 50 joints has a term; the odds of `min_gain` allow 1 of 20."""
+    size = 4.0 if arm == 'pendulum' else 0.0
+    false = []
+    for seed in range(5):
+        parts = motion_of_joints(10, seed, 40.0, 10.0, runs=1)
+        samples = with_torque(parts, lambda q, qd, t: size * np.sin(q + 0.3), seed)
+        false += [(seed, key) for key in coefficients(pendulums(10, samples, EVERY))]
+    assert len(false) <= 1, false
+
+
+def test_published_intervals_cover():
+    """Of 95 % intervals of Coulomb friction in 40 recordings, at least 90 % cover."""
+    covered = []
+    for seed in range(40):
+        samples = with_torque(motion_of_joints(1, seed, runs=1), lambda q, qd, t: (
+            4.0 * np.sin(q) + 0.5 * np.tanh(qd / 0.005)), seed)
+        result = pendulums(1, samples, (known_effect('coulomb_friction'),))
+        value, std = coefficients(result)['coulomb_friction', 0]
+        covered.append(abs(value[0] - 0.5) < 1.96 * std[0])
+    assert np.mean(covered) >= 0.9
+
+
+def test_runs_of_different_length_are_one_problem():
+    parts = motion_of_joints(1, 5)
+    short = JointSamples.single_run(parts[0].names, parts[0].t[:5], parts[0].q[:5],
+                                    parts[0].qd[:5], parts[0].tau[:5])
+    samples = with_torque([*parts, short], lambda q, qd, t: 4.0 * np.sin(q), 5)
+    assert concatenate([samples]).n_runs == 3
+    np.testing.assert_allclose(pendulums(1, samples).shared.weights, [4.0, 0.0], atol=0.05)

@@ -1,0 +1,225 @@
+"""Shared columns of the regression: against Pinocchio, and against numerical derivatives."""
+
+from dataclasses import replace
+
+from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
+from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.shared import State
+from gravity_comp_ros.regression.unknown_lengths import LengthPriors, UnknownLengths
+from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+ARMS = {'3 axes': lambda: standard(serial_arm(3, 1)),
+        '6 axes': lambda: standard(parallel_axis_arm()),
+        '7 axes': lambda: standard(serial_arm(7, 4))}
+each_arm = pytest.mark.parametrize('arm', ARMS.values(), ids=list(ARMS))
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def standard(arm):
+    """Return an arm with standard gravity; Pinocchio's is 9.81 m/s^2."""
+    arm.model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    return arm
+
+
+def state_of(n_joints, seed=0, count=15):
+    """Return random angles, speeds and accelerations."""
+    rng = np.random.default_rng(seed)
+    return State(rng.uniform(-np.pi, np.pi, (count, n_joints)),
+                 rng.normal(size=(count, n_joints)), rng.normal(size=(count, n_joints)))
+
+
+def still(state):
+    return State(state.q, 0.0 * state.q, 0.0 * state.q)
+
+
+def spread(p, v):
+    """Return the inertia of masses at a product of distances p and v."""
+    return 2.0 * (p @ v) * np.eye(3) - np.outer(p, v) - np.outer(v, p)
+
+
+def augmented(arm):
+    """
+    Return chain, lengths and inertias of a simulated arm, from masses, centres and inertias.
+
+    The masses beyond a link are at its end. A moment along an axis is one of the link before.
+    """
+    geometry, n = geometry_of(arm), arm.n_joints
+    lengths = np.vstack([geometry.origins[1:], np.zeros(3)])
+    bodies = [arm.model.inertias[k + 1] for k in range(n)]
+    moments, inertias = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    for k, body in enumerate(bodies):
+        beyond, p, c = sum(b.mass for b in bodies[k + 1:]), lengths[k], body.lever
+        moments[k] = body.mass * c + beyond * p
+        inertias[k] = body.inertia + 0.5 * (body.mass * spread(c, c) + beyond * spread(p, p))
+    for k in reversed(range(1, n)):
+        along = moments[k, 2] * geometry.rotations[k][:, 2]
+        moments[k - 1] += along
+        inertias[k - 1] += spread(lengths[k - 1], along)
+    chain = Chain(geometry.rotations, STANDARD_GRAVITY * moments[:, :2])
+    return UnknownLengths.of(chain, lengths[:-1],
+                             np.array([[inertia[a] for a in PAIRS] for inertia in inertias]))
+
+
+@each_arm
+def test_dynamics_of_known_lengths_are_those_of_pinocchio(arm):
+    arm = arm()
+    shared, state = augmented(arm), state_of(arm.n_joints)
+    np.testing.assert_allclose(shared.gravity(state.q), gravity_torque(arm, state.q), atol=1e-8)
+    np.testing.assert_allclose(shared.torque(state),
+                               inverse_dynamics(arm, state.q, state.qd, state.qdd), atol=1e-8)
+
+
+def test_two_links_in_a_vertical_plane_by_hand():
+    """Craig, Introduction to Robotics, ch. 6: point masses at 0.5 m and 0.3 m."""
+    m1, m2, l1, l2, g = 2.0, 1.5, 0.5, 0.3, STANDARD_GRAVITY
+    # The first axis is horizontal: z of frame 1 is -y of the base, x is x.
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    chain = Chain(np.array([turned, np.eye(3)]),
+                  g * np.array([[(m1 + m2) * l1, 0.0], [m2 * l2, 0.0]]))
+    inertias = np.zeros((2, 6))
+    inertias[:, 2] = (m1 + m2) * l1 ** 2, m2 * l2 ** 2
+    shared, state = UnknownLengths.of(chain, np.array([[l1, 0.0, 0.0]]), inertias), state_of(2, 3)
+    (q1, q2), (v1, v2), (a1, a2) = state.q.T, state.qd.T, state.qdd.T
+    c2, s2 = np.cos(q2), np.sin(q2)
+    both = m2 * l2 * g * np.cos(q1 + q2)
+    tau1 = (m2 * l2 ** 2 * (a1 + a2) + m2 * l1 * l2 * c2 * (2 * a1 + a2) + (m1 + m2) * l1 ** 2 * a1
+            - m2 * l1 * l2 * s2 * (v2 ** 2 + 2 * v1 * v2) + both
+            + (m1 + m2) * l1 * g * np.cos(q1))
+    tau2 = (m2 * l1 * l2 * c2 * a1 + m2 * l1 * l2 * s2 * v1 ** 2 + both
+            + m2 * l2 ** 2 * (a1 + a2))
+    np.testing.assert_allclose(shared.torque(state), np.column_stack([tau1, tau2]), atol=1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 1000))
+def test_columns_of_unknown_lengths_are_the_derivatives_of_their_torque(n, seed):
+    shared = augmented(serial_arm(n, seed))
+    state, columns, step = state_of(n, seed), shared.columns(state_of(n, seed)), 1e-5
+    for k, direction in enumerate(np.eye(len(shared.point))):
+        ahead, behind = (shared.moved(shared.point + s * step * direction) for s in (1.0, -1.0))
+        slope = (ahead.torque(state) - behind.torque(state)) / (2.0 * step)
+        np.testing.assert_allclose(columns[:, :, k], slope, rtol=1e-5, atol=5e-5)
+
+
+def test_one_step_does_not_rotate_an_axis_by_more_than_its_limit():
+    shared = augmented(serial_arm(2))
+    far = shared.moved(shared.point + np.r_[3.0, np.zeros(len(shared.point) - 1)])
+    angle = np.arccos((np.trace(shared.chain.axes[0].T @ far.chain.axes[0]) - 1.0) / 2.0)
+    assert angle == pytest.approx(0.2)
+
+
+def described(arm):
+    """Return an arm on known axes with the base parameters of the simulated one."""
+    geometry, state = geometry_of(arm), state_of(arm.n_joints, 7, 60)
+    columns = described_columns(geometry, state.q, state.qd, state.qdd)
+    target = inverse_dynamics(arm, state.q, state.qd, state.qdd)
+    values = np.linalg.lstsq(columns.reshape(target.size, -1), target.ravel(), rcond=1e-9)[0]
+    return replace(KnownAxes.of(geometry), values=values)
+
+
+@each_arm
+def test_dynamics_on_known_axes_are_those_of_pinocchio(arm):
+    arm = arm()
+    shared, state = described(arm), state_of(arm.n_joints, 1)
+    np.testing.assert_allclose(shared.torque(state),
+                               inverse_dynamics(arm, state.q, state.qd, state.qdd), atol=1e-7)
+    np.testing.assert_allclose(shared.gravity(state.q), gravity_torque(arm, state.q), atol=1e-7)
+
+
+@each_arm
+def test_base_parameters_are_a_maximal_independent_set(arm):
+    # On a tilted base: on a level one further parameters act on no torque.
+    shared = described(arm())
+    n, k = shared.geometry.n_joints, len(shared.values)
+    shared = shared.moved(shared.point + np.r_[0.3, -0.2, np.zeros(n + k)])
+    state = state_of(n, 2, 60)
+    every = regressor(shared.geometry, state.q, state.qd, state.qdd, STANDARD_GRAVITY)
+    kept = described_columns(shared.geometry, state.q, state.qd, state.qdd)
+    ranks = [np.linalg.matrix_rank(x.reshape(60 * n, -1), tol=1e-8) for x in (every, kept)]
+    assert ranks == [k, k]
+
+
+@each_arm
+def test_columns_of_known_axes_are_the_derivatives_of_gravity(arm):
+    # On a tilted base, so that a zero angle of the first joint matters.
+    shared = described(arm())
+    shared = shared.moved(shared.point + np.r_[0.3, -0.2, np.zeros(len(shared.point) - 2)])
+    q, step = state_of(shared.geometry.n_joints, 2).q, 1e-5
+    columns = shared.columns(State(q, 0.0 * q, 0.0 * q))
+    for k, direction in enumerate(np.eye(len(shared.point))):
+        ahead, behind = (shared.moved(shared.point + s * step * direction) for s in (1.0, -1.0))
+        slope = (ahead.gravity(q) - behind.gravity(q)) / (2.0 * step)
+        np.testing.assert_allclose(columns[:, :, k], slope, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize('make', [augmented, described])
+@each_arm
+def test_the_step_of_the_chain_reproduces_changes_of_gravity(arm, make):
+    shared, rng = make(arm()), np.random.default_rng(5)
+    n, q = shared.chain.n_joints, state_of(shared.chain.n_joints, 3).q
+    shared = shared.moved(shared.point + np.r_[0.2, 0.1, np.zeros(len(shared.point) - 2)])
+    size = shared.prior_std(Scale(np.ones(n), 1.0, -np.ones(n), np.ones(n)))
+    change = 1e-5 * size * rng.normal(size=len(size))
+    moved = shared.moved(shared.point + change).gravity(q) - shared.gravity(q)
+    step = np.tensordot(shared.step_map() @ change, shared.chain.jacobian(q), axes=1).T
+    np.testing.assert_allclose(step, moved, atol=2e-4 * np.abs(moved).max())
+
+
+@pytest.mark.parametrize('shared', [
+    Energy(Expansion(np.array([1, 4, 7]), np.array([0.7, -2.0, 0.4]))),
+    Torques((Expansion(np.array([1, 5]), np.array([0.7, -2.0])),
+             Expansion(np.array([2]), np.array([1.5]))))])
+def test_dictionary_columns_are_those_of_the_torque(shared):
+    state = state_of(2)
+    np.testing.assert_allclose(shared.torque(state), shared.gravity(state.q), atol=1e-12)
+    moved = shared.moved(2.0 * shared.point)
+    np.testing.assert_allclose(moved.gravity(state.q), 2.0 * shared.gravity(state.q), atol=1e-12)
+    ahead, behind = (shared.gravity(state.q + s * np.array([1e-6, 0.0])) for s in (1.0, -1.0))
+    np.testing.assert_allclose(shared.gradient(state.q)[:, :, 0], (ahead - behind) / 2e-6,
+                               atol=1e-6)
+
+
+def test_the_energy_of_a_pendulum_by_hand():
+    # U = 3 sin q - 2 cos q: tau = 3 cos q + 2 sin q.
+    shared = Energy(Expansion(np.array([1, 2]), np.array([3.0, -2.0])))
+    q = np.array([[0.3], [2.0]])
+    np.testing.assert_allclose(shared.gravity(q), 3.0 * np.cos(q) + 2.0 * np.sin(q))
+    np.testing.assert_allclose(shared.columns(State(q, 0 * q, 0 * q))[:, 0],
+                               np.column_stack([np.cos(q), -np.sin(q)]))
+
+
+def test_priors_have_the_scale_of_the_torque():
+    shared = UnknownLengths.of(augmented(serial_arm(2)).chain)
+    n = np.ones(2)
+    one, ten = (shared.prior_std(Scale(c * n, c, -n, n)) for c in (1.0, 10.0))
+    tilts, moments, lengths, inertias = np.split(ten / one, [4, 8, 11])
+    assert (tilts == 1).all() and (lengths == 1).all()
+    np.testing.assert_allclose(moments, 10.0)
+    np.testing.assert_allclose(inertias, 10.0)
+    assert one[0] == LengthPriors().tilt
+    arm = KnownAxes.of(geometry_of(serial_arm(2)))
+    ratio = arm.prior_std(Scale(10 * n, 10.0, -n, n)) / arm.prior_std(Scale(n, 1.0, -n, n))
+    np.testing.assert_allclose(ratio[:4], 1.0)
+    np.testing.assert_allclose(ratio[4:], 10.0)
+    assert basis_of(arm.geometry).is_static.any()
+
+
+def test_scales_are_those_of_the_samples_without_spikes():
+    t = np.arange(1000.0)
+    tau = np.column_stack([np.where(t == 500, 1e4, 20.0), np.full(1000, 0.5)])
+    q = np.column_stack([np.linspace(-1, 2, 1000), np.zeros(1000)])
+    scale = Scale.of(JointSamples.single_run(('a', 'b'), t, q, q, tau), EngineOptions())
+    np.testing.assert_allclose(scale.torque, [20.0, 2.0])
+    assert scale.largest == 20.0 and scale.low[0] == -1.0 and scale.high[0] == 2.0

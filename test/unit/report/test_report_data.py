@@ -1,0 +1,150 @@
+"""Data of report plots, computed without Bokeh, against analytic values."""
+
+from dataclasses import replace
+
+from bench.shared.rough_links import COULOMB, two_links
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.effects.predict import motion_of
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.added_variable import added_variable
+from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.report.pairs import pair_grid, places
+from gravity_comp_ros.report.spectra import over_angle, over_time
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+def test_few_samples_are_all_drawn():
+    rows, weights = keep_extremes(np.zeros(5, dtype=int), np.ones((5, 2)), 10)
+    assert rows.tolist() == [0, 1, 2, 3, 4] and weights.tolist() == [1.0] * 5
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2 ** 32 - 1), st.integers(500, 5000), st.integers(1, 6))
+def test_no_peak_is_lost(seed, m, k):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(m, k))
+    peaks = rng.integers(0, m, k)
+    values[peaks, np.arange(k)] = rng.choice([-50.0, 50.0], k)
+    runs = np.sort(rng.integers(0, 3, m))
+    rows, weights = keep_extremes(runs, values, 200)
+    # The weights sum to the number of samples.
+    assert weights.sum() == pytest.approx(m) and (weights >= 1.0).all()
+    assert (np.diff(rows) > 0).all() and len(rows) <= 320
+    assert set(peaks) <= set(rows)
+    for run in np.unique(runs):
+        samples = np.flatnonzero(runs == run)
+        assert samples[0] in rows and samples[-1] in rows
+
+
+def test_an_hour_is_drawn_with_few_rows():
+    m = 360_000
+    values = np.zeros((m, 14))
+    values[123_457, 3] = 9.0
+    rows, _ = keep_extremes(np.zeros(m, dtype=int), values)
+    assert len(rows) < 12_000 and 123_457 in rows
+
+
+def test_the_weighted_rmse_of_a_selection_is_unbiased():
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(200_000, 7))
+    rows, weights = keep_extremes(np.zeros(len(values), dtype=int), values)
+    part = (rows >= 50_000) & (rows < 150_000)
+    rms = np.sqrt((weights[part, None] * values[rows[part]] ** 2).sum(axis=0)
+                  / weights[part].sum())
+    unweighted = np.sqrt((values[rows[part]] ** 2).mean(axis=0))
+    # Within the sampling error of about a thousand samples; the unweighted RMSE is biased.
+    assert (np.abs(rms - 1.0) < 0.1).all() and (unweighted > 1.2).all()
+
+
+def test_pair_grid_against_analytic_values():
+    q = np.array([[0.0, 0.0], [0.1, 0.1], [0.9, 1.0], [1.0, 0.9]])
+    residual = np.array([[1.0, 0.0], [3.0, 0.0], [2.0, 0.0], [2.0, 4.0]])
+    grid = pair_grid(q, residual, cells=2)
+    both = (grid.first == 0) & (grid.second == 1)
+    assert grid.column[both].tolist() == [0, 1] and grid.row[both].tolist() == [0, 1]
+    assert grid.count[both].tolist() == [2, 2]
+    np.testing.assert_allclose(grid.rms[both, 0], [np.sqrt(5.0), 2.0])
+    np.testing.assert_allclose(grid.rms[both, 1], [0.0, np.sqrt(8.0)])
+    # Two of four cells of the pair, both halves of each joint.
+    assert grid.visited[0, 1] == grid.visited[1, 0] == 0.5 and grid.visited[0, 0] == 1.0
+    assert places(q, grid.edges).tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
+
+
+def test_a_joint_at_rest_has_one_cell():
+    grid = pair_grid(np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)]), np.ones((50, 2)))
+    own = (grid.first == 1) & (grid.second == 1)
+    assert own.sum() == 1 and grid.count[own].tolist() == [50]
+
+
+def test_an_oscillation_is_found_at_its_frequency():
+    t = np.arange(0, 40, 0.01)
+    residual = 0.5 * np.sin(2 * np.pi * 12.5 * t)
+    zero = np.zeros((len(t), 1))
+    samples = JointSamples.single_run(('a',), t, zero, zero, residual[:, None])
+    frequency, density = over_time(samples, residual)
+    assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
+    assert len(frequency) <= 400
+
+
+def test_a_ripple_is_found_at_its_order_and_amplitude():
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-1.5, 1.5, 4000)
+    order, amplitude = over_angle(q, 0.2 * np.sin(24 * q + 1.0) + rng.normal(0, 0.02, 4000))
+    place = np.argmax(amplitude)
+    assert abs(order[place] - 24.0) < 1.1 and 0.17 < amplitude[place] < 0.21
+
+
+def test_no_spectrum_of_short_runs_or_joints_at_rest():
+    short = two_links(count=10)
+    assert len(over_time(short, short.tau[:, 0])[0]) == 0
+    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
+
+
+def _finding(effect, joint, **setting):
+    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '',
+                   setting=setting)
+
+
+def test_friction_gives_the_line_of_its_added_variable_plot():
+    samples = concatenate([two_links(1), two_links(2)])
+    model = fit(samples).model
+    rows = np.arange(0, samples.n_samples, 3)
+    motion = motion_of(model, samples)
+    friction = _finding('coulomb_friction', 'shoulder', width=0.005)
+    viscous = _finding('viscous_friction', 'shoulder')
+    plot = added_variable(motion, model, friction, [viscous], rows)
+    assert plot.joint == 'shoulder' and plot.x.shape == rows.shape
+    # The explained torque has the size of the friction, with a small residual.
+    assert plot.share > 0.85 and 0.2 * COULOMB < plot.x.std() < COULOMB
+    absent = _finding('coulomb_friction', 'elbow', width=0.005)
+    nothing = added_variable(motion, model, absent, [], rows)
+    assert nothing.share < 0.1
+
+
+def test_an_unexplained_residual_is_plotted_over_the_angle():
+    samples = two_links(1)
+    model = fit(samples).model
+    rows = np.arange(0, len(samples), 5)
+    motion = motion_of(model, samples)
+    plot = added_variable(motion, model, _finding(None, 'elbow'), [], rows)
+    assert plot.is_angle
+    np.testing.assert_array_equal(plot.x, samples.q[rows, 1])
+    unknown = replace(_finding('no_such_effect', 'elbow'))
+    assert added_variable(motion, model, unknown, [], rows) is None
+
+
+def test_text_from_files_is_escaped():
+    bad = '<script>alert(1)</script>"&\x1b[31m\n'
+    for html in (markup.text(bad), markup.paragraph(bad), markup.bullets([bad]),
+                 markup.table([bad, 'b'], [[bad, bad]]), markup.folded(bad, ''),
+                 markup.key([('red"><b>', bad)])):
+        assert '<script' not in html and '\x1b' not in html and '"&' not in html
+        assert '&lt;script&gt;' in html
+
+
+def test_powers_of_units_are_raised():
+    assert markup.units('I = 0.2 ± 0.1 kg·m^2, 3 m^3') == 'I = 0.2 ± 0.1 kg·m², 3 m³'

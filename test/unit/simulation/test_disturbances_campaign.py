@@ -1,0 +1,199 @@
+"""Scores of the campaign for given findings, and its files."""
+
+from dataclasses import replace
+from importlib import import_module
+import json
+import sys
+
+from bench.cases.case_list import case, ROLES
+from bench.cases.cases import ARMS, recordings
+from bench.cases.drawn import drawn_case
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+import pytest
+
+# The campaign is not part of the installed package.
+results, run, table, score = (
+    import_module(f'bench.campaign.{name}') for name in ('results', 'run', 'table', 'score'))
+
+JOINTS = ARMS['iiwa7']().joints
+SHOULDER, ELBOW = JOINTS[1], JOINTS[3]
+
+
+def finding(effect, joint=SHOULDER, verdict='established', alternatives=(), **coefficients):
+    return {'effect': effect, 'joint': joint, 'verdict': verdict, 'rivals': list(alternatives),
+            'coefficients': {name: {'value': v, 'unit': unit, 'ci95': [low, high]}
+                             for name, (v, unit, low, high) in coefficients.items()}}
+
+
+def judge(name, *findings, untestable=None):
+    joints = {joint: {'untestable': {}, 'rmse_after': 0.1} for joint in JOINTS}
+    if untestable:
+        joints[SHOULDER]['untestable'] = untestable
+    return score.score(case('iiwa7', name), {'findings': list(findings), 'joints': joints}, JOINTS)
+
+
+COULOMB = finding('coulomb_friction', F_c=(2.01, 'N·m', 1.97, 2.05))
+
+
+def test_the_true_effect_on_its_joint_is_right():
+    judged = judge('coulomb_large', COULOMB)
+    assert judged.right and judged.named == (True,) and judged.false == ()
+    assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
+
+
+def test_an_interval_that_misses_the_truth_is_counted():
+    judged = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
+    assert judged.right and [i.covers for i in judged.intervals] == [False]
+
+
+def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
+    for wrong in (finding('coulomb_friction', ELBOW), finding('torque_offset')):
+        judged = judge('coulomb_large', wrong)
+        assert judged.named == (False,) and len(judged.false) == 1 and not judged.right
+    assert judge('coulomb_large', finding('coulomb_friction', ELBOW)).false == (
+        'coulomb_friction:4 (established)',)
+
+
+def test_a_true_effect_with_a_false_one_is_named_but_not_right():
+    judged = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
+    assert judged.named == (True,) and not judged.right and len(judged.false) == 1
+
+
+def test_allowed_effects_are_no_false_alarms():
+    assert judge('coulomb_large', COULOMB, finding('presliding_hysteresis'),
+                 finding('inertia', ELBOW), finding('coriolis')).right
+    assert judge('nothing_white', finding('inertia')).right
+    assert not judge('nothing_white', finding('viscous_friction', verdict='likely')).right
+
+
+def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_alternatives():
+    def with_verdict(verdict, alternatives):
+        return judge('coulomb_large', finding('stribeck_friction', verdict=verdict,
+                                              alternatives=alternatives))
+    assert with_verdict('ambiguous', ['coulomb_friction']).right
+    assert with_verdict('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
+    assert not with_verdict('ambiguous', [f'coulomb_friction:{ELBOW}']).right
+    assert not with_verdict('ambiguous', ['viscous_friction']).right
+    assert with_verdict('weak', ['coulomb_friction']).named == (False,)
+
+
+def test_a_weak_finding_is_neither_found_nor_false():
+    weak = finding('coulomb_friction', verdict='weak')
+    assert not judge('coulomb_large', weak).right
+    assert judge('nothing_white', weak).right and judge('nothing_white', weak).open
+    assert judge('too_weak', weak).right and judge('too_weak').right
+    assert not judge('too_weak', finding('torque_offset')).right
+
+
+def test_ties_and_effects_of_the_whole_arm():
+    assert judge('cable', finding('joint_spring', ELBOW)).right
+    for joint in (None, JOINTS[0]):
+        assert judge('tilted_base', finding('base_tilt', joint)).right
+    assert not judge('cable', finding('cable_stiffness', None)).right
+
+
+def test_every_truth_has_to_be_named():
+    one = finding('coulomb_friction', ELBOW)
+    assert judge('coulomb_and_viscous', one).named == (True, False)
+    assert not judge('coulomb_and_viscous', one).right
+    assert judge('coulomb_and_viscous', one, finding('viscous_friction', ELBOW)).right
+
+
+def test_unexplained_has_to_name_the_joint():
+    assert judge('detent', finding(None, ELBOW, 'unexplained')).right
+    assert not judge('detent', finding(None, SHOULDER, 'unexplained')).right
+    assert not judge('detent').right
+    assert not judge('detent', finding(None, ELBOW, 'unexplained'),
+                     finding('torque_ripple', ELBOW)).right
+
+
+def test_untestable_has_to_name_both():
+    offset = finding('torque_offset', verdict='untestable', alternatives=['coulomb_friction'])
+    assert judge('one_way', offset).right
+    assert judge('one_way', finding('coulomb_friction', verdict='ambiguous',
+                                    alternatives=['torque_offset'])).right
+    alone = finding('torque_offset', verdict='untestable')
+    assert not judge('one_way', alone).right
+    assert judge('one_way', alone, untestable={'coulomb_friction': 'one direction only'}).right
+    assert not judge('one_way', finding('torque_offset')).right
+    assert not judge('one_way').right
+
+
+def test_a_coefficient_in_another_unit_is_not_compared():
+    assert not judge('coulomb_large', finding('coulomb_friction', F_c=(2.0, 'A', 1, 3))).intervals
+
+
+def done(name, seed, *findings, floor=0.1):
+    entry = case('iiwa7', name)
+    joints = {joint: {'untestable': {}, 'rmse_after': 0.11} for joint in JOINTS}
+    result = {'diagnosis': {'findings': list(findings), 'joints': joints}, 'seconds': 2.0,
+              'joints': list(JOINTS), 'peak_mb': 100.0, 'code': 'x', 'rate': 50.0}
+    if entry.verdict == 'found':
+        result['floor'] = dict.fromkeys(JOINTS, floor)
+    return results.Task(entry, seed, 50.0), result
+
+
+def test_totals_by_hand():
+    rows = [done('coulomb_large', 0, COULOMB), done('coulomb_large', 1),
+            done('coulomb_large', 2, COULOMB, floor=0.05),
+            done('nothing_white', 0), done('nothing_white', 1, finding('joint_spring')),
+            done('detent', 0, finding(None, ELBOW, 'unexplained'))]
+    every = table.summary(rows)['all']
+    assert (every['recordings'], every['solvable'], every['nothing_missing']) == (6, 3, 2)
+    assert every['named'] == pytest.approx(2 / 3) and every['false_alarms'] == 0.5
+    assert every['covered'] == 1.0 and every['intervals'] == 2 and every['open_said'] == 1.0
+    # Errors are 0.11 N·m relative to floors of 0.1, 0.1 and 0.05 N·m.
+    assert every['error_within'] == pytest.approx(2 / 3) and every['with_error'] == 3
+    assert every['error_ratio_max'] == pytest.approx(2.2)
+    assert every['missed'] == ['seed 1: coulomb_friction:2']
+    assert every['false'] == ['seed 1: joint_spring:2 (established)']
+    text = table.markdown(rows)
+    assert '| iiwa7 coulomb_large | 67 % | 67 % | 0 % | 100 % | 1.1, at most 2.2 |' in text
+
+
+def test_results_are_loaded_for_the_same_code_only(tmp_path):
+    task, result = done('coulomb_large', 0)
+    assert results.load(tmp_path, task, 'x') is None
+    results.save(tmp_path, task, result)
+    assert results.load(tmp_path, task, 'x') == result
+    assert results.load(tmp_path, task, 'other') is None
+    assert results.load(tmp_path, task, None) == result
+    assert results.load(tmp_path, replace(task, rate=10.0), 'x') is None
+    (tmp_path / task.file).write_text('{half')
+    assert results.load(tmp_path, task, 'x') is None
+
+
+def test_a_campaign_does_not_repeat_stored_results(tmp_path, monkeypatch, capsys):
+    for seed in (0, 1):
+        task, result = done('coulomb_large', seed, COULOMB)
+        results.save(tmp_path, task, {**result, 'code': results.fingerprint()})
+    monkeypatch.setattr(sys, 'argv', ['run', str(tmp_path), '--arms', 'iiwa7', '--cases',
+                                      'coulomb_large', '--seeds', '2'])
+    assert run.main() == 0
+    assert '2 recordings, 2 done before' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'campaign.json').read_text())['all']['right'] == 1.0
+
+
+def test_an_unknown_case_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['run', str(tmp_path), '--cases', 'nonsense'])
+    assert run.main() == 1
+    assert 'no case nonsense' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arm', sorted(ROLES))
+def test_drawn_cases_repeat_and_differ(arm):
+    drawn = [drawn_case(arm, number) for number in range(40)]
+    assert drawn[7] == drawn_case(arm, 7)
+    assert len({truth.effect for entry in drawn for truth in entry.truths}) >= 6
+    assert {len(entry.truths) for entry in drawn} == {0, 1, 2}
+    for entry in drawn:
+        assert (entry.verdict == 'nothing') == (not entry.disturbances)
+    busy = next(entry for entry in drawn if entry.truths)
+    samples = recordings(replace(busy, runs=1, duration=20.0), 1)
+    assert np.isfinite(samples.tau).all()
+
+
+def test_an_unknown_arm_has_no_cases():
+    with pytest.raises(OptionError):
+        case('puma', 'coulomb_large')

@@ -1,0 +1,165 @@
+"""Real worker processes: results, failures, and their end with the parent process."""
+
+from contextlib import contextmanager
+import os
+import subprocess
+import sys
+from threading import get_ident
+import time
+
+from bench.shared.running_process import is_running
+from bench.shared.worker_tasks import LastJob
+from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
+from gravity_comp_ros.worker.worker_process import command, WorkerProcess
+import pytest
+
+TIMEOUT = 30.0
+
+
+@contextmanager
+def running(task='bench.shared.worker_tasks:doing'):
+    worker = WorkerProcess(command(task, 0))
+    worker.start()
+    try:
+        yield worker
+    finally:
+        worker.end()
+
+
+def wait_for(worker, count):
+    """Wait for this number of messages and return them."""
+    received, end = [], time.monotonic() + TIMEOUT
+    while len(received) < count:
+        assert time.monotonic() < end, received
+        received += worker.messages()
+        time.sleep(0.002)
+    return received
+
+
+def test_ready_progress_and_result_are_sent_in_order():
+    with running() as worker:
+        worker.send(('sleep', 0.01))
+        ready, progress, done = wait_for(worker, 3)
+        assert (ready, progress) == (Ready(), Progress('sleeping', 0.5))
+        assert isinstance(done, Done) and done.answer == 'sleep'
+    assert worker.pid is None and worker.messages() == []
+
+
+@pytest.mark.parametrize('job, reason', [
+    (('refuse', 'no joint moves'), 'no joint moves'),
+    (('break', 'q'), "internal error, please report it: KeyError: 'q'")])
+def test_a_failed_job_does_not_end_the_process(job, reason):
+    with running() as worker:
+        wait_for(worker, 1)
+        pid = worker.pid
+        worker.send(job)
+        assert wait_for(worker, 1) == [Failed(reason)]
+        worker.send(('done', None))
+        assert wait_for(worker, 1)[0].answer == 'done' and worker.pid == pid
+
+
+def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_job():
+    with running('bench.shared.worker_tasks:closing') as worker:
+        wait_for(worker, 1)
+        worker.send(LastJob(worker))
+        # Its exit status is known only if it ends soon.
+        (lost,) = wait_for(worker, 1)
+        assert isinstance(lost, Lost)
+
+
+def test_sending_a_large_job_does_not_block():
+    with running() as worker:
+        # The process is still importing, and the pipe buffers about 64 KiB.
+        worker.send(('length', bytes(20_000_000)))
+        ready, done = wait_for(worker, 2)
+        assert ready == Ready() and done.answer == 20_000_000
+
+
+def test_a_process_that_exits_at_once_is_lost_with_its_exit_code():
+    with running('bench.shared.worker_tasks:failing') as worker:
+        assert wait_for(worker, 1) == [Lost('exit code 4')]
+        assert worker.pid is None
+
+
+def test_the_process_ends_with_its_parent_during_a_job():
+    program = ('from gravity_comp_ros.worker.worker_process import command, WorkerProcess\n'
+               'import os, time\n'
+               'worker = WorkerProcess(command("bench.shared.worker_tasks:doing", 0))\n'
+               'worker.start()\n'
+               'worker.send(("sleep", 600.0))\n'
+               'received = []\n'
+               'while len(received) < 2:\n'
+               '    received += worker.messages()\n'
+               '    time.sleep(0.01)\n'
+               'print(worker.pid, flush=True)\n'
+               'os._exit(0)')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          timeout=TIMEOUT, check=True,
+                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    end = time.monotonic() + TIMEOUT
+    while is_running(int(done.stdout)):
+        assert time.monotonic() < end, 'the worker outlives its parent'
+        time.sleep(0.01)
+
+
+PARTIAL = """
+import os, struct, sys, time
+pipe = int(sys.argv[1])
+os.write(pipe, struct.pack('!i', 50_000_000) + bytes(100))
+print('sent', flush=True)
+time.sleep(600.0)
+"""
+
+
+def test_a_process_that_stops_within_a_message_blocks_no_call():
+    """It has announced 50 MB and sends 100 bytes."""
+    worker = WorkerProcess((sys.executable, '-c', PARTIAL))
+    worker.start()
+    pid = worker.pid
+    assert wait_until_read(worker)
+    calls = [lambda: worker.messages(), lambda: worker.send(('done', None)), worker.end,
+             lambda: worker.messages()]
+    longest = 0.0
+    for call in calls:
+        began = time.monotonic()
+        call()
+        longest = max(longest, time.monotonic() - began)
+    # A blocking read would last until the process is killed, 600 s later.
+    assert longest < TIMEOUT and worker.pid is None
+    end = time.monotonic() + TIMEOUT
+    while is_running(pid):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def wait_until_read(worker):
+    """Wait until the process has sent its part, so that its thread waits for the rest."""
+    end = time.monotonic() + TIMEOUT
+    while time.monotonic() < end:
+        with open(f'/proc/{worker.pid}/wchan', encoding='ascii', errors='replace') as file:
+            if 'nanosleep' in file.read():
+                return True
+        time.sleep(0.005)
+    return os.path.exists(f'/proc/{worker.pid}')
+
+
+def test_a_job_is_prepared_in_another_thread():
+    with running() as worker:
+        wait_for(worker, 1)
+        threads = []
+
+        def prepare(job):
+            threads.append(get_ident())
+            return 'done', job
+
+        worker.send(7, prepare)
+        assert wait_for(worker, 1)[0].answer == 'done' and threads != [get_ident()]
+        worker.send(7, lambda job: job / 0)
+        assert 'ZeroDivisionError' in wait_for(worker, 1)[0].reason
+
+
+def test_unreadable_messages_end_in_a_lost_process():
+    code = "import os, struct, sys; os.write(int(sys.argv[1]), struct.pack('!i', 4) + b'nope')"
+    worker = WorkerProcess((sys.executable, '-c', code))
+    worker.start()
+    assert isinstance(wait_for(worker, 1)[0], Lost)
