@@ -25,9 +25,12 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.job_messages import FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_fit
+from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.rows import DELAYS, SlowSample
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
@@ -79,10 +82,11 @@ def payload_of(seed: int) -> Payload:
 
 def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> FitJob:
     """Return the fit job that the node submits for these samples."""
-    epoch = Epoch(1, case.samples.names, EpochOptions(block=round(RATE)), has_base=True)
+    epoch = Epoch(1, case.samples.names, Parameters(sample_rate=RATE), has_base=True)
+    none = np.full((len(DELAYS), case.samples.n_joints), np.nan)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
-        epoch.offer(*row)
-    return FitJob(1, 1, epoch.train(), epoch.held_out(), base, base, geometry=geometry)
+        epoch.offer(SlowSample(CompleteReading(*row), none))
+    return FitJob(epoch.rows(), base, base, geometry=geometry)
 
 
 def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> FitResult | str:

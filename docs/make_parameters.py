@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.node.parameter import Value
-from gravity_comp_ros.node.parameters import TABLE
+from gravity_comp_ros.node.parameters import TABLE, Value
 
 
 def markdown() -> str:

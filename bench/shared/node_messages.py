@@ -1,7 +1,11 @@
-"""Messages for `NodeCore` without ROS, its fits, and waiting."""
+"""Messages and slow samples for `NodeCore` without ROS, its fits, and waiting."""
 
 import time
 
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.rows import DELAYS, Rows, SlowSample
+import numpy as np
 from sensor_msgs.msg import JointState
 
 
@@ -12,6 +16,17 @@ def joint_state(names, t, q, qd=(), tau=()):
     message.header.stamp.sec = int(t)
     message.header.stamp.nanosec = min(int(round((t - int(t)) * 1e9)), 999_999_999)
     return message
+
+
+def slow_sample(t, q, qd, tau, sent=float('nan')):
+    """Return a slow sample before which the same torque was published at all joints, N·m."""
+    return SlowSample(CompleteReading(t, q, qd, tau), np.full((len(DELAYS), len(q)), sent))
+
+
+def rows_of(train, held_out):
+    """Return the rows of training samples, and of held-out samples after them."""
+    both = concatenate((train, held_out))
+    return Rows(both, np.arange(len(both)) >= len(train))
 
 
 def send_message(node, message, now, arrival=0.0):

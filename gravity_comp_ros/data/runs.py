@@ -67,14 +67,3 @@ def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
         here, targets = np.flatnonzero(samples.runs == run), part.runs == run
         rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
     return rows
-
-
-def in_one_run(samples: JointSamples, order: IntArray) -> JointSamples:
-    """
-    Return samples number `order` (M,) of several runs as one run.
-
-    :raises DataError: if their time does not increase.
-    """
-    qdd = None if samples.qdd is None else samples.qdd[order]
-    return JointSamples.single_run(samples.names, samples.t[order], samples.q[order],
-                                   samples.qd[order], samples.tau[order], 'live', qdd=qdd)

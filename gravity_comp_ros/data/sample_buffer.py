@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 
@@ -55,10 +55,11 @@ class SampleRing:
 
     :param names: joint names.
     :param capacity: the number of samples to keep, at least 2.
+    :param n_extra: the number of further figures that are kept with each sample.
     :raises OptionError: if the capacity is below 2.
     """
 
-    def __init__(self, names: Sequence[str], capacity: int) -> None:
+    def __init__(self, names: Sequence[str], capacity: int, n_extra: int = 0) -> None:
         if capacity < 2:
             raise OptionError(f'buffer: capacity is {capacity}; it must be at least 2')
         self._names = tuple(names)
@@ -72,6 +73,7 @@ class SampleRing:
         self._last = -np.inf
         self._t = np.zeros(rows)
         self._values = np.zeros((rows, 4, n))
+        self._extra = np.zeros((rows, n_extra))
         self._features = np.zeros((rows, 2 * n))
         self._runs = np.zeros(rows, dtype=np.int64)
         self._order = np.zeros(rows, dtype=np.int64)
@@ -86,7 +88,7 @@ class SampleRing:
         return self._names
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
-              qdd: FloatArray | None = None) -> None:
+              qdd: FloatArray | None = None, extra: FloatArray | None = None) -> None:
         """
         Add a sample; from a full buffer one is removed.
 
@@ -97,6 +99,7 @@ class SampleRing:
         :param qd: velocities (N,) in rad/s.
         :param tau: torques (N,) in N·m.
         :param qdd: accelerations (N,) in rad/s^2, None if they are unknown.
+        :param extra: further figures (K,) of the sample; None for zeros.
         :raises DataError: if a value is not finite.
         """
         unknown = np.full(len(self._names), np.nan)
@@ -111,12 +114,12 @@ class SampleRing:
         nearest = int(np.argmin(distances)) if self._count else -1
         if nearest >= 0 and distances[nearest] < MIN_DISTANCE ** 2:
             # The feature is not replaced: otherwise a slow creep would move a single sample.
-            self._put(nearest, t, sample)
+            self._put(nearest, t, sample, extra)
             return
         row = self._count
         self._count += 1
         self._features[row] = feature
-        self._put(row, t, sample)
+        self._put(row, t, sample, extra)
         self._link(row, distances)
         if self._count > self._capacity:
             first = int(np.argmin(self._near[:self._count]))
@@ -129,8 +132,7 @@ class SampleRing:
 
         They have accelerations if most are known; unknown ones are then 0, as at isolated samples.
         """
-        n = self._count
-        order = np.lexsort((self._t[:n], self._runs[:n]))
+        n, order = self._count, self._by_time()
         runs, numbers = np.unique(self._runs[:n][order], return_inverse=True)
         values = self._values[:n][order]
         labels = tuple(f'live {run}' for run in runs) or ('live 0',)
@@ -140,6 +142,13 @@ class SampleRing:
         return JointSamples(self._names, self._t[:n][order], values[:, 0], values[:, 1],
                             values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels), qdd)
 
+    def extra(self) -> FloatArray:
+        """Return the further figures (M, K) of the samples, in the order of `samples`."""
+        return self._extra[:self._count][self._by_time()]
+
+    def _by_time(self) -> IntArray:
+        return np.lexsort((self._t[:self._count], self._runs[:self._count]))
+
     def coverage(self) -> Coverage:
         """Return the range of every joint over the samples."""
         nothing = np.full(len(self._names), np.nan)
@@ -148,9 +157,10 @@ class SampleRing:
         q = self._values[:self._count, 0]
         return Coverage(self._names, self._count, q.min(axis=0), q.max(axis=0))
 
-    def _put(self, row: int, t: float, sample: FloatArray) -> None:
+    def _put(self, row: int, t: float, sample: FloatArray, extra: FloatArray | None) -> None:
         self._t[row] = t
         self._values[row] = sample
+        self._extra[row] = 0.0 if extra is None else extra
         self._runs[row] = self._run
         self._order[row] = self._offered
         self._offered += 1
@@ -173,7 +183,7 @@ class SampleRing:
     def _remove(self, row: int) -> None:
         last = self._count - 1
         orphans = np.flatnonzero(self._nearest[:self._count] == row)
-        for array in (self._t, self._values, self._features, self._runs, self._order,
+        for array in (self._t, self._values, self._extra, self._features, self._runs, self._order,
                       self._near, self._nearest):
             array[row] = array[last]
         self._count = last

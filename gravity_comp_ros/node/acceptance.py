@@ -18,8 +18,8 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.sent_torque import DELAYS, SentTorque
-from gravity_comp_ros.node.slow_samples import moving_rms, rms
+from gravity_comp_ros.node.residual import moving_rms, rms
+from gravity_comp_ros.node.rows import DELAYS, Rows
 import numpy as np
 
 
@@ -100,23 +100,19 @@ _END = 1.0
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """
-    A model's torque at training and held-out samples (M, N), and its noise (N,), N·m.
+    A model's torque at samples (M, N), and its noise (N,), N·m.
 
-    `nuisance_train` and `nuisance_held_out` are the nuisance torque that it was fitted with.
-    They count as explained, but not as gravity.
+    `nuisance` is the nuisance torque (M, N) that it was fitted with. It counts as explained, but
+    not as gravity.
     """
 
-    train: FloatArray
-    held_out: FloatArray
+    torque: FloatArray
     noise: FloatArray
-    nuisance_train: FloatArray | float = 0.0
-    nuisance_held_out: FloatArray | float = 0.0
+    nuisance: FloatArray | float = 0.0
 
-    def residuals(self, train: JointSamples, held_out: JointSamples
-                  ) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (M, N) of both sets in N·m."""
-        return (train.tau - self.train - self.nuisance_train,
-                held_out.tau - self.held_out - self.nuisance_held_out)
+    def residual(self, samples: JointSamples) -> FloatArray:
+        """Return the residual (M, N) in N·m."""
+        return samples.tau - self.torque - self.nuisance
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +132,10 @@ class Comparison:
         return checks.failed(self.checks) is None
 
 
-def compare(new: Prediction, old: Prediction | None, train: JointSamples,
-            held_out: JointSamples, has_more_samples: bool = False,
+def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
             margin: float = 0.0) -> Comparison:
     """
-    Return whether `new`, fitted to `train`, predicts `held_out` better than `old`.
+    Return whether `new`, fitted to the training samples, predicts the others better than `old`.
 
     The compared figure is the RMSE relative to each joint's noise, over all joints. Where the two
     figures are equal within statistical uncertainty, `new` is better only with more samples.
@@ -148,29 +143,32 @@ def compare(new: Prediction, old: Prediction | None, train: JointSamples,
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
     """
-    error_train, error_new = new.residuals(train, held_out)
-    error_old = held_out.tau - train.tau.mean(axis=0) if old is None \
-        else old.residuals(train, held_out)[1]
-    rmse_new, rmse_old = (moving_rms(error, held_out.qd) for error in (error_new, error_old))
-    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
+    samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
+    names, qd, n_train, n_held_out = samples.names, samples.qd, int(train.sum()), held_out.sum()
+    error_new = new.residual(samples)
+    error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None \
+        else old.residual(samples)
+    rmse_train = moving_rms(error_new[train], qd[train])
+    rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
+                          for error in (error_new, error_old))
+    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(samples.tau[train]).max())))
     if old is not None:
         noise = np.maximum(noise, old.noise)
     # The share of the variance that pose explains, the smaller of both sets: in a few held-out
     # seconds it may be large by coincidence.
-    spread = np.maximum(np.concatenate((train.tau - new.nuisance_train,
-                                        held_out.tau - new.nuisance_held_out)).std(axis=0), 1e-9)
-    explained = 1.0 - (np.maximum(rmse_new, moving_rms(error_train, train.qd)) / spread) ** 2
-    moves = len(train) >= OPTIONS.min_samples and bool(
-        (np.ptp(train.q, axis=0) >= OPTIONS.min_span).any())
+    spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
+    explained = 1.0 - (np.maximum(rmse_new, rmse_train) / spread) ** 2
+    moves = n_train >= OPTIONS.min_samples and bool(
+        (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
     # Relative standard error of an RMSE of independent errors.
-    tolerance = (1.0 / np.sqrt(2.0 * held_out.tau.size)
+    tolerance = (1.0 / np.sqrt(2.0 * n_held_out * len(names))
                  if has_more_samples and old is not None else -1e-9)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     worst = int(np.argmax(rise))
     reference = 'a constant torque' if old is None else 'the old model'
     k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
     figures = (f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
-               f'{len(held_out)} samples; worst joint {train.names[k]} {rmse_new[k]:.3g}, '
+               f'{n_held_out} samples; worst joint {names[k]} {rmse_new[k]:.3g}, '
                f'{rmse_old[k]:.3g}')
     no_gravity = ('the effort of no joint depends on pose: this arm seems to compensate gravity '
                   'itself, or its axes are all vertical; nothing to learn' if moves
@@ -179,7 +177,7 @@ def compare(new: Prediction, old: Prediction | None, train: JointSamples,
                     no_gravity)] if old is None or moves else []
     judged += [
         Check(checks.NO_JOINT_WORSE, float(rise[worst]), 1.0,
-              text=f'worse on {", ".join(train.names[j] for j in np.flatnonzero(rise > 1.0))}'),
+              text=f'worse on {", ".join(names[j] for j in np.flatnonzero(rise > 1.0))}'),
         Check(checks.BETTER, float(rms(rmse_new / noise) / max(float(rms(rmse_old / noise)),
                                                                1e-30)),
               1.0 + tolerance - margin, text='not better')]
@@ -207,38 +205,32 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
     return np.maximum(noise, of_second_differences(samples.tau - predicted, triples))
 
 
-def joints_agree(samples: JointSamples, residual: FloatArray) -> Check:
+def joints_agree(samples: JointSamples, residual: FloatArray,
+                 change: tuple[FloatArray, FloatArray] | None = None) -> Check:
     """
-    Return the check of a first model against its own samples.
+    Return the check of a model against its own samples, where there is no chain to compare with.
 
     The torques of an arm share one potential energy. Where the effort of one joint is faulty, no
     energy explains it together with the other joints.
 
     :param residual: RMS residual of the model (N,), N·m.
+    :param change: noise of earlier epochs, and RMS of new minus old torque, (N,) in N·m; None
+        for a first model, whose residual is compared with the variation of the effort.
     """
-    spread = samples.tau.std(axis=0)
-    allowed = np.maximum(OPTIONS.max_own * spread,
-                         OPTIONS.max_largest * float(spread.max(initial=0.0)))
+    if change is None:
+        spread = samples.tau.std(axis=0)
+        allowed = np.maximum(OPTIONS.max_own * spread,
+                             OPTIONS.max_largest * float(spread.max(initial=0.0)))
+    else:
+        allowed = np.maximum(_NO_CHAIN_NOISE * change[0], _NO_CHAIN_CHANGE * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
-    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=(
-        f'the effort of {samples.names[worst]} contradicts that of the other joints: residual '
-        f'{residual[worst]:.3g} N·m of {spread[worst]:.3g} N·m'))
-
-
-def change_without_chain(samples: JointSamples, residual: FloatArray, noise: FloatArray,
-                         change: FloatArray) -> Check:
-    """
-    Return the check of a change where no chain explains the arm.
-
-    :param residual: RMS residual of the new model (N,), N·m.
-    :param change: RMS of new minus old torque (N,), N·m.
-    """
-    ratio = residual / np.maximum(_NO_CHAIN_NOISE * noise, _NO_CHAIN_CHANGE * change)
-    worst = int(np.argmax(ratio))
-    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=(
-        f'the new model does not explain the effort of {samples.names[worst]}: residual '
-        f'{residual[worst]:.3g} N·m, noise of earlier epochs {noise[worst]:.3g} N·m'))
+    name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'
+    text = (f'the effort of {name} contradicts that of the other joints: {size} of '
+            f'{spread[worst]:.3g} N·m' if change is None else
+            f'the new model does not explain the effort of {name}: {size}, noise of earlier '
+            f'epochs {change[0][worst]:.3g} N·m')
+    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=text)
 
 
 def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray) -> Check:
@@ -267,9 +259,13 @@ def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
     """
     samples, names = table.samples, table.samples.names
     yield gravity_present(samples, table.before, noise)
-    body, unchanged = table.explain(table.body), table.explain()
-    yield _no_fault(table, max(body.log_evidence, unchanged.log_evidence),
-                    unchanged.log_evidence, scale)
+    body, unchanged = table.explain(table.body), table.explain().log_evidence
+    explained = max(body.log_evidence, unchanged)
+    fault = max((each for each in _faults(table, scale) if each.log_evidence > unchanged
+                 and each.residual <= OPTIONS.max_residual),
+                key=lambda each: each.log_evidence, default=None)
+    yield Check(checks.NO_FAULT, -np.inf if fault is None else fault.log_evidence - explained,
+                OPTIONS.max_fault_lead, text='' if fault is None else fault.text)
     ratio = body.ratio(samples.qd) / scale
     worst = int(np.argmax(ratio))
     text = ''
@@ -284,27 +280,33 @@ def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
     yield from _within_limits(table, body, limits)
 
 
-def _no_fault(table: Hypotheses, explained: float, unchanged: float,
-              scale: FloatArray | float) -> Check:
-    """Return the check that no gain of a joint and no common factor explains the change better."""
-    names = table.samples.names
-    alone = ('the effort of {} is {:.3g} times the earlier one, and that of no other joint has '
-             'changed: its sensor or its drive is faulty')
-    combined = ('a body explains the change only with an effort of {} of {:.3g} times the earlier '
-                'one: its sensor or its drive is faulty')
-    every = ('the effort of {} is {:.3g} times the earlier one: another unit or gain, no payload')
-    loaded = table.loaded_joints()
-    faults = [*((alone, names[k], 0.0, table.gain(k)) for k in loaded),
-              *((combined, names[k], OPTIONS.both_odds, table.body_and_gain(k)) for k in loaded),
-              (every, 'all joints', 0.0, table.factor())]
-    lead, text = -np.inf, ''
-    for sentence, name, odds, fit in faults:
-        change, evidence = float(fit.mean[0]), fit.log_evidence - odds
-        if abs(change) >= OPTIONS.min_gain_change and evidence - explained > lead and (
-                evidence > unchanged
-                and (fit.ratio(table.samples.qd) / scale).max() <= OPTIONS.max_residual):
-            lead, text = evidence - explained, sentence.format(name, 1.0 + change)
-    return Check(checks.NO_FAULT, lead, OPTIONS.max_fault_lead, text=text)
+@dataclass(frozen=True)
+class _Fault:
+    """A fault that may explain a window; `residual` is its largest, in units of the noise."""
+
+    text: str
+    log_evidence: float
+    residual: float
+
+
+def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
+    """Yield the fit of each gain of a joint, and of a common factor, that differs from 1."""
+    def fault(fit: Explanation, sentence: str, name: str, odds: float = 0.0) -> Iterator[_Fault]:
+        change = float(fit.mean[0])
+        if abs(change) >= OPTIONS.min_gain_change:
+            yield _Fault(sentence.format(name, 1.0 + change), fit.log_evidence - odds,
+                         float((fit.ratio(table.samples.qd) / scale).max()))
+
+    for k in table.loaded_joints():
+        name = table.samples.names[k]
+        yield from fault(table.gain(k), 'the effort of {} is {:.3g} times the earlier one, and '
+                         'that of no other joint has changed: its sensor or its drive is faulty',
+                         name)
+        yield from fault(table.body_and_gain(k), 'a body explains the change only with an effort '
+                         'of {} of {:.3g} times the earlier one: its sensor or its drive is '
+                         'faulty', name, OPTIONS.both_odds)
+    yield from fault(table.factor(), 'the effort of {} is {:.3g} times the earlier one: another '
+                     'unit or gain, no payload', 'all joints')
 
 
 def _within_limits(table: Hypotheses, body: Explanation, limits: PayloadLimits) -> Iterator[Check]:
@@ -351,8 +353,7 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     return present, other
 
 
-def not_output(sent: SentTorque, train: JointSamples, held_out: JointSamples, new: Prediction,
-               has_new_effects: bool = False) -> Check | None:
+def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Check | None:
     """
     Return the check that the effort is not the torque that this node published.
 
@@ -363,16 +364,14 @@ def not_output(sent: SentTorque, train: JointSamples, held_out: JointSamples, ne
     :param has_new_effects: whether the new model has other effects; friction is then compared.
     :return: None where too little torque was published.
     """
-    torque = np.concatenate((sent.train, sent.held_out))
-    tau = np.concatenate((train.tau, held_out.tau))
-    known = np.isfinite(torque).all(axis=(1, 2))
-    if known.mean() < _MIN_SENT or known.sum() < 5 or float(
-            np.sqrt((torque[known] ** 2).mean())) < _NEGLIGIBLE:
+    if rows.sent is None:
         return None
-    torque, tau = torque[known], tau[known]
-    qd = np.concatenate((train.qd, held_out.qd))[known]
-    errors = [tau - np.concatenate((new.train, new.held_out))[known],
-              *(tau - torque[:, k] for k in range(len(DELAYS)))]
+    known = np.isfinite(rows.sent).all(axis=(1, 2))
+    if known.mean() < _MIN_SENT or known.sum() < 5 or float(
+            np.sqrt((rows.sent[known] ** 2).mean())) < _NEGLIGIBLE:
+        return None
+    torque, tau, qd = rows.sent[known], rows.samples.tau[known], rows.samples.qd[known]
+    errors = [tau - new.torque[known], *(tau - torque[:, k] for k in range(len(DELAYS)))]
     if not has_new_effects:
         errors = [_without_friction(error, qd) for error in errors]
     spread = torque[:, 0].std(axis=0)

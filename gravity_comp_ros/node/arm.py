@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
-from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions
-from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.messages import (
-    CompleteReading, JointStateReader, Reading, TIME_BACK, TIME_STILL)
+from gravity_comp_ros.node.epoch import Epoch
+from gravity_comp_ros.node.feedforward import FeedForward
+from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.realtime_effects import EffectsInUse
-from gravity_comp_ros.node.sent_torque import SentTorqueHistory
-from gravity_comp_ros.node.slow_samples import (
-    DelayedSamples, expected_residual, LiveResidual, residual_noise, SlowSample)
+from gravity_comp_ros.node.residual import LiveResidual
+from gravity_comp_ros.node.rows import DelayedSamples, SentTorqueHistory, SlowSample
 from gravity_comp_ros.node.torque_source import TorqueSource, UncertainChange
-from gravity_comp_ros.node.watch import ModelWatch, PayloadWatch
+from gravity_comp_ros.node.watch import Watch
 import numpy as np
 
 # Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
@@ -37,35 +32,29 @@ class Arm:
     def __init__(self, joints: tuple[str, ...], settings: Parameters,
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
-        self._settings = settings
+        self.settings = settings
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described: ArmDescription | None = None
         self._allowed = settings.enabled
-        self.is_interleaved = False
-        self.gate = Gate(len(joints), gate_options(settings))
+        self.gate = _gate(len(joints), settings)
         self.gate_counts: Counter[str] = Counter()
         self.sent = SentTorqueHistory(len(joints))
         self.delayed = DelayedSamples()
-        self.feed = FeedForward(len(joints), feedforward_options(settings))
-        self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
-        self.payload = PayloadWatch(joints, settings.suspect_after)
-        self._watch: ModelWatch | None = None
-        self._residual: LiveResidual | None = None
-        # Sums of squared residuals since the last report: with and without nuisance terms.
-        self._squares = np.zeros((2, len(joints)))
-        self.n_residual = 0
+        self.feed = FeedForward(len(joints), settings)
+        self.epoch = Epoch(0, joints, settings, is_open, has_base)
+        self.watch = Watch(joints, settings.suspect_after)
         self.learn_from = 0.0
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
-        self._model: GravityModel | None = None
+        self.model: GravityModel | None = None
+        self.effects = EffectsInUse(None, settings)
+        self._residual: LiveResidual | None = None
         self._source: TorqueSource | None = None
         self._change: UncertainChange | None = None
         self._share: FloatArray | None = None
         self._share_at = -np.inf
-        self._effects = EffectsInUse(None, settings)
-        self._reported: Counter[str] = Counter()
-        self._reported_received = 0
+        self._drop_residuals()
         self._limit()
 
     def describe(self, described: ArmDescription) -> None:
@@ -85,39 +74,35 @@ class Arm:
         return None if self.described is None else self.described.geometry
 
     @property
-    def is_limited(self) -> bool:
-        """Return whether there is a torque limit, or `unlimited_torque` is set."""
-        return bool(self.feed.options.max_torque) or self._settings.unlimited_torque
+    def limit_source(self) -> str:
+        """The source of the torque limits; with `none` no torque is published."""
+        if self.settings.max_torque:
+            return 'set'
+        if self.described is not None and self.described.max_effort:
+            return SOURCE
+        return 'unlimited' if self.settings.unlimited_torque else 'none'
 
     def _limit(self) -> None:
-        options = feedforward_options(self._settings)
-        if not options.max_torque and self.described is not None:
-            options = replace(options, max_torque=self.described.max_effort)
-        self.feed.set_options(options)
-        self.feed.enable(self._allowed and self.is_limited)
-
-    def _limit_source(self) -> str:
-        if self._settings.max_torque:
-            return 'set'
-        if self.feed.options.max_torque:
-            return SOURCE
-        return 'unlimited' if self.is_limited else 'none'
+        settings, source = self.settings, self.limit_source
+        if source == SOURCE and self.described is not None:
+            settings = replace(settings, max_torque=self.described.max_effort)
+        self.feed.set_options(settings)
+        self.feed.enable(self._allowed and source != 'none')
 
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on."""
-        self._settings = settings
-        self.gate = Gate(len(self.joints), gate_options(settings))
+        self.settings = self.epoch.settings = settings
+        self.gate = _gate(len(self.joints), settings)
         self.reader.max_age = settings.max_age
         self._limit()
-        self.epoch.set_options(epoch_options(settings))
-        self._effects = EffectsInUse(self._model, settings)
+        self.effects = EffectsInUse(self.model, settings)
         self._feed()
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
         self.gate.reset()
         self.delayed.restart()
-        self.payload.restart()
+        self.watch.restart()
 
     def deactivate(self) -> None:
         """Forget messages and torque: nothing is received or published from now on."""
@@ -133,11 +118,10 @@ class Arm:
         :param learned: the number of its training samples; 0 for a model from a file.
         :param change: change from the previous payload where it was learned from few samples.
         """
-        self._model = model
-        self._watch = ModelWatch(model, before, learned)
+        self.model = model
+        self.watch.use(model, before, learned)
         self._residual = LiveResidual(model)
-        self.payload.forget()
-        self._effects = EffectsInUse(model, self._settings)
+        self.effects = EffectsInUse(model, self.settings)
         self._source, self._change, self._share = TorqueSource.of(model), change, None
         if change is not None:
             share = np.zeros(len(self.joints))
@@ -149,7 +133,7 @@ class Arm:
         """Pass the torque to publish to the feed-forward."""
         if self._source is None:
             return
-        source = replace(self._source, effects=self._effects.compensation())
+        source = replace(self._source, effects=self.effects.compensation())
         if self._change is not None and self._share is not None:
             source = replace(source, predict=self._change.with_share(self._share))
         self.feed.use(source)
@@ -159,19 +143,23 @@ class Arm:
         self.last_seen, self.pose = now, reading.q
         return self._published(now, self.feed.update(now, reading.q, reading.qd))
 
-    def update_change_share(self, now: float) -> None:
-        """Evaluate the share of an uncertain change at the present pose, every `SHARE_PERIOD`."""
-        if self._change is None or self._source is None or self.pose is None or (
-                0.0 <= now - self._share_at < SHARE_PERIOD):
-            return
-        self._share_at = now
-        share = self._change.share(self._source.nearest(self.pose))
-        if self._share is None or not np.array_equal(share, self._share):
-            self._share = share
-            self._feed()
+    def tick(self, now: float) -> FloatArray | None:
+        """
+        Return the torque (N,) in N·m to publish without input, None for nothing.
 
-    def watch(self, now: float) -> FloatArray | None:
-        """Return the torque (N,) in N·m to publish without input, None for nothing."""
+        The share of an uncertain change at the present pose is evaluated every `SHARE_PERIOD`.
+        """
+        if self._change is not None and self._source is not None and self.pose is not None and (
+                not 0.0 <= now - self._share_at < SHARE_PERIOD):
+            self._share_at = now
+            share = self._change.share(self._source.nearest(self.pose))
+            if self._share is None or not np.array_equal(share, self._share):
+                self._share = share
+                self._feed()
+        return self.watchdog(now)
+
+    def watchdog(self, now: float) -> FloatArray | None:
+        """Return the torque (N,) in N·m that input which has stopped requires, None for none."""
         return self._published(now, self.feed.watch(now))
 
     def _published(self, now: float, tau: FloatArray | None) -> FloatArray | None:
@@ -192,47 +180,44 @@ class Arm:
         elif reason != RATE:
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):
-            r = sample.reading
-            self.epoch.offer(r.t, r.q, r.qd, r.tau, sample.qdd, sample.sent)
+            self.epoch.offer(sample)
             self._record_residual(sample)
 
     def _record_residual(self, sample: SlowSample) -> None:
-        """Record the residual of a slow sample for diagnostics, model watch and payload watch."""
-        reading, model = sample.reading, self._model
-        if model is None or self._watch is None or self._residual is None:
+        """Record the residual of a slow sample for diagnostics and for the watch."""
+        reading, model = sample.reading, self.model
+        if model is None or self._residual is None:
             return
-        q, qd, tau = reading.q, reading.qd, reading.tau
         qdd = reading.acceleration() if sample.qdd is None else sample.qdd
-        gravity = model.predict_one(q)
+        gravity = model.predict_one(reading.q)
         error, residual = self._residual.of(sample, gravity, qdd)
         self._squares += np.square([error, residual])
-        self.n_residual += 1
-        if self.distance(q).any():
-            return
-        self._watch.offer(q, gravity + residual, gravity)
-        if qdd is not None:
-            self.payload.offer(reading.t, q, qd, tau, qdd, residual / residual_noise(model))
+        self._n_residual += 1
+        if not self.distance(reading.q).any():
+            self.watch.offer(reading, qdd, gravity, residual)
 
-    def model_checks(self) -> list[Check]:
-        """Return the checks of a model that is not confirmed; a rollback is due if both fail."""
-        return [] if self._watch is None else self._watch.checks()
+    def _drop_residuals(self) -> None:
+        # Sums of squared residuals since the last report: with and without nuisance terms.
+        self._squares = np.zeros((2, len(self.joints)))
+        self._n_residual = 0
 
-    @property
-    def is_confirmed(self) -> bool:
-        """Return whether the model in use has predicted as many samples as it was trained on."""
-        return self._watch is None or self._watch.is_confirmed
+    def take_residual(self) -> FloatArray | None:
+        """Return the RMS residuals (2, N) in N·m since the last call, None without samples."""
+        squares, n = self._squares, self._n_residual
+        self._drop_residuals()
+        return np.sqrt(squares / n) if n else None
 
     def distance(self, q: FloatArray) -> FloatArray:
         """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
-        if self._model is None or self._source is None:
+        if self.model is None or self._source is None:
             return np.zeros(len(self.joints))
-        return self._model.coverage.distance(self._source.nearest(q))
+        return self.model.coverage.distance(self._source.nearest(q))
 
     def predicted(self, reading: Reading) -> FloatArray | None:
         """Return the torque (N,) in N·m that the model predicts, None without a model."""
-        if self._model is None:
+        if self.model is None:
             return None
-        return self._effects.predicted(reading, self._model.predict_one(reading.q))
+        return self.effects.predicted(reading, self.model.predict_one(reading.q))
 
     def extrapolation(self) -> tuple[FloatArray, FloatArray] | None:
         """
@@ -241,82 +226,30 @@ class Arm:
         :return: distance outside the trained range (N,) in rad; standard deviation of the
             model's torque (N,) in N·m, empty if the model has none.
         """
-        if self._model is None or self.pose is None:
+        if self.model is None or self.pose is None:
             return None
         try:
-            std = self._model.predict_std(self.pose)[0]
+            std = self.model.predict_std(self.pose)[0]
         except (DataError, np.linalg.LinAlgError):
             std = np.zeros(0)
         return self.distance(self.pose), std
 
     def _accepts_samples(self, now: float) -> bool:
         """Return whether `settle_time` has passed since the payload changed."""
-        if self.learn_from - now > self._settings.settle_time + 0.1:
+        if self.learn_from - now > self.settings.settle_time + 0.1:
             # The clock was set back; learning does not wait until it has caught up.
             self.learn_from = now
         return now >= self.learn_from
 
     def new_epoch(self, now: float, has_base: bool) -> None:
         """Drop all samples; collect again after `settle_time`, when old messages have passed."""
-        self.learn_from = now + self._settings.settle_time
-        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(self._settings),
-                           has_base=has_base)
+        self.learn_from = now + self.settings.settle_time
+        self.epoch = Epoch(self.epoch.number + 1, self.joints, self.settings, has_base=has_base)
         self.delayed.restart()
-        self.payload.forget()
-        self._squares[:] = 0.0
-        self.n_residual = 0
-
-    def input_status(self, topic: str, now: float, late: int = 0) -> diagnostics.Status:
-        """Return the state of the input since the last call; `late` as in `diagnostics`."""
-        counts = self.reader.counts
-        age = None if self.last_seen is None else now - self.last_seen
-        received = self.reader.received - self._reported_received
-        new = counts - self._reported
-        self._reported, self._reported_received = counts.copy(), self.reader.received
-        self.is_interleaved = new[TIME_BACK] + new[TIME_STILL] > 0
-        stale = age is not None and age > self.feed.options.stale_after
-        return diagnostics.input_status(topic, self.reader.received, received, age, stale, counts,
-                                        new, late, self.reader.age)
-
-    def statuses(self, now: float) -> list[diagnostics.Status]:
-        """Return the state of the feed-forward and of each joint."""
-        model, outside, noise = self._model, None, None
-        if model is not None and self.pose is not None:
-            outside = self.distance(self.pose)
-        residual = np.sqrt(self._squares / self.n_residual) if self.n_residual else None
-        self._squares[:] = 0.0
-        self.n_residual = 0
-        if model is not None:
-            noise = np.array([model.noise, expected_residual(model)])
-        return [
-            diagnostics.feedforward_status(
-                self.feed.state(now), self.feed.enabled,
-                0.0 if outside is None else float(outside.max()), self._limit_source(),
-                self.feed.margin, self._effects.sent, self._effects.problem),
-            *diagnostics.joint_statuses(
-                self.joints, self.epoch.coverage().span, residual, noise, outside,
-                not self.epoch.is_open)]
+        self.watch.forget()
+        self._drop_residuals()
 
 
-def gate_options(given: Parameters) -> GateOptions:
-    """Return the options of the slow-motion gate."""
-    return GateOptions(given.max_speed, given.max_acceleration or None, given.sample_rate)
-
-
-def epoch_options(given: Parameters) -> EpochOptions:
-    """Return the sizes of an epoch."""
-    return EpochOptions(given.capacity, given.min_samples, given.first_samples,
-                        given.full_samples, given.min_span,
-                        block=max(5, round(given.sample_rate)))
-
-
-def feedforward_options(given: Parameters) -> FeedForwardOptions:
-    """Return the options of the feed-forward; their names are those of the parameters."""
-    return FeedForwardOptions(**{each.name: getattr(given, each.name)
-                                 for each in fields(FeedForwardOptions)
-                                 if hasattr(given, each.name)})
-
-
-def payload_limits(given: Parameters) -> PayloadLimits:
-    """Return the limits of a payload."""
-    return PayloadLimits(given.max_payload, given.max_payload_reach)
+def _gate(n_joints: int, settings: Parameters) -> Gate:
+    return Gate(n_joints, GateOptions(settings.max_speed, settings.max_acceleration or None,
+                                      settings.sample_rate))

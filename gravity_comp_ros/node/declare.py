@@ -8,8 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.parameter import Parameter
-from gravity_comp_ros.node.parameters import BY_NAME, Parameters, TABLE
+from gravity_comp_ros.node.parameters import BY_NAME, Parameter, Parameters, TABLE
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
 from rclpy.node import Node

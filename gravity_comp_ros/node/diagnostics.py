@@ -6,9 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
-from gravity_comp_ros.node.messages import FAULTS, FROM_FUTURE, HANDLED, REPLACED, TOO_OLD
+from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
+from gravity_comp_ros.node.messages import (
+    FAULTS, FROM_FUTURE, HANDLED, MISSING_JOINT, REPLACED, TOO_OLD)
+from gravity_comp_ros.node.model_history import ModelHistory
+from gravity_comp_ros.node.residual import expected_residual
+from gravity_comp_ros.node.watch import Watch
+from gravity_comp_ros.worker.supervised import BUSY, READY
+import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -32,40 +39,36 @@ class Status:
     values: Mapping[str, str] = field(default_factory=dict)
 
 
-def input_status(topic: str, received: int, new: int, age: float | None, stale: bool,
-                 counts: Mapping[str, int], fresh: Mapping[str, int], late: int = 0,
-                 stamp_age: float = 0.0) -> Status:
+def input_status(topic: str, arm: Arm, now: float, late: int) -> Status:
     """
-    Return the state of the input.
+    Return the state of the input since the last report.
 
-    :param received: messages since the start; `new` of them since the last report.
-    :param age: time since the last usable message in s, None before the first.
-    :param counts: drops by reason since the start; `fresh` of them since the last report.
-    :param late: messages since the last report that a newer one replaced before it was answered.
-    :param stamp_age: difference of the last stamp from the clock, s.
+    :param late: messages that a newer one replaced before it was answered.
     """
-    values = {'topic': topic, 'messages': str(received), 'messages since last report': str(new),
+    reader, age = arm.reader, None if arm.last_seen is None else now - arm.last_seen
+    new, counts = reader.take_new()
+    values = {'topic': topic, 'messages': str(reader.received),
+              'messages since last report': str(new),
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
     if late:
         values['messages replaced by newer ones'] = str(late)
     for reason in (*FAULTS, *REPLACED, *HANDLED):
-        if counts.get(reason):
-            values[f'count {reason}'] = str(counts[reason])
-    named = ', '.join(f'{reason} {fresh[reason]}' for reason in FAULTS if fresh.get(reason))
-    if fresh.get(TOO_OLD) or fresh.get(FROM_FUTURE):
-        named += (f' (the last stamp is {abs(stamp_age):.3g} s '
-                  f'{"old" if stamp_age > 0.0 else "in the future"}: synchronise the clocks, or '
+        if reader.counts[reason]:
+            values[f'count {reason}'] = str(reader.counts[reason])
+    named = ', '.join(f'{reason} {counts[reason]}' for reason in FAULTS if counts[reason] > 0)
+    if counts[TOO_OLD] or counts[FROM_FUTURE]:
+        named += (f' (the last stamp is {abs(reader.age):.3g} s '
+                  f'{"old" if reader.age > 0.0 else "in the future"}: synchronise the clocks, or '
                   'raise max_age)')
-    replaced = ', '.join(f'{reason} {fresh[reason]}' for reason in REPLACED if fresh.get(reason))
+    replaced = ', '.join(f'{reason} {counts[reason]}' for reason in REPLACED if counts[reason] > 0)
     if age is None and new == 0:
-        level, message = STALE, f'no message on {topic}' + ('' if not received else ' now')
-    elif stale:
+        level, message = STALE, f'no message on {topic}' + ('' if not reader.received else ' now')
+    elif age is not None and age > arm.settings.stale_after:
         level = STALE if new == 0 else ERROR
-        message = f'input is stale: no usable message for {age or 0.0:.1f} s'
+        message = f'input is stale: no usable message for {age:.1f} s'
         message += f' ({named})' if named else ''
     elif named:
-        level = ERROR if age is None else WARN
-        message = f'dropped: {named}'
+        level, message = ERROR if age is None else WARN, f'dropped: {named}'
     elif replaced:
         level, message = WARN, f'replaced by other data: {replaced}'
     elif late > MAX_LATE * new:
@@ -79,99 +82,80 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
     return Status('input', level, message, values)
 
 
-def model_status(described: str | None, age: float, n_past: int, problem: str) -> Status:
-    """Return the state of the model; `problem` is the error of loading or saving its file."""
-    values = {'earlier models': str(n_past)}
-    if described is None:
+def unnamed_status(topic: str, unusable: int) -> Status:
+    """Return the state of the input while no message has named the joints of an arm."""
+    if unusable:
+        return Status('input', ERROR, f'dropped: {MISSING_JOINT} {unusable}',
+                      {'topic': topic, 'messages': str(unusable)})
+    return Status('input', STALE, f'no message on {topic}', {'topic': topic, 'messages': '0'})
+
+
+def model_status(models: ModelHistory, now: float) -> Status:
+    """Return the state of the model, and of loading or saving its file."""
+    values, entry, problem = {'earlier models': str(models.n_past)}, models.entry, models.problem
+    if entry is None:
         return Status('model', ERROR if problem else WARN, problem or
                       'no model yet: no torque is published', values)
-    values['age [s]'] = f'{age:.1f}'
-    return Status('model', WARN if problem else OK, problem or described, values)
+    values['age [s]'] = f'{max(0.0, now - entry.since):.1f}'
+    return Status('model', WARN if problem else OK, problem or entry.describe(), values)
 
 
-@dataclass(frozen=True)
-class Learning:
-    """State of the epoch, the fit process and the last fit, for `learning_status`."""
-
-    epoch: str
-    n_samples: int
-    n_held_out: int
-    lacking: tuple[str, ...]
-    gate: Mapping[str, int]
-    process: str
-    restarts: int
-    pid: int | None
-    failure: str
-    last_fit: str
-    kept_old: bool
-    compensated: bool
-    broken: bool = False
-    outliers: str = ''
-    checks: tuple[Check, ...] = ()
-
-
-def learning_status(learning: Learning) -> Status:
+def learning_status(learner: Learner, arm: Arm) -> Status:
     """Return the state of data collection and fits."""
-    values = {'epoch': learning.epoch, 'samples': str(learning.n_samples),
-              'held out': str(learning.n_held_out),
-              'lacking range': ', '.join(learning.lacking) or 'none',
-              'fit process': learning.process, 'fit process id': str(learning.pid or ''),
-              'fit process restarts': str(learning.restarts), 'last fit': learning.last_fit}
-    for reason, count in learning.gate.items():
+    epoch, fits = arm.epoch, learner.fits
+    values = {'epoch': epoch.describe(), 'samples': str(len(epoch)),
+              'held out': str(epoch.n_held_out),
+              'lacking range': ', '.join(epoch.short_of_range()) or 'none',
+              'fit process': fits.state, 'fit process id': str(fits.pid or ''),
+              'fit process restarts': str(fits.restarts), 'last fit': learner.last_fit}
+    for reason, count in arm.gate_counts.items():
         values[f'gate {reason}'] = str(count)
-    for check in learning.checks:
+    for check in learner.last_checks:
         values[f'check {check.name}'] = check.describe()
-    if learning.failure:
-        level, problem = ERROR, f'{learning.failure}; the old model stays in use'
-    elif learning.broken:
-        level, problem = ERROR, f'broken effort: {learning.last_fit}'
-    elif learning.compensated:
-        level, problem = WARN, learning.last_fit
-    elif learning.kept_old:
-        level, problem = WARN, f'old model kept: {learning.last_fit}'
-    elif learning.outliers:
-        level, problem = WARN, (f'samples left out as outliers: {learning.outliers} (an '
-                                'intermittent brake, or a contact with the arm)')
+    if fits.last_loss and fits.state not in (READY, BUSY):
+        level, report = ERROR, f'{fits.last_loss}; the old model stays in use'
     else:
-        return Status('learning', OK, learning.epoch, values)
-    return Status('learning', level, f'{problem}; {learning.epoch}', values)
+        level, report = {FINE: OK, REFUSED: WARN, FAULTY: ERROR}[learner.state], learner.report
+    text = f'{report}; {epoch.describe()}' if report else epoch.describe()
+    return Status('learning', level, text, values)
 
 
-def feedforward_status(state: str, enabled: bool, outside: float, limits: str,
-                       margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
-    """
-    Return the state of the published torque.
-
-    :param outside: distance of the pose outside the trained range in rad; `margin` likewise.
-    :param limits: source of the torque limits; with `none` no torque is published.
-    :param sent: the effects that are compensated; `problem` is why one is not.
-    """
-    values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': limits,
-              'compensated effects': ', '.join(sent) or 'none'}
-    if limits == 'none':
+def feedforward_status(arm: Arm, now: float) -> Status:
+    """Return the state of the published torque."""
+    outside = 0.0 if arm.pose is None else float(arm.distance(arm.pose).max())
+    state, problem, effects = arm.feed.state(now), arm.effects.problem, arm.effects.sent
+    values = {'enabled': str(arm.feed.enabled).lower(),
+              'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
+              'compensated effects': ', '.join(effects) or 'none'}
+    if arm.limit_source == 'none':
         return Status('feed-forward', ERROR, NO_LIMITS, values)
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
-    if outside > margin:
+    if outside > arm.feed.margin:
         problem = f'the pose is {outside:.2f} rad outside the trained range'
-    elif not problem and limits == 'unlimited':
+    elif not problem and arm.limit_source == 'unlimited':
         problem = 'no torque limits: set max_torque'
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
     return Status('feed-forward', OK, state, values)
 
 
-def payload_status(suspected: str, other: str) -> Status:
-    """
-    Return whether the payload of the arm is that of the model.
+def payload_status(watch: Watch) -> Status:
+    """Return whether the payload of the arm is that of the model."""
+    if watch.suspicion is not None:
+        return Status('payload', WARN, watch.suspicion.text)
+    return Status('payload', WARN if watch.other else OK,
+                  watch.other or 'no other payload is suspected')
 
-    :param suspected: evidence of another payload; empty if none is suspected.
-    :param other: evidence of a change of the effort that no payload explains; empty if none.
-    """
-    if suspected:
-        return Status('payload', WARN, suspected)
-    return Status('payload', WARN if other else OK, other or 'no other payload is suspected')
+
+def arm_statuses(arm: Arm) -> list[Status]:
+    """Return one status per joint, with its residual since the last call."""
+    noise, residual, model = None, arm.take_residual(), arm.model
+    outside = None if model is None or arm.pose is None else arm.distance(arm.pose)
+    if model is not None:
+        noise = np.array([model.noise, expected_residual(model)])
+    return joint_statuses(arm.joints, arm.epoch.coverage().span, residual, noise, outside,
+                          not arm.epoch.is_open)
 
 
 def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArray | None,

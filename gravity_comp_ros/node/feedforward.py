@@ -15,12 +15,11 @@ Then the limits of rate and size apply.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import TorqueSource
 import numpy as np
 
@@ -39,52 +38,13 @@ PERIOD_MESSAGES = 20
 # Maximum time step of one message in units of that period, so that the first message after a
 # stall makes no large step.
 MAX_PERIODS = 2.0
+# Largest change of a joint's torque within `ramp_time` by a transition to a model, as a share of
+# its limit `max_torque`: a wrong model then moves an arm of any size slowly.
+RAMP_SHARE = 0.2
 # Rounding error of an offset, N·m.
 ROUNDING = 1e-9
 # Minimum period, and maximum time step of one call of the watchdog, s.
 MIN_PERIOD, WATCH_PERIOD = 1e-3, 0.02
-
-
-@dataclass(frozen=True)
-class FeedForwardOptions:
-    """
-    Limits and times of the feed-forward.
-
-    `max_torque` in N·m and `max_torque_rate` in N·m/s have none, one or N values. Times are in s.
-    `ramp_share` is the largest change of a joint's torque within `ramp_time` by a transition to
-    a model, as a share of the joint's limit `max_torque`: a wrong model then moves an arm of any
-    size slowly. The parameter table describes the other fields.
-
-    :raises OptionError: if a number is negative or not finite, a policy is unknown, or the
-        margin is 0 with `fade`.
-    """
-
-    ramp_time: float = 1.0
-    max_torque: tuple[float, ...] = ()
-    max_torque_rate: tuple[float, ...] = (500.0,)
-    extrapolation: str = 'hold'
-    extrapolation_margin: float = 1.0
-    stale_after: float = 0.3
-    stale_action: str = 'fade'
-    hold_time: float = 0.5
-    fade_time: float = 2.0
-    ramp_share: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name in ('ramp_time', 'extrapolation_margin', 'stale_after', 'hold_time',
-                     'fade_time', 'ramp_share'):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise OptionError(f'feed-forward: {name} is {getattr(self, name)}; it must be '
-                                  'finite and not negative')
-        if self.extrapolation not in ('hold', 'fade', 'trust'):
-            raise OptionError(f'feed-forward: extrapolation is {self.extrapolation!r}; it must '
-                              'be hold, fade or trust')
-        if self.extrapolation == 'fade' and self.extrapolation_margin == 0.0:
-            raise OptionError('feed-forward: extrapolation_margin is 0; with extrapolation fade, '
-                              'which falls over this distance, it must be positive')
-        if self.stale_action not in ('fade', 'hold'):
-            raise OptionError(f'feed-forward: stale_action is {self.stale_action!r}; it must '
-                              'be fade or hold')
 
 
 class FeedForward:
@@ -92,9 +52,10 @@ class FeedForward:
     Torque for each pose; the caller passes the time `now` in s.
 
     :param n_joints: the number N of joints.
+    :param options: limits and times.
     """
 
-    def __init__(self, n_joints: int, options: FeedForwardOptions) -> None:
+    def __init__(self, n_joints: int, options: Parameters) -> None:
         self._n = n_joints
         self.enabled = True
         self._source: TorqueSource | None = None
@@ -105,11 +66,12 @@ class FeedForward:
         self.restart()
         self.set_options(options)
 
-    def set_options(self, options: FeedForwardOptions) -> None:
+    def set_options(self, options: Parameters) -> None:
         """Use other limits and times from now on."""
         self.options = options
-        self._limit = per_joint(options.max_torque, self._n)
-        self._rate = per_joint(options.max_torque_rate, self._n)
+        self._limit, self._rate = (
+            np.broadcast_to(np.asarray(values, dtype=np.float64), (self._n,)) if values else None
+            for values in (options.max_torque, options.max_torque_rate))
 
     def use(self, source: TorqueSource | None) -> None:
         """Change to the torque of another source; None stops publishing."""
@@ -230,7 +192,7 @@ class FeedForward:
         self._offset = self._last - target if seconds > 0.0 else self._zero
         self._speed = np.abs(self._offset) / max(seconds, 1e-9)
         if is_capped and self._limit is not None and seconds > 0.0:
-            self._speed = np.minimum(self._speed, self.options.ramp_share * self._limit / seconds)
+            self._speed = np.minimum(self._speed, RAMP_SHARE * self._limit / seconds)
 
     def _published(self, target: FloatArray, dt: float) -> FloatArray:
         """Return the torque of a transition to `target` after a time step dt, within limits."""
@@ -282,13 +244,3 @@ class FeedForward:
         """Return the median time between messages, s."""
         intervals = sorted(self._intervals)
         return max(MIN_PERIOD, intervals[len(intervals) // 2]) if intervals else MIN_PERIOD
-
-
-def per_joint(values: tuple[float, ...], n_joints: int) -> FloatArray | None:
-    """Return a limit for each joint (N,), None for none."""
-    if not values:
-        return None
-    if len(values) not in (1, n_joints):
-        raise OptionError(f'feed-forward: {len(values)} limits for {n_joints} joints; give one '
-                          'for all or one per joint')
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), (n_joints,)).copy()

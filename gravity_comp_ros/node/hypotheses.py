@@ -36,7 +36,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.slow_samples import friction_size, moving_rms, rms, TYPICAL_SPEED
+from gravity_comp_ros.node.residual import friction_size, moving_rms, rms, TYPICAL_SPEED
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.

@@ -16,7 +16,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.sent_torque import SentTorque
+from gravity_comp_ros.node.rows import Rows
 import numpy as np
 
 # Checks that fail where the effort is faulty.
@@ -56,14 +56,10 @@ class FitJob:
     - `old`: model in use now, to compare with.
     - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
     - `payload`: limits of a payload; `geometry`: the axes where they are known.
-    - `sent`: torque that the node published before each sample.
     - `formulation`: formulation of a full fit, as in `FitOptions`.
     """
 
-    number: int
-    epoch: int
-    train: JointSamples
-    held_out: JointSamples
+    rows: Rows
     base: GravityModel | None
     old: GravityModel | None
     formulation: str = 'auto'
@@ -71,7 +67,6 @@ class FitJob:
     on_request: bool = False
     payload: PayloadLimits = PayloadLimits()
     geometry: Geometry | None = None
-    sent: SentTorque | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +76,9 @@ class FitResult:
 
     `figures` has the errors of the comparison in one line. `low` and `high` (N,) in rad are the
     range of the training samples. `outliers` has the number of samples of each joint that were
-    left out.
+    left out. `is_compensated` is true if no joint's effort depends on pose, in enough motion.
     """
 
-    number: int
-    epoch: int
     model: GravityModel
     checks: tuple[Check, ...]
     figures: str
@@ -115,26 +108,16 @@ class FitResult:
 
 @dataclass(frozen=True)
 class DiagnosisJob:
-    """Find the effects that `model` does not include, in these samples."""
+    """Find the effects that `model` does not include, in these samples; the result is a text."""
 
-    number: int
     samples: JointSamples
     model: GravityModel | None
-
-
-@dataclass(frozen=True)
-class DiagnosisResult:
-    """The findings of a diagnosis in one line."""
-
-    number: int
-    text: str
 
 
 @dataclass(frozen=True)
 class PayloadJob:
     """Test whether these samples show another payload than that of `model`; see `FitJob`."""
 
-    number: int
     samples: JointSamples
     model: GravityModel
     payload: PayloadLimits = PayloadLimits()
@@ -151,7 +134,6 @@ class PayloadResult:
     figures, `since` is the stamp of the first sample in s.
     """
 
-    number: int
     is_payload: bool
     is_other: bool
     text: str
@@ -161,4 +143,4 @@ class PayloadResult:
 
 
 AnyJob = FitJob | DiagnosisJob | PayloadJob
-AnyResult = FitResult | DiagnosisResult | PayloadResult
+AnyResult = FitResult | PayloadResult | str

@@ -7,13 +7,12 @@ leaves the decision about a result to `acceptance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 import time
 
-from gravity_comp_ros.data.runs import in_one_run
-from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -37,8 +36,8 @@ from gravity_comp_ros.node.acceptance import compare, Prediction, reference_nois
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Hypotheses
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, AnyResult, DiagnosisJob, DiagnosisResult, FitJob, FitResult, PayloadJob, PayloadResult)
-from gravity_comp_ros.node.slow_samples import (
+    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
+from gravity_comp_ros.node.residual import (
     expected_residual, moving_rms, residual_noise, REST_SPEED, rms)
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
@@ -57,9 +56,8 @@ _SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
 MAX_OUTLIERS = 0.3
-# A candidate model, with how it was fitted; a torque of a model at samples (M, N), N·m.
+# A candidate model, with how it was fitted.
 Candidate = tuple[str, GravityModel]
-Torque = Callable[[GravityModel, JointSamples], FloatArray]
 _chains = ChainOfModel()
 
 
@@ -75,7 +73,7 @@ def run_job(job: AnyJob, _: ProgressCallback) -> AnyResult:
     return run_payload_test(job) if isinstance(job, PayloadJob) else run_fit(job)
 
 
-def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
+def run_diagnosis(job: DiagnosisJob) -> str:
     """
     Return the findings of a diagnosis, and the motion that resolves the open ones, as text.
 
@@ -91,7 +89,7 @@ def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
     motion = _next_motion(job, estimated, diagnosis)
     lines = [wording.verdict(diagnosis), *filter(None, [ranking, motion]),
              f'{len(job.samples)} slow samples, {time.monotonic() - start:.1f} s']
-    return DiagnosisResult(job.number, ' | '.join(lines))
+    return ' | '.join(lines)
 
 
 def _next_motion(job: DiagnosisJob, estimated: Estimate, diagnosis: Diagnosis) -> str:
@@ -112,10 +110,9 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     samples, model, since = job.samples, job.model, float(job.samples.t[0])
     chain = _chains.of(model, job.geometry)
     if chain is None or chain.joints != samples.names:
-        return PayloadResult(job.number, False, True, 'the effort has changed; a payload cannot '
+        return PayloadResult(False, True, 'the effort has changed; a payload cannot '
                              'be tested, because no serial chain explains this arm', since)
-    others = effect_torque(model, samples) + fitted_torque(model, samples)
-    gravity, noise = replace(samples, tau=samples.tau - others), residual_noise(model)
+    (gravity, others), noise = without_effects(model, samples), residual_noise(model)
     table = Hypotheses(gravity, others, model, chain, noise, job.payload,
                        axes_under(chain, job.geometry))
     reference = reference_noise(expected_residual(model), gravity, table.before)
@@ -140,14 +137,14 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                     if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
     if checks.failed(present) is not None or ambiguous:
-        return PayloadResult(job.number, False, False, f'no payload is suspected: {figures}',
+        return PayloadResult(False, False, f'no payload is suspected: {figures}',
                              since, every, values)
     if (refusal := checks.failed(other)) is not None:
         return PayloadResult(
-            job.number, False, True, 'the effort has changed in a way that no payload explains: '
+            False, True, 'the effort has changed in a way that no payload explains: '
             f'{refusal.text}; {figures}', since, every, values)
     return PayloadResult(
-        job.number, True, False, f'another payload is suspected: {what} on the last link explains '
+        True, False, f'another payload is suspected: {what} on the last link explains '
         f'at least {present[1].statistic:.0%} of each third of the samples; {figures}', since,
         every, values)
 
@@ -169,8 +166,8 @@ def run_fit(job: FitJob) -> FitResult:
     candidates = list(_candidates(job, chain, first))
     how, model, prediction = _best(candidates, job)
     comparison = compare(prediction, None if job.old is None else predicted(job.old, job),
-                         job.train, job.held_out, job.old is not None
-                         and len(job.train) > job.old.coverage.n_samples)
+                         job.rows, job.old is not None
+                         and len(job.rows.train) > job.old.coverage.n_samples)
     judged = list(comparison.checks)
     if not comparison.is_compensated:
         judged = [*_checks(job, chain, model, prediction), *judged]
@@ -179,37 +176,35 @@ def run_fit(job: FitJob) -> FitResult:
     figures = comparison.figures
     if len(candidates) > 1:
         figures += f'; tried: {_candidate_errors(candidates, job)}'
-    return FitResult(job.number, job.epoch, model, tuple(judged), figures, how,
-                     time.monotonic() - start, job.train.q.min(axis=0), job.train.q.max(axis=0),
-                     left_out, comparison.is_compensated)
+    q = job.rows.train.q
+    return FitResult(model, tuple(judged), figures, how, time.monotonic() - start, q.min(axis=0),
+                     q.max(axis=0), left_out, comparison.is_compensated)
 
 
 def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
             prediction: Prediction) -> Iterator[Check]:
     """Yield the checks of the samples themselves: an echo, faulty effort, payload limits."""
-    base = job.base
+    base, samples = job.base, job.rows.samples
     has_new_effects = base is not None and _targets(model) != _targets(base)
-    if job.sent is not None:
-        echo = acceptance.not_output(job.sent, job.train, job.held_out, prediction,
-                                     has_new_effects)
-        if echo is not None:
-            yield echo
+    echo = acceptance.not_output(job.rows, prediction, has_new_effects)
+    if echo is not None:
+        yield echo
+    error = prediction.residual(samples)
     residual = np.maximum(*(
-        moving_rms(np.where(outliers_of_fit(error, part), 0.0, error), part.qd)
-        for part, error in zip((job.train, job.held_out),
-                               prediction.residuals(job.train, job.held_out))))
-    if base is None or base.joints != job.train.names:
-        yield acceptance.joints_agree(job.train, residual)
+        moving_rms(np.where(outliers_of_fit(error[part], samples.select(part)), 0.0, error[part]),
+                   samples.qd[part]) for part in (job.rows.held_out, ~job.rows.held_out)))
+    if base is None or base.joints != samples.names:
+        yield acceptance.joints_agree(job.rows.train, residual)
         return
     # With other effects gravity changes without a change of the payload.
     source, allowance = (model, NEW_EFFECTS_FACTOR) if has_new_effects else (base, 1.0)
-    gravity, friction = _gravity_samples(source, job)
+    gravity, friction = without_effects(source, samples)
     before = base.predict(gravity.q)
     noise = allowance * reference_noise(expected_residual(base), gravity, before)
-    if chain is None or chain.joints != job.train.names:
+    if chain is None or chain.joints != samples.names:
         yield acceptance.gravity_present(gravity, before, noise)
-        yield acceptance.change_without_chain(
-            job.train, residual, noise, rms(prediction.train - predict_torque(base, job.train)))
+        yield acceptance.joints_agree(samples, residual, (
+            noise, rms(prediction.torque - predict_torque(base, samples))))
         return
     table = Hypotheses(gravity, friction, base, chain, noise, job.payload,
                        axes_under(chain, job.geometry))
@@ -218,8 +213,8 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
 
 def _converged(model: GravityModel, job: FitJob) -> Check:
     options = _options(job, model.formulation)
-    why = convergence_objection(model, job.train, residual_noise(model),
-                                lambda part: full_fit(replace(job, train=part), options))
+    why = convergence_objection(model, job.rows.train, residual_noise(model),
+                                lambda part: full_fit(job, part, options))
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
@@ -232,28 +227,22 @@ def _without_outliers(job: FitJob, chain: GravityModel | None
     chain they are those of its change. Without one they are those of a full fit, which is
     returned if it is a candidate of the remaining job.
     """
-    first = None
-    if chain is not None and chain.joints == job.train.names:
-        gravity, _ = _gravity_samples(job.base or chain, job)
+    first, samples = None, job.rows.samples
+    if chain is not None and chain.joints == samples.names:
+        gravity, _ = without_effects(job.base or chain, samples)
         is_outlier = outliers_of_change(gravity, chain)
     else:
         try:
             how, model = next(_full_fits(replace(job, effects=())))
         except (FitError, DataError):
             return job, {}, None
-        samples = concatenate((job.train, job.held_out))
-        is_outlier = outliers_of_fit(np.concatenate(
-            predicted(model, job).residuals(job.train, job.held_out)), samples)
+        is_outlier = outliers_of_fit(predicted(model, job).residual(samples), samples)
         first = None if job.effects else (how, model)
     if not is_outlier.any():
         return job, {}, first
+    counts = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}
     keep: BoolArray = ~np.asarray(is_outlier.any(axis=1))
-    train, held_out = keep[:len(job.train)], keep[len(job.train):]
-    sent = job.sent and replace(job.sent, train=job.sent.train[train],
-                                held_out=job.sent.held_out[held_out])
-    counts = {name: int(n) for name, n in zip(job.train.names, is_outlier.sum(axis=0)) if n}
-    return replace(job, train=job.train.select(train), held_out=job.held_out.select(held_out),
-                   sent=sent), counts, None
+    return replace(job, rows=job.rows.select(keep)), counts, None
 
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
@@ -291,41 +280,41 @@ def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, 
     for name, other in others:
         prediction = predicted(other, job)
         margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN
-        if compare(prediction, best, job.train, job.held_out, margin=margin).is_better:
+        if compare(prediction, best, job.rows, margin=margin).is_better:
             how, model, best = name, other, prediction
     return how, model, best
 
 
 def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
     """Return the held-out RMSE of each candidate over all joints as text."""
-    texts = []
+    held_out, texts = job.rows.held_out, []
     for how, model in candidates:
-        _, error = predicted(model, job).residuals(job.train, job.held_out)
-        texts.append(f'{how} {rms(moving_rms(error, job.held_out.qd)):.3g} N·m')
+        error = predicted(model, job).residual(job.rows.samples)[held_out]
+        texts.append(f'{how} {rms(moving_rms(error, job.rows.samples.qd[held_out])):.3g} N·m')
     return ', '.join(texts)
 
 
 def _candidates(job: FitJob, chain: GravityModel | None,
                 first: Candidate | None) -> Iterator[Candidate]:
     """Yield the candidate models; `first` is the first full fit where it exists already."""
-    base = chain or job.base
-    if base is not None and (base.energy is None or base.joints != job.train.names):
+    base, train = chain or job.base, job.rows.train
+    if base is not None and (base.energy is None or base.joints != train.names):
         base = None
-    requested = requests(job.effects, job.train.names)
+    requested = requests(job.effects, train.names)
     new_effects = [request.target for request in requested
                    if base is None or not base.applied.has(request.effect.name, request.joint)]
     if job.on_request and new_effects:
         base = None
-        if len(job.train) < MIN_FULL_FIT_SAMPLES:
-            raise FitError(f'{len(job.train)} training samples; a model with '
+        if len(train) < MIN_FULL_FIT_SAMPLES:
+            raise FitError(f'{len(train)} training samples; a model with '
                            f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
                            'moving slowly')
     if base is None:
         yield from _full_fits(job, first)
         return
-    samples = replace(job.train, tau=job.train.tau - effect_torque(base, job.train))
+    samples = replace(train, tau=train.tau - effect_torque(base, train))
     yield CHANGE, update(base, samples, geometry=base.geometry).model
-    if len(job.train) >= MIN_FULL_FIT_SAMPLES:
+    if len(train) >= MIN_FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
             yield from _full_fits(job, first)
@@ -342,19 +331,19 @@ def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidat
         how = f'{FULL_FIT}, {formulation}'
         with suppress(FitError, DataError) if formulation != formulations[-1] else nullcontext():
             yield first if first is not None and first[0] == how else (
-                how, full_fit(job, _options(job, formulation)))
+                how, full_fit(job, job.rows.train, _options(job, formulation)))
 
 
 def _options(job: FitJob, formulation: str) -> FitOptions:
     """Return the options of a full fit, with known axes if it uses them."""
     known = formulation == 'chain' and job.geometry is not None \
-        and job.geometry.joints == job.train.names
+        and job.geometry.joints == job.rows.samples.names
     return FitOptions(formulation, geometry=job.geometry if known else None)
 
 
-def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
+def full_fit(job: FitJob, samples: JointSamples, options: FitOptions) -> GravityModel:
     """
-    Return a model fitted to the training samples alone, with the requested effects.
+    Return a model fitted to these samples alone, with the requested effects.
 
     Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
     gravity, and what holds the arm must not be assigned to another effect.
@@ -365,11 +354,11 @@ def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
     # Without a request the effects of the model in use are predicted again.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
-    requested = requests(targets, job.train.names)
+    requested = requests(targets, samples.names)
     names = {request.effect.name for request in requested}
     tested = [effect for effect in all_effects().values()
               if not effect.resembles_gravity or effect.name in names]
-    model = requested_fit(job.train, requested, options, tested).model
+    model = requested_fit(samples, requested, options, tested).model
     if job.base is None or job.base.joints != model.joints:
         return model
     # Distances learned from earlier payloads stay valid.
@@ -378,38 +367,16 @@ def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
 
 def predicted(model: GravityModel, job: FitJob) -> Prediction:
     """Return the torque of a model at the samples of a job, effects included."""
-    def both(torque: Torque) -> tuple[FloatArray, FloatArray]:
-        return interleaved(lambda samples: torque(model, samples), job.train, job.held_out)
-
-    (train, held_out), (fitted, fitted_held_out) = both(predict_torque), both(fitted_torque)
-    return Prediction(train, held_out, residual_noise(model), fitted, fitted_held_out)
+    samples = job.rows.samples
+    return Prediction(predict_torque(model, samples), residual_noise(model),
+                      fitted_torque(model, samples))
 
 
-def interleaved(torque: Callable[[JointSamples], FloatArray], train: JointSamples,
-                held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
-    """
-    Return a torque (M, N) in N·m at interleaved training and held-out samples.
-
-    The direction of friction at rest follows from the path of the joint, so both sets are
-    evaluated together in order of time.
-    """
-    both = concatenate((train, held_out))
-    order = np.argsort(both.t, kind='stable')
-    if (np.diff(both.t[order]) <= 0.0).any():
-        return torque(train), torque(held_out)
-    values = np.empty_like(both.tau)
-    values[order] = torque(in_one_run(both, order))
-    return values[:len(train)], values[len(train):]
-
-
-def _gravity_samples(model: GravityModel, job: FitJob) -> tuple[JointSamples, FloatArray]:
-    """Return all samples without the effects and nuisance terms of a model, and these (M, N)."""
-    def others(samples: JointSamples) -> FloatArray:
-        return effect_torque(model, samples) + fitted_torque(model, samples)
-
-    both = concatenate((job.train, job.held_out))
-    torque = np.concatenate(interleaved(others, job.train, job.held_out))
-    return replace(both, tau=both.tau - torque), torque
+def without_effects(model: GravityModel, samples: JointSamples
+                    ) -> tuple[JointSamples, FloatArray]:
+    """Return samples without the effects and nuisance terms of a model, and these (M, N), N·m."""
+    others = effect_torque(model, samples) + fitted_torque(model, samples)
+    return replace(samples, tau=samples.tau - others), others
 
 
 def _targets(model: GravityModel) -> set[str]:

@@ -114,6 +114,9 @@ class JointStateReader:
         self.age = 0.0
         self.counts: Counter[str] = Counter()
         self.received = 0
+        self._reported, self._reported_received = Counter[str](), 0
+        # Whether messages of the last report had earlier or equal stamps.
+        self.are_out_of_order = False
         scale = effort_scale if effort_scale else (1.0,)
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
         self._largest = np.array([MAX_CONTINUOUS_POSITION if name in continuous else MAX_POSITION
@@ -136,6 +139,14 @@ class JointStateReader:
             if name in continuous:
                 self._largest[k] = MAX_CONTINUOUS_POSITION
         self._bounds = Bounds(self._largest)
+
+    def take_new(self) -> tuple[int, Counter[str]]:
+        """Return the number of messages, and the counts by reason, since the last call."""
+        new = self.received - self._reported_received
+        counts = self.counts - self._reported
+        self._reported, self._reported_received = self.counts.copy(), self.received
+        self.are_out_of_order = counts[TIME_BACK] + counts[TIME_STILL] > 0
+        return new, counts
 
     def read(self, message: Any, arrival: float) -> Reading | None:
         """

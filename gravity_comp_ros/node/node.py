@@ -168,6 +168,8 @@ class GravityCompNode(LifecycleNode):
 
     def fail(self, problem: Exception, details: str) -> None:
         """Report an error in a callback; from now on only `end_torque` publishes."""
+        # No callback reads /clock any more, so simulated time would stand still.
+        self._clock_is_simulated = False
         text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
         self.get_logger().fatal(f'{text}; the torque falls to zero, then the node ends\n{details}')
         if self._outputs is not None:
@@ -180,7 +182,7 @@ class GravityCompNode(LifecycleNode):
         core, outputs = self._core, self._outputs
         if not self._active or core is None or outputs is None or core.arm is None:
             return False
-        tau = core.arm.watch(self.now())
+        tau = core.arm.watchdog(self.now())
         if tau is not None:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         return tau is not None
@@ -263,7 +265,7 @@ class GravityCompNode(LifecycleNode):
                     'torque and reply to services; end one, or give it a namespace')
             return [*statuses, Status('graph', ERROR, text, values)]
         arm = None if self._core is None else self._core.arm
-        if publishers > 1 and arm is not None and arm.is_interleaved:
+        if publishers > 1 and arm is not None and arm.reader.are_out_of_order:
             text = (f'{publishers} publishers on {topic}, and messages about the joints of this '
                     'arm arrive out of order: are two drivers running?')
             return [*statuses, Status('graph', WARN, text, values)]

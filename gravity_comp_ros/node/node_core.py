@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -45,7 +45,8 @@ class NodeCore:
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.
         self._guessed = False
-        self._unnamed: Counter[str] = Counter()
+        # Messages that name no arm.
+        self._unusable = 0
         joints = settings.joints
         try:
             entry = self.models.load(joints, now)
@@ -157,7 +158,7 @@ class NodeCore:
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
-        return (self.models.model is None and self.learner.jobs == 0 and arm.reader.joints != names
+        return (self.models.model is None and not self.learner.has_started
                 and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MAX_JOINTS)
 
     def _begin_with_message(self, names: tuple[str, ...]) -> Arm | None:
@@ -175,7 +176,7 @@ class NodeCore:
             self._check_order(names)
         except OptionError as problem:
             self.models.problem = str(problem)
-            self._unnamed['missing_joint'] += 1
+            self._unusable += 1
             return None
         self.models.problem = ''
         return self.arm
@@ -200,8 +201,7 @@ class NodeCore:
         self.learner.poll(arm, now, now if wall is None else wall)
         if arm is None:
             return None
-        arm.update_change_share(now)
-        return arm.watch(now)
+        return arm.tick(now)
 
     def payload_changed(self, now: float) -> Answer:
         """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
@@ -231,7 +231,7 @@ class NodeCore:
         if self.arm is None:
             return False, NO_JOINTS
         self.arm.enable(enabled)
-        if enabled and not self.arm.is_limited:
+        if enabled and self.arm.limit_source == 'none':
             return False, diagnostics.NO_LIMITS
         seconds = self.settings.ramp_time
         if enabled:
@@ -253,22 +253,14 @@ class NodeCore:
 
     def statuses(self, now: float) -> list[diagnostics.Status]:
         """Return the statuses for /diagnostics, and restart their counts."""
-        entry = self.models.entry
-        model = diagnostics.model_status(
-            entry.describe() if entry else None, max(0.0, now - entry.since) if entry else 0.0,
-            self.models.n_past, self.models.problem)
-        arm = self.arm
+        arm, model = self.arm, diagnostics.model_status(self.models, now)
         if arm is None:
-            received = sum(self._unnamed.values())
-            return [diagnostics.input_status(self._topic, received, received, None, False,
-                                             self._unnamed, self._unnamed), model]
+            return [diagnostics.unnamed_status(self._topic, self._unusable), model]
         replaced, self._replaced = self._replaced, 0
-        return [arm.input_status(self._topic, now, replaced), model,
-                diagnostics.learning_status(self.learner.status(arm)),
-                diagnostics.payload_status(
-                    arm.payload.suspicion.text if arm.payload.suspicion else '',
-                    arm.payload.other),
-                *arm.statuses(now)]
+        return [diagnostics.input_status(self._topic, arm, now, replaced), model,
+                diagnostics.learning_status(self.learner, arm),
+                diagnostics.payload_status(arm.watch),
+                diagnostics.feedforward_status(arm, now), *diagnostics.arm_statuses(arm)]
 
 
 def check_effects(settings: Parameters, joints: tuple[str, ...]) -> None:

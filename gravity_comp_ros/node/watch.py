@@ -19,7 +19,8 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import PARTS
 from gravity_comp_ros.node.job_messages import PayloadResult
-from gravity_comp_ros.node.slow_samples import expected_residual
+from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.residual import expected_residual, residual_noise
 import numpy as np
 
 LEARN = 'learn'
@@ -55,51 +56,6 @@ _NORMAL = 2.5
 _NEW_SAMPLES = 5
 
 
-class ModelWatch:
-    """
-    Compares the model in use and the previous one on new slow samples.
-
-    A model is confirmed once it has predicted as many new samples as it was trained on.
-
-    :param model: the model in use; one from a file (`learned` 0) counts as confirmed.
-    :param before: the last model of the previous payload, None if there is none.
-    :param learned: the number of training samples of the model.
-    """
-
-    def __init__(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
-        self._before = before if before is not None and before.joints == model.joints else None
-        noise = expected_residual(model)
-        self._noise = np.maximum(noise, _MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
-        self._required = min(learned, MAX_REQUIRED)
-        self._predicted = 0
-        self._errors: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW)
-
-    @property
-    def is_confirmed(self) -> bool:
-        return self._predicted >= self._required
-
-    def offer(self, q: FloatArray, tau: FloatArray, predicted: FloatArray) -> None:
-        """Add a slow sample: pose, effort without effects and friction, predicted gravity."""
-        error = np.abs(tau - predicted) / self._noise
-        if not self.is_confirmed and float(error.max()) < GOOD:
-            self._predicted += 1
-        if self._before is not None:
-            old = np.abs(tau - self._before.predict_one(q)) / self._noise
-            self._errors.append((error, old))
-
-    def checks(self) -> list[Check]:
-        """Return the checks of an unconfirmed model; a rollback is due where both fail."""
-        if self.is_confirmed or len(self._errors) < WINDOW:
-            return []
-        new, old = (float(np.sqrt(np.square(errors).mean(axis=0)).max())
-                    for errors in zip(*self._errors))
-        return [
-            Check(checks.PREDICTS, new, BAD, text=(
-                f'the residual of the model in use is {new:.0f} times its noise over {WINDOW} '
-                f'new samples, that of the previous model {old:.0f} times')),
-            Check(checks.BETTER_THAN_PREVIOUS, old, max(MAX_RATIO * new, GOOD), True)]
-
-
 @dataclass(frozen=True)
 class Suspicion:
     """Suspicion of another payload since `since` (stamp of the first sample in s)."""
@@ -122,11 +78,12 @@ class _Row:
     is_large: bool
 
 
-class PayloadWatch:
+class Watch:
     """
-    The window of samples in which a payload may be suspected, and the findings in it.
+    The new samples of the model in use, and the findings in them.
 
-    A hand that presses straight down has the torque of a weight, so a change is suspected to be a
+    A model is confirmed once it has predicted as many new samples as it was trained on. A hand
+    that presses straight down has the torque of a weight, so a change is suspected to be a
     payload only after it has lasted for some time.
 
     :param names: joint names.
@@ -135,13 +92,33 @@ class PayloadWatch:
 
     def __init__(self, names: tuple[str, ...], min_duration: float) -> None:
         self._names, self._min_duration = names, min_duration
-        self.suspicion: Suspicion | None = None
-        # Evidence of a change of the effort that no payload explains; empty if there is none.
-        self.other = ''
-        self.restart()
+        self._model: GravityModel | None = None
+        self._before: GravityModel | None = None
+        self._required = self._predicted = 0
+        self._errors: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW)
+        self.forget()
+
+    def use(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
+        """
+        Watch another model.
+
+        :param before: the last model of the previous payload, None if there is none.
+        :param learned: number of training samples; a model from a file (0) counts as confirmed.
+        """
+        self._model = model
+        self._before = before if before is not None and before.joints == model.joints else None
+        noise = expected_residual(model)
+        self._noise = np.maximum(noise, _MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
+        self._required, self._predicted = min(learned, MAX_REQUIRED), 0
+        self._errors.clear()
+        self.forget()
+
+    @property
+    def is_confirmed(self) -> bool:
+        return self._predicted >= self._required
 
     def restart(self) -> None:
-        """Drop the samples: the clock, the model or the payload has changed."""
+        """Drop the window of a payload test: the clock or the payload has changed."""
         capacity = max(MAX_WINDOW, math.ceil(
             _RELATIVE_LENGTHS[0] * (self._min_duration / PERIOD + 1.0)))
         self._rows: deque[_Row] = deque(maxlen=capacity)
@@ -152,29 +129,60 @@ class PayloadWatch:
         self._duration = 0.0
 
     def forget(self) -> None:
-        """Drop the samples and the findings."""
+        """Drop the window and the findings."""
         self.restart()
-        self.suspicion, self.other = None, ''
+        self.suspicion: Suspicion | None = None
+        # Evidence of a change of the effort that no payload explains; empty if there is none.
+        self.other = ''
 
-    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
-              qdd: FloatArray, ratio: FloatArray) -> None:
+    def offer(self, reading: Reading, qdd: FloatArray | None, gravity: FloatArray,
+              residual: FloatArray) -> None:
         """
-        Add a slow sample at a pose within the trained range; arrays (N,) as in `JointSamples`.
+        Add a slow sample at a pose within the trained range.
 
-        :param ratio: residual without friction in units of noise (N,).
+        :param qdd: acceleration (N,) in rad/s^2; without one it is not tested for a payload.
+        :param gravity: torque of the model in use, `residual` that without nuisance terms,
+            (N,) in N·m.
         """
-        rows = self._rows
-        if float(np.abs(qdd).max()) >= MAX_ACCELERATION or rows and (
-                t < rows[-1].t + 0.9 * PERIOD
-                or float(np.abs(q - rows[-1].q).max()) < _MIN_MOTION):
+        if self._model is None:
             return
-        rows.append(_Row(t, q, qd, tau, qdd, ratio, float(np.abs(ratio).max()) > _LARGE))
+        error = np.abs(residual) / self._noise
+        if not self.is_confirmed and float(error.max()) < GOOD:
+            self._predicted += 1
+        if self._before is not None:
+            old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._noise
+            self._errors.append((error, old))
+        if qdd is not None and reading.qd is not None and reading.tau is not None:
+            ratio = residual / residual_noise(self._model)
+            self._add(_Row(reading.t, reading.q, reading.qd, reading.tau, qdd, ratio,
+                           float(np.abs(ratio).max()) > _LARGE))
+
+    def _add(self, row: _Row) -> None:
+        """Add a sample to the window of a payload test."""
+        rows = self._rows
+        if float(np.abs(row.qdd).max()) >= MAX_ACCELERATION or rows and (
+                row.t < rows[-1].t + 0.9 * PERIOD
+                or float(np.abs(row.q - rows[-1].q).max()) < _MIN_MOTION):
+            return
+        rows.append(row)
         self._wait = max(0, self._wait - 1)
         self._due = self._due_lengths()
         if (self.suspicion is not None or self.other) and len(rows) >= MIN_WINDOW:
             recent = np.array([row.ratio for row in list(rows)[-MIN_WINDOW:]])
             if np.sqrt((recent ** 2).mean(axis=0)).max() < _NORMAL:
                 self.suspicion, self.other = None, ''
+
+    def model_checks(self) -> list[Check]:
+        """Return the checks of an unconfirmed model; a rollback is due where both fail."""
+        if self.is_confirmed or len(self._errors) < WINDOW:
+            return []
+        new, old = (float(np.sqrt(np.square(errors).mean(axis=0)).max())
+                    for errors in zip(*self._errors))
+        return [
+            Check(checks.PREDICTS, new, BAD, text=(
+                f'the residual of the model in use is {new:.0f} times its noise over {WINDOW} '
+                f'new samples, that of the previous model {old:.0f} times')),
+            Check(checks.BETTER_THAN_PREVIOUS, old, max(MAX_RATIO * new, GOOD), True)]
 
     def is_due(self) -> bool:
         """Return whether a full test of the samples is due."""

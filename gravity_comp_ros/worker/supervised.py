@@ -19,10 +19,9 @@ DOWN = 'down'
 
 @dataclass(frozen=True)
 class Failure:
-    """Job `number` ended without a result; `lost` is true if its process ended as well."""
+    """A job ended without a result; `lost` is true if its process ended as well."""
 
     reason: str
-    number: int | None
     lost: bool
 
 
@@ -50,8 +49,6 @@ class RestartOptions:
 class Supervised:
     """
     One job at a time in a separate process. No method blocks; the caller passes the time in s.
-
-    Each job has a `number`, which its `Failure` repeats.
 
     :param command: command of the process (`worker_process.command`).
     :param timeout: time after which a job counts as hanging, s.
@@ -93,7 +90,8 @@ class Supervised:
         """
         Send a job to the process; return False if it is not ready.
 
-        :param prepare: called in another thread; the job that is sent is what it returns.
+        :param job: `poll` returns it with the result.
+        :param prepare: called in another thread with the job; what it returns is sent instead.
         """
         if self.state != READY:
             return False
@@ -101,13 +99,17 @@ class Supervised:
         self._worker.send(job, prepare)
         return True
 
-    def poll(self, now: float) -> list[Any]:
-        """Return results and failures since the last call; restart a process that was lost."""
+    def poll(self, now: float) -> list[tuple[Any, Any]]:
+        """
+        Return each job that has ended, with its result or `Failure`; restart a lost process.
+
+        The job is None where the process was lost without one.
+        """
         if self.state == DOWN:
             if now >= self._start_at:
                 self.start(now)
             return []
-        events: list[Any] = []
+        events: list[tuple[Any, Any]] = []
         if self._start_problem:
             return [self._lose(f'the fit process cannot be started: {self._start_problem}', now)]
         for message in self._worker.messages():
@@ -139,26 +141,25 @@ class Supervised:
             # Stopped in the meantime.
             worker.end()
 
-    def _receive(self, message: Message, now: float) -> list[Any]:
-        number, events = self.job.number if self.job else None, list[Any]()
+    def _receive(self, message: Message, now: float) -> list[tuple[Any, Any]]:
+        events: list[tuple[Any, Any]] = []
         if isinstance(message, Ready):
             self._delay = self._options.first_delay
         elif isinstance(message, Done):
-            events.append(message.answer)
+            events.append((self.job, message.answer))
         elif isinstance(message, Failed):
-            events.append(Failure(message.reason, number, lost=False))
+            events.append((self.job, Failure(message.reason, lost=False)))
         else:
             return events
         self.job, self.state, self._since = None, READY, now
         return events
 
-    def _lose(self, reason: str, now: float) -> Failure:
-        number = self.job.number if self.job else None
-        worker, self._worker = self._worker, WorkerProcess(self._command)
+    def _lose(self, reason: str, now: float) -> tuple[Any, Failure]:
+        job, worker, self._worker = self.job, self._worker, WorkerProcess(self._command)
         worker.end()
         self.restarts += 1
         self.last_loss = reason
         self.job, self.state, self._since = None, DOWN, now
         self._start_at = now + self._delay
         self._delay = min(2 * self._delay, self._options.max_delay)
-        return Failure(reason, number, lost=True)
+        return job, Failure(reason, lost=True)

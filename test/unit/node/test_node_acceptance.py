@@ -141,6 +141,15 @@ def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
     assert int(match[1]) == joint + 1 and float(match[2]) == pytest.approx(gain, abs=0.02)
 
 
+@pytest.mark.parametrize('name, fault', [
+    ('saturated', 'is dead or frozen'), ('swapped', 'measures the torque of another joint')])
+def test_a_joint_whose_fault_is_no_gain_is_named(name, fault, base):
+    """The shoulder and the elbow are saturated or swapped, and no gain explains the effort."""
+    result = run_fit(job_of(corrupted(name), base))
+    assert 'no payload explains' in result.fault
+    assert f'most likely iiwa_joint_4 {fault}' in result.fault
+
+
 def test_a_body_is_no_fault(base, geometry):
     for axes in (None, geometry):
         for mass in (0.3, 2.0, 5.0):

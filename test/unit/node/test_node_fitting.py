@@ -17,6 +17,7 @@ from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.worker.supervised import BUSY, DOWN, Failure, READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
+from node_messages import rows_of
 import numpy as np
 import pytest
 
@@ -32,8 +33,8 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
     return JointSamples.single_run(['a', 'b'], np.arange(n), q, 0 * q, tau)
 
 
-def job(number=1, old=None, mass=1.0, train=None):
-    return FitJob(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
+def job(old=None, mass=1.0, train=None):
+    return FitJob(rows_of(train or pendulum(mass=mass), pendulum(20, 1, mass)), old, old,
                   'potential')
 
 
@@ -67,10 +68,10 @@ def test_it_fits_and_stays_running():
         ready(fits)
         pid = fits.pid
         for number in (1, 2):
-            assert fits.submit(job(number), time.monotonic()) and fits.state == BUSY
-            assert not fits.submit(job(9), time.monotonic())
-            outcome, = wait(fits, lambda events: events)
-            assert isinstance(outcome, FitResult) and outcome.number == number
+            assert fits.submit(number, time.monotonic(), lambda _: job()) and fits.state == BUSY
+            assert not fits.submit(9, time.monotonic(), lambda _: job())
+            (submitted, outcome), = wait(fits, lambda events: events)
+            assert isinstance(outcome, FitResult) and submitted == number
             assert outcome.accepted
             np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
                                        [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
@@ -82,7 +83,7 @@ def test_the_result_is_that_of_a_fit_in_this_process():
     with process() as fits:
         ready(fits)
         fits.submit(job(), time.monotonic())
-        outcome, = wait(fits, lambda events: events)
+        (_, outcome), = wait(fits, lambda events: events)
     q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
     np.testing.assert_allclose(outcome.model.predict(q), run_fit(job()).model.predict(q),
                                atol=1e-9)
@@ -94,16 +95,16 @@ def test_a_killed_process_is_reported_and_restarted():
         first = fits.pid
         # Stopped first, because on a busy machine the job might end before the signal.
         os.kill(first, signal.SIGSTOP)
-        fits.submit(job(4), time.monotonic())
+        fits.submit(4, time.monotonic(), lambda _: job())
         os.kill(first, signal.SIGKILL)
-        failure, = wait(fits, lambda events: events)
-        assert failure == Failure('the fit process died (signal 9)', 4, True)
+        event, = wait(fits, lambda events: events)
+        assert event == (4, Failure('the fit process died (signal 9)', True))
         assert fits.state == DOWN and fits.job is None
         ready(fits)
         assert fits.pid != first and fits.restarts == 1
-        fits.submit(job(5), time.monotonic())
-        outcome, = wait(fits, lambda events: events)
-        assert outcome.number == 5
+        fits.submit(5, time.monotonic(), lambda _: job())
+        (submitted, _), = wait(fits, lambda events: events)
+        assert submitted == 5
 
 
 def test_a_hanging_process_is_reported_and_restarted():
@@ -111,9 +112,9 @@ def test_a_hanging_process_is_reported_and_restarted():
         ready(fits)
         first = fits.pid
         os.kill(first, signal.SIGSTOP)
-        fits.submit(job(6), time.monotonic())
-        failure, = wait(fits, lambda events: events)
-        assert failure.number == 6 and failure.lost and 'the fit hung' in failure.reason
+        fits.submit(6, time.monotonic(), lambda _: job())
+        (submitted, failure), = wait(fits, lambda events: events)
+        assert submitted == 6 and failure.lost and 'the fit hung' in failure.reason
         ready(fits)
         assert fits.pid != first
 
@@ -124,9 +125,9 @@ def test_a_failed_fit_is_reported_and_the_process_stays():
     with process() as fits:
         ready(fits)
         pid = fits.pid
-        fits.submit(job(7, train=still), time.monotonic())
-        failure, = wait(fits, lambda events: events)
-        assert failure == Failure('no joint moves; a fit needs poses that differ', 7, False)
+        fits.submit(7, time.monotonic(), lambda _: job(train=still))
+        event, = wait(fits, lambda events: events)
+        assert event == (7, Failure('no joint moves; a fit needs poses that differ', False))
         assert fits.state == READY and fits.pid == pid
 
 
@@ -168,7 +169,7 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
 def test_few_samples_give_a_change_of_the_old_model():
     old = run_fit(job()).model
     few = pendulum(30, 5, mass=1.5)
-    outcome = run_fit(job(2, old, 1.5, few))
+    outcome = run_fit(job(old, 1.5, few))
     assert outcome.how == 'change of the old model' and outcome.accepted
     assert outcome.model.energy is not None
     q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
@@ -212,11 +213,11 @@ def test_it_does_not_inherit_real_time_priority():
 def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     # On a joint that moves in one direction only, friction and offset are collinear.
     samples = two_links(1, one_way=True)
-    result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
-    assert result.number == 7 and 'torque_offset:shoulder (ambiguous)' in result.text
+    result = run_diagnosis(DiagnosisJob(samples, fit(samples, FitOptions('potential')).model))
+    assert 'torque_offset:shoulder (ambiguous)' in result
     match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
-                      result.text)
-    assert match and 2 <= int(match[1]) <= 20, result.text
+                      result)
+    assert match and 2 <= int(match[1]) <= 20, result
     assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])
     # Without a model no motion is planned.
-    assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text
+    assert 'to resolve' not in run_diagnosis(DiagnosisJob(samples, None))

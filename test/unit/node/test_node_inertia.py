@@ -9,7 +9,7 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.slow_samples import DelayedSamples
+from gravity_comp_ros.node.rows import DelayedSamples
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, inverse_dynamics
 from gravity_comp_ros.simulation.noise import NoiseOptions
@@ -52,7 +52,7 @@ def live():
 def test_samples_of_the_node_are_those_of_the_recording(live):
     node, samples = live(auto_fit=False), recorded(60, 20.0)
     play(node, samples)
-    learned, whole = node.arm.epoch.all_samples(), with_accelerations(samples, samples)
+    learned, whole = node.arm.epoch.rows().samples, with_accelerations(samples, samples)
     # The last sample has no messages after it.
     assert len(learned) == len(slow_samples(samples).samples) - 1
     expected = whole.select(np.searchsorted(samples.t, learned.t - 1.0 - 1e-6))
@@ -66,20 +66,20 @@ def test_samples_of_the_node_are_those_of_the_recording(live):
 def test_a_slow_rate_has_no_accelerations(live):
     node = live(auto_fit=False)
     play(node, recorded(60, 20.0, 10.0))
-    assert node.arm.epoch.n_samples > 80 and node.arm.epoch.all_samples().qdd is None
+    assert len(node.arm.epoch) > 80 and node.arm.epoch.rows().samples.qdd is None
 
 
 def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     node, samples = live(auto_fit=False), recorded(60, 3.0)
     now = play(node, samples)
     node.payload_changed(now)
-    assert node.arm.epoch.n_samples == 0
+    assert len(node.arm.epoch) == 0
     assert not node.arm.delayed.due(1e9)
     learned = play(node, samples, now + 0.02)
-    before = node.arm.epoch.n_samples
+    before = len(node.arm.epoch)
     # The clock is set back: the last five messages are rejected at first.
     play(node, samples.select(np.arange(6)), 1.0)
-    assert learned and node.arm.epoch.n_samples == before
+    assert learned and len(node.arm.epoch) == before
     waiting = node.arm.delayed.due(1e9)
     assert [sample.reading.t for sample in waiting] == [pytest.approx(1.08)]
     delayed = DelayedSamples()
@@ -101,7 +101,7 @@ def test_the_node_learns_inertia_and_gravity_is_accurate(live):
         play(node, recorded(seed))
         success, text = refit(node)
         assert success, text
-        model, train = node.models.model, node.arm.epoch.train()
+        model, train = node.models.model, node.arm.epoch.rows().train
         assert model.fitted.has('rigid_body_dynamics', None)
         assert error(model, train) < 0.2
 
@@ -120,6 +120,6 @@ def test_inertia_of_the_model_is_no_residual(live, tmp_path):
     qd[:, 1], qdd[:, 1] = 0.14 * np.cos(1.4 * t), -0.196 * np.sin(1.4 * t)
     tau = inverse_dynamics(ARM, q, qd, qdd)
     play(node, JointSamples.single_run(ARM.joints, t, q, qd, tau))
-    residual = np.sqrt(node.arm._squares / node.arm.n_residual)
+    residual = node.arm.take_residual()
     assert residual[0, 1] > 2.0 * residual[1, 1]
     assert residual[1, 1] < 3.0 * model.noise_with_nuisance[1]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import Prediction
+from node_messages import rows_of
 import numpy as np
 
 
@@ -15,13 +16,13 @@ class Linear:
     gain: np.ndarray
     noise: np.ndarray
 
-    def of(self, train, held):
-        return Prediction(train.q * self.gain, held.q * self.gain, self.noise)
+    def of(self, rows):
+        return Prediction(rows.samples.q * self.gain, self.noise)
 
 
 def compare(new, old, train, held, has_more_samples=False):
-    return acceptance.compare(new.of(train, held), old and old.of(train, held), train, held,
-                              has_more_samples)
+    rows = rows_of(train, held)
+    return acceptance.compare(new.of(rows), old and old.of(rows), rows, has_more_samples)
 
 
 def refusal(comparison):

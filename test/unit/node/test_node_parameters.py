@@ -63,7 +63,10 @@ def test_integers_are_accepted_for_doubles():
 @pytest.mark.parametrize('change, why', [
     ({'joints': ('a', 'b'), 'max_torque': (1.0, 2.0, 3.0)}, 'max_torque: 3 values for 2'),
     ({'joints': tuple('abcdefghijk')}, 'at most 10'), ({'effort_scale': (0.0,)}, 'would erase'),
-    ({'min_samples': 600}, 'more than full_samples'), ({'capacity': 100}, 'more than capacity')])
+    ({'min_samples': 600}, 'more than full_samples'), ({'capacity': 100}, 'more than capacity'),
+    ({'hold_time': float('nan')}, 'hold_time.*finite'),
+    ({'extrapolation': 'guess'}, 'one of hold'),
+    ({'extrapolation_margin': 0.0}, 'must lie in 0.01 to 10')])
 def test_contradicting_values_are_refused(change, why):
     with pytest.raises(OptionError, match=why):
         Parameters(**change)

@@ -7,16 +7,17 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
-from gravity_comp_ros.effects.predict import fitted_torque
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
-from gravity_comp_ros.node.jobs import interleaved, run_payload_test
+from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.slow_samples import (
-    expected_residual, LiveResidual, residual_noise, SlowSample)
+from gravity_comp_ros.node.residual import expected_residual, LiveResidual, residual_noise
+from gravity_comp_ros.node.rows import SlowSample
 from gravity_comp_ros.node.torque_source import UncertainChange
-from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
+from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
 
 
 def finding(model, samples, geometry=None):
-    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry))
+    return run_payload_test(PayloadJob(samples, model, geometry=geometry))
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -145,23 +146,35 @@ def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
     assert residual_noise(model).max() < 0.3 * model.noise.max()
 
 
+def watching(min_duration=16.0):
+    """Return the watch of a model of one joint, with a noise of 1 N·m."""
+    watch, coverage = Watch(('a',), min_duration), Coverage(np.zeros(1), np.ones(1), 100)
+    torque = Expansion(np.array([1]), np.array([5.0]))
+    watch.use(GravityModel(('a',), 'per_joint', (torque,), None, np.ones(1), coverage), None, 0)
+    return watch
+
+
+def offer(watch, t, q, ratio):
+    zero = np.zeros(1)
+    watch.offer(CompleteReading(t, np.array([q]), zero, zero), zero, zero, np.array([ratio]))
+
+
 def offered(watch, ratios, start=0.0, step=0.01):
     for k, ratio in enumerate(ratios):
         t = start + 0.2 * k
-        watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.zeros(2),
-                    np.full(2, ratio))
+        offer(watch, t, step * t / 0.2, ratio)
 
 
 def test_a_test_is_due_only_for_a_lasting_residual():
-    watch = PayloadWatch(('a', 'b'), 16.0)
+    watch = watching()
     offered(watch, [-9.0] * (MIN_WINDOW - 1))
     assert not watch.is_due()
     offered(watch, [-9.0], 100.0)
     assert watch.is_due() and len(watch.window()) == MIN_WINDOW and not watch.is_due()
-    short_contact = PayloadWatch(('a', 'b'), 16.0)
+    short_contact = watching()
     offered(short_contact, [1.0] * MIN_WINDOW + [30.0] * (MIN_WINDOW // 3) + [1.0] * MIN_WINDOW)
     assert not short_contact.is_due()
-    resting = PayloadWatch(('a', 'b'), 16.0)
+    resting = watching()
     offered(resting, [9.0] * 5 * MIN_WINDOW, step=0.0)
     assert not resting.is_due()
 
@@ -170,12 +183,11 @@ def test_a_test_is_due_only_for_a_lasting_residual():
 @given(st.floats(0.0, 60.0), st.floats(3.0, 40.0), st.floats(1.0, 100.0))
 def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     """At any sample rate, although each test finds a payload."""
-    watch, suspected = PayloadWatch(('a',), lasting), []
-    finding = PayloadResult(1, True, False, 'a payload', 0.0)
+    watch, suspected = watching(lasting), []
+    finding = PayloadResult(True, False, 'a payload', 0.0)
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
-        watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.zeros(1),
-                    np.array([ratio]))
+        offer(watch, t, 0.1 * t, ratio)
         if watch.is_due():
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
@@ -258,19 +270,3 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
             assert status.level == OK
     finally:
         live.close()
-
-
-def test_static_friction_follows_from_the_whole_path(model):
-    """The path of a joint does not follow from every fourth second alone."""
-    t = 0.2 * np.arange(200)
-    q = np.stack([0.4 * np.sin(0.2 * t + k) for k in range(7)], axis=1)
-    qd = np.stack([0.08 * np.cos(0.2 * t + k) for k in range(7)], axis=1)
-    fitted = with_fitted(model, *(('coulomb_friction', k, {'distance': 1e-4}, {'F_c': 1.0})
-                                  for k in range(7)))
-    every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
-    held_out = np.arange(200) // 5 % 4 == 3
-    friction = interleaved(lambda samples: fitted_torque(fitted, samples),
-                           every.select(~held_out), every.select(held_out))
-    for part, here in zip(friction, (~held_out, held_out)):
-        fast = np.abs(qd[here]) > 0.03
-        np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

@@ -7,8 +7,9 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import not_output, Prediction
-from gravity_comp_ros.node.sent_torque import DELAYS, SentTorque, SentTorqueHistory
-from gravity_comp_ros.node.watch import ModelWatch, WINDOW
+from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.rows import DELAYS, Rows, SentTorqueHistory
+from gravity_comp_ros.node.watch import Watch, WINDOW
 import numpy as np
 import pytest
 
@@ -21,15 +22,10 @@ def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1):
     return JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)
 
 
-def split(values):
-    return values[:90], values[90:]
-
-
 def echo_of(sent, samples, model):
     """Return the check of a model (M, N) when `sent` (M, D, N) was published."""
-    train, held = samples.select(np.arange(90)), samples.select(np.arange(90, len(samples)))
-    return not_output(SentTorque(*split(sent)), train, held,
-                      Prediction(*split(model), np.full(2, 0.1)))
+    rows = Rows(samples, np.arange(len(samples)) >= 90, sent)
+    return not_output(rows, Prediction(model, np.full(2, 0.1)))
 
 
 @pytest.mark.parametrize('delay', range(len(DELAYS)))
@@ -91,29 +87,36 @@ def models():
     return model((20.0, 8.0)), model((30.0, 8.0))
 
 
+def watching(model, before, learned):
+    watch = Watch(('a', 'b'), 16.0)
+    watch.use(model, before, learned)
+    return watch
+
+
 def offer(watch, model, samples):
-    for q, tau in zip(samples.q, samples.tau):
-        watch.offer(q, tau, model.predict_one(q))
+    for t, q, qd, tau in zip(samples.t, samples.q, samples.qd, samples.tau):
+        gravity = model.predict_one(q)
+        watch.offer(CompleteReading(t, q, qd, tau), None, gravity, tau - gravity)
 
 
 def is_rolled_back(watch):
-    judged = watch.checks()
+    judged = watch.model_checks()
     return bool(judged) and not any(check.passed for check in judged)
 
 
 def test_a_wrong_model_is_rolled_back(models):
     right, wrong = models
-    watch = ModelWatch(wrong, right, 30)
+    watch = watching(wrong, right, 30)
     offer(watch, wrong, motion(WINDOW - 1))
-    assert not watch.checks()
+    assert not watch.model_checks()
     offer(watch, wrong, motion(60))
     assert is_rolled_back(watch) and not watch.is_confirmed
-    assert 'that of the previous model' in watch.checks()[0].text
+    assert 'that of the previous model' in watch.model_checks()[0].text
 
 
 def test_a_confirmed_model_stays(models):
     right, wrong = models
-    watch = ModelWatch(wrong, right, 30)
+    watch = watching(wrong, right, 30)
     offer(watch, wrong, motion(100, 2, (30.0, 8.0)))
     assert watch.is_confirmed
     offer(watch, wrong, motion(60))
@@ -122,7 +125,7 @@ def test_a_confirmed_model_stays(models):
 
 def test_of_two_wrong_models_the_new_one_stays(models):
     right, wrong = models
-    watch = ModelWatch(wrong, right, 30)
+    watch = watching(wrong, right, 30)
     offer(watch, wrong, motion(60, 3, (60.0, -8.0)))
-    assert watch.checks() and not is_rolled_back(watch)
-    assert ModelWatch(right, None, 0).is_confirmed
+    assert watch.model_checks() and not is_rolled_back(watch)
+    assert watching(right, None, 0).is_confirmed
