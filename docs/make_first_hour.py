@@ -29,9 +29,9 @@ REAL = '## Recordings of real arms'
 WIDTH = 110
 # First words of the sections of an output that the page shows, by verb; '' is the first section.
 # An output without such a section is shown as a whole.
-SHOWN = {'synth': (), 'convert': ('',), 'info': ('', 'next step'),
-         'fit': ('chain',), 'compare': ('error of the model', 'worst joint'),
-         'diagnose': ('', 'missing effects', 'next step'), 'add': ('held-out error', 'added')}
+SHOWN = {'synth': (), 'convert': ('',), 'info': ('',), 'fit': ('chain',),
+         'compare': ('error of the model', 'worst joint'),
+         'diagnose': ('', 'missing effects'), 'add': ('held-out error', 'added')}
 # The same in the part of real arms.
 SHOWN_OF_REAL = {'convert': (), 'fit': (), 'diagnose': ('',)}
 Shown = dict[str, tuple[str, ...]]

@@ -9,11 +9,10 @@ def markdown() -> str:
     """Return docs/parameters.md."""
     lines = [
         '# Parameters of the node', '',
-        'Generated from the table in `gravity_comp_ros/node/parameters.py` by '
+        'To configure the [node](node.md): `--ros-args --params-file my.yaml`, or `ros2 param set` '
+        'for those that are not marked *at start*. A value out of range or of the wrong type is '
+        'refused with the reason. Generated from `gravity_comp_ros/node/parameters.py` by '
         '`python3 docs/make_parameters.py > docs/parameters.md`.', '',
-        'The node refuses a value out of range or of the wrong type and gives the reason, at the '
-        'start and on `ros2 param set`. Parameters marked *at start* cannot be changed at '
-        'runtime; all others take effect at once.', '',
         '| parameter | type | default | range | unit | | meaning |',
         '|---|---|---|---|---|---|---|']
     for row in TABLE:

@@ -3,7 +3,7 @@ Products over all 3^N features on another device or in another precision.
 
 Supported is any namespace of the array API standard: PyTorch on a CPU or a CUDA device, CuPy, or
 NumPy in float32. Only the halves of the dictionary are copied to the device, once; a product
-transfers M numbers a joint there and 3^N back. docs/performance.md contains measured times.
+transfers M numbers a joint there and 3^N back.
 
 float32 halves the memory and the time of a product, with an error of about 1e-6 of the largest
 one. So it only proposes candidates for the working set; the optimality conditions, the certificate

@@ -14,7 +14,7 @@ ARM = iiwa7()
 
 
 def run(seed):
-    """Return a minute of slow motion with friction on joint 4, as in the walk-through."""
+    """Return a minute of slow motion with friction on joint 4, as in docs/first_hour.md."""
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
                                motions.MultisineOptions(0.12), 60.0, 20.0)
     friction = hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance
