@@ -92,22 +92,6 @@ def test_commands_of_the_readme_exist():
     assert verbs and verbs <= {*VERBS, 'payload'}
 
 
-def anchors(page):
-    """Return the anchors of the headings of a page."""
-    headings = re.findall(r'^#+ (.*)$', page.read_text(), re.MULTILINE)
-    return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
-
-
-@pytest.mark.parametrize('page', [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))],
-                         ids=lambda page: page.name)
-def test_links_resolve(page):
-    for link in re.findall(r'\]\(([^):]+)\)', page.read_text()):
-        name, _, anchor = link.partition('#')
-        target = page.parent / name if name else page
-        assert target.exists(), link
-        assert not anchor or anchor in anchors(target), link
-
-
 @pytest.mark.parametrize('script', ['tools/make_venv.sh', '.ci/run'])
 def test_scripts_are_executable(script):
     assert os.access(ROOT / script, os.X_OK)
