@@ -1,8 +1,8 @@
 """Epoch: held-out samples, due fits, closing."""
 
+from bench.shared.node_messages import slow_sample
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import slow_sample
 import numpy as np
 
 OPTIONS = Parameters(capacity=200, min_samples=15, first_samples=15, full_samples=60,

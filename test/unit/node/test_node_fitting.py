@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+from bench.shared.node_messages import rows_of
 from bench.shared.rough_links import two_links
 from bench.shared.running_process import is_running
 from gravity_comp_ros.data.samples import JointSamples
@@ -17,7 +18,6 @@ from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.worker.supervised import BUSY, DOWN, Failure, READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
-from node_messages import rows_of
 import numpy as np
 import pytest
 

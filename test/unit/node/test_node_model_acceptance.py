@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from bench.shared.node_messages import rows_of
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import Prediction
-from node_messages import rows_of
 import numpy as np
 
 
