@@ -25,7 +25,7 @@ PARQUET = ['pyarrow>=14']
 REPORT = ['bokeh>=3.4']
 COMPLETION = ['shtab>=1.6']
 MJCF = ['mujoco>=3.0']
-FLEET = ['dask>=2024.1', 'distributed>=2024.1']
+FLEET = ['dask>=2024.1', 'distributed>=2024.1', 'cryptography>=41']
 ROS = [
     'ros-jazzy-rclpy>=7.1',
     'ros-jazzy-rmw-fastrtps-cpp>=8.4',

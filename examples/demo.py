@@ -19,13 +19,13 @@ import tempfile
 import time
 
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import compare_prediction, Comparison
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
+from rich.table import Table
 from rich.text import Text
 from robot import DemoError, Robot
 
@@ -114,7 +114,7 @@ def show(text: str, style: str = '') -> None:
     terminal.show(Text('• ' + printable(text), style=style))
 
 
-def table(columns: list[tuple[str, Comparison]]) -> ScreenTable:
+def table(columns: list[tuple[str, Comparison]]) -> Table:
     """Return a table of the errors of each joint at each stage."""
     stale, last = columns[1][1], columns[-1][1]
     rows = []

@@ -10,12 +10,11 @@ import os
 import shlex
 import sys
 import traceback
-from types import ModuleType
 from typing import NoReturn
 
 from gravity_comp_ros import __version__
 from gravity_comp_ros.commands.outputs import check_outputs
-from gravity_comp_ros.commands.verbs import VERBS
+from gravity_comp_ros.commands.usage import VERBS
 from gravity_comp_ros.errors import GravityCompError, Hint
 from gravity_comp_ros.printable import printable
 
@@ -55,7 +54,7 @@ PACKAGES = {
     'lz4': 'pip install lz4 (in a ROS workspace: python3-lz4)',
     'dask': 'pip install distributed',
     'distributed': 'pip install distributed',
-    'mcap': 'pip install mcap zstandard (in a ROS workspace: ros-jazzy-mcap-ros2-support)',
+    'mcap': 'pip install mcap zstandard (README.md, In a ROS workspace)',
     'mujoco': 'pip install mujoco',
     'pinocchio': 'pip install pin (in a ROS workspace: ros-jazzy-pinocchio)',
     'rclpy': 'source ROS 2 Jazzy, or use the .venv that `make venv` makes',
@@ -144,24 +143,20 @@ def _overview(argv: list[str]) -> int:
 
 
 def _verb_list() -> str:
-    lines = ['verbs:', *(f'  {verb:<10} {text}' for verb, text in VERBS.items())]
+    lines = ['verbs:', *(f'  {name:<10} {verb.text}' for name, verb in VERBS.items())]
     return '\n'.join(lines) + '\n'
 
 
 def _run_verb(verb: str, argv: list[str]) -> int:
-    usage = _commands_module(f'usage.{verb}')
-    parser = Parser(prog=f'{PROGRAM} {verb}', description=VERBS[verb], epilog=usage.EPILOG)
+    usage = VERBS[verb]
+    parser = Parser(prog=f'{PROGRAM} {verb}', description=usage.text, epilog=usage.epilog)
     usage.add_arguments(parser)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
     # Options may appear between positional arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
     # Numerical modules are imported only now, so that help and usage errors are fast.
-    return int(_commands_module(verb).run(args) or 0)
-
-
-def _commands_module(name: str) -> ModuleType:
-    return importlib.import_module(f'gravity_comp_ros.commands.{name}')
+    return int(importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args) or 0)
 
 
 def _one_line(error: Exception) -> str:

@@ -4,7 +4,8 @@
 #   tools/make_venv.sh FOLDER newest|oldest
 #
 # Uses the Python in $PYTHON, or the first of python3.12, python3.11, python3 that is 3.11 or
-# 3.12. A sourced ROS 2 Jazzy is used as it is; otherwise its wheels are installed.
+# 3.12. A sourced ROS 2 (Jazzy, Kilted or Rolling) is used as it is; otherwise the wheels of Jazzy
+# are installed.
 # A second call without changes returns at once.
 set -eu
 
@@ -49,21 +50,21 @@ choose_python() {
 # Sets $ros to 'sourced' or 'wheels'.
 choose_ros() {
     case ${ROS_DISTRO:-none} in
-        jazzy)
+        jazzy | kilted | rolling)
             choose_python 'python3 python3.12'
             if "$python" -c 'import rclpy' 2>/dev/null; then
                 ros=sourced
                 set_name=oldest
                 return
             fi
-            fail "ROS_DISTRO is jazzy but $python cannot import rclpy: source" \
-                "/opt/ros/jazzy/setup.sh, or unset ROS_DISTRO to use the wheels"
+            fail "ROS_DISTRO is $ROS_DISTRO but $python cannot import rclpy: source" \
+                "/opt/ros/$ROS_DISTRO/setup.sh, or unset ROS_DISTRO to use the wheels"
             ;;
         none)
             choose_python 'python3.12 python3.11 python3'
             ros=wheels
             ;;
-        *) fail "ROS 2 $ROS_DISTRO is sourced and this package is for Jazzy:" \
+        *) fail "ROS 2 $ROS_DISTRO is sourced and this package is for Jazzy, Kilted and Rolling:" \
             "use a shell in which it is not sourced" ;;
     esac
 }
@@ -102,7 +103,7 @@ if [ -e "$stamp" ] && "$venv/bin/python" -c '' 2>/dev/null; then
 fi
 check_venv_module
 if [ "$ros" = sourced ]; then
-    echo "Using the sourced ROS 2 Jazzy and its Python $version ($python)." >&2
+    echo "Using the sourced ROS 2 $ROS_DISTRO and its Python $version ($python)." >&2
 else
     echo "No ROS sourced: installing the ROS 2 Jazzy wheels for Python $version ($python)." >&2
 fi

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.data.acceleration import with_accelerations
@@ -21,10 +21,6 @@ class Gated:
     total: int
     dropped: Mapping[str, int]
     all_samples: bool
-
-    def select_joints(self, names: Sequence[str]) -> Gated:
-        """Return the result with these joints, in this order."""
-        return replace(self, samples=self.samples.joints(names))
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate entry of a model's provenance and of `--json`."""
@@ -49,19 +45,9 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> Gated:
     if options is None:
         return Gated(with_accelerations(samples, samples), samples.n_samples, {}, True)
     result = slow_samples(samples, options)
-    return gate_result(result.samples, samples.n_samples, result.dropped, options)
-
-
-def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
-                options: GateOptions) -> Gated:
-    """
-    Return the result for samples already gated, for example while a file was read.
-
-    :raises DataError: if there are none.
-    """
-    if samples.n_samples == 0:
+    if result.samples.n_samples == 0:
         limit = options.max_speed
         limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
-        raise DataError(f'none of the {total} samples is slow (every joint under {limits} rad/s)',
-                        Hint.SLOW_MOTION)
-    return Gated(samples, total, dict(dropped), False)
+        raise DataError(f'none of the {samples.n_samples} samples is slow (every joint under '
+                        f'{limits} rad/s)', Hint.SLOW_MOTION)
+    return Gated(result.samples, samples.n_samples, dict(result.dropped), False)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.api.gated import gate_result
 from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -17,7 +15,6 @@ if TYPE_CHECKING:
     # Imports file-format libraries, which arrays do not need.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
     from gravity_comp_ros.recordings.bag import Recording as BagRecording
-    from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
 
 # Maximum number of messages read from all files together: 0.2 GB of memory for seven joints.
@@ -66,7 +63,15 @@ def read_recording(paths: Sequence[Path], options: ReadOptions, gate: GateOption
     :raises BagError: if a file cannot be read.
     :raises ModelMismatchError: if the recordings have different joints.
     """
-    runs = read_each(paths, options, progress)
+    return joined(read_each(paths, options, progress), gate)
+
+
+def joined(runs: Sequence[BagRecording], gate: GateOptions | None) -> Recording:
+    """
+    Return the files that were read as one recording; copies of a file are ignored.
+
+    :raises ModelMismatchError: if the recordings have different joints.
+    """
     kept, reports = _without_copies([run.report for run in runs])
     return Recording(concatenate(runs[k].samples for k in kept), gate, reports)
 
@@ -103,17 +108,3 @@ def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[Rea
                  for other in reports[k + 1:] if other.sha256 == digests[k]]
         noted.append(replace(reports[k], file_notes=(*reports[k].file_notes, *notes)))
     return kept, tuple(noted)
-
-
-def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Recording:
-    """
-    Return the slow samples of several files as one recording; copies of a file are ignored.
-
-    :raises DataError: if no sample is slow.
-    """
-    kept, reports = _without_copies([run.report for run in runs])
-    samples = concatenate(runs[k].samples for k in kept)
-    dropped = sum((Counter(runs[k].dropped) for k in kept), Counter())
-    total = sum(report.n_samples for report in reports)
-    gated = gate_result(samples, total, dropped, gate)
-    return Recording(samples, gate, reports, gated_before=gated)

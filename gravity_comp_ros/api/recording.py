@@ -40,7 +40,6 @@ class Recording(Displayable):
     - `reports`: read report of each run; empty for arrays.
     - `use`: boolean mask (M,) of the part selected by `split`; None for all.
     - `holdout`: the blocks held out by `split`; None without a split.
-    - `gated_before`: gate result of samples gated while they were read, else None.
     - `ungated`: reason why the gate was removed, '' if it was not.
 
     Recordings compare by identity, not by value.
@@ -51,7 +50,6 @@ class Recording(Displayable):
     reports: tuple[ReadReport, ...] = ()
     use: BoolArray | None = None
     holdout: Holdout | None = None
-    gated_before: Gated | None = None
     ungated: str = ''
 
     @classmethod
@@ -107,7 +105,7 @@ class Recording(Displayable):
 
         :raises DataError: if no sample is slow.
         """
-        return self.gated_before or apply_gate(self.samples, self.gate)
+        return apply_gate(self.samples, self.gate)
 
     @cached_property
     def slow(self) -> JointSamples:
@@ -134,9 +132,7 @@ class Recording(Displayable):
         """
         if tuple(names) == self.joints:
             return self
-        gated = self.gated_before
-        return replace(self, samples=self.samples.joints(names),
-                       gated_before=gated and gated.select_joints(names))
+        return replace(self, samples=self.samples.joints(names))
 
     def split(self, fraction: float = 0.2, guard: float = 1.0) -> tuple[Recording, Recording]:
         """

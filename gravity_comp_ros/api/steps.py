@@ -96,7 +96,7 @@ def with_enough_motion(recording: Recording) -> Recording:
 
     :raises DataError: if there are no samples.
     """
-    if recording.gate != GateOptions() or recording.gated_before is not None:
+    if recording.gate != GateOptions():
         return recording
     try:
         n_slow = recording.slow.n_samples
@@ -126,7 +126,7 @@ def slow_mask(recording: Recording) -> BoolArray:
 
     The rate of the gate does not matter: rows of the regression are means over time.
     """
-    if recording.gate is None or recording.gated_before is not None:
+    if recording.gate is None:
         return recording.usable
     gate = replace(recording.gate, rate_hz=None)
     kept = apply_gate(recording.samples, gate).samples

@@ -9,8 +9,8 @@ import shlex
 
 from gravity_comp_ros.api.ambiguity import ambiguous_additions
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.held_out import HeldOutError
+from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.refitting import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.request import requests
@@ -39,42 +39,39 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
     back = refitting.undo(args, model, args.model)
     step = back.history[-1]
     remaining = [effect.target for effect in back.applied.effects]
-    if args.json != '-':
-        removed = 'would be removed from' if args.dry_run else 'removed from'
-        terminal.say(f'{", ".join(step.effects)} {removed} {args.model}; remaining effects: '
-                     f'{", ".join(remaining) or "none"}')
-    if args.json:
-        terminal.emit_json({'model': str(args.model), 'removed': list(step.effects),
-                            'effects': remaining, 'written': not args.dry_run}, args.json)
+    removed = 'would be removed from' if args.dry_run else 'removed from'
+    terminal.answer(args, {'model': str(args.model), 'removed': list(step.effects),
+                           'effects': remaining, 'written': not args.dry_run},
+                    lambda: terminal.say(f'{", ".join(step.effects)} {removed} {args.model}; '
+                                         f'remaining effects: {", ".join(remaining) or "none"}'))
     return 0
 
 
 def _add(args: argparse.Namespace, model: GravityModel) -> int:
     effects = args.effects.split(',')
     requests(effects, model.joints)  # report a misspelt name before bags are read
-    held_out.required(args, model)
+    refitting.check_holdout(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
         ambiguous = ambiguous_additions(model, recording, result.added)
     reports = recording.reports
-    holdout = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
-        if args.holdout else {}
+    holdout = refitting.held_out_errors(
+        model, result.model, replace(recording, gate=GateOptions())) if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, result.model)
-    if args.json != '-':
-        _show(args, result, reports, ambiguous, holdout)
-    terminal.warn(*reading.scale_warnings(model, reports), *refitting.warnings(result))
-    if args.json:
-        terminal.emit_json(
-            {'model': str(args.model), 'written': not args.dry_run,
-             **result.to_json(), 'warnings': refitting.warnings(result),
-             'ties': [{'effect': finding.effect, 'joint': finding.joint, 'rivals': finding.rivals,
-                       'settled_by': finding.next_step} for finding in ambiguous],
-             'on_holdout': {name: asdict(error) for name, error in holdout.items()}
-             if args.holdout else None,
-             'bags': [r.to_json() for r in reports]}, args.json)
+    warnings = refitting.warnings(result)
+    document = {
+        'model': str(args.model), 'written': not args.dry_run, **result.to_json(),
+        'warnings': warnings,
+        'ties': [{'effect': finding.effect, 'joint': finding.joint, 'rivals': finding.rivals,
+                  'settled_by': finding.next_step} for finding in ambiguous],
+        'on_holdout': {name: asdict(error) for name, error in holdout.items()}
+        if args.holdout else None,
+        'bags': [r.to_json() for r in reports]}
+    terminal.answer(args, document, lambda: _show(args, result, reports, ambiguous, holdout),
+                    *reading.scale_warnings(model, reports), *warnings)
     return 0
 
 
@@ -84,7 +81,7 @@ def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ..
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
     if holdout:
-        terminal.show('', held_out.table(holdout))
+        terminal.show('', refitting.held_out_table(holdout))
     for finding in ambiguous:
         name, alternatives = target(finding.effect or '', finding.joint), ', '.join(finding.rivals)
         terminal.say(

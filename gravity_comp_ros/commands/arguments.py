@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit, TORQUE_UNITS
@@ -22,6 +23,20 @@ DRAWN = 'robot description for the three-dimensional drawing of the arm'
 FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
 
 
+# Fields of `ReadOptions` with an option of the same name, in the order in which a printed command
+# lists them.
+_READING = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rename', 'position_unit', 'accept',
+            'reverse', 'zero', 'differentiate')
+
+
+class _Merge(argparse.Action):
+    """Mapping that a repeated option extends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: Any, option_string: str | None = None) -> None:
+        setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
+
+
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
     name = 'bag' if nargs is None else 'bags'
@@ -29,6 +44,27 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
         name, metavar='BAG', nargs=nargs, type=recording,
         help='MCAP file, rosbag2 folder or bare .db3 file'
         + ('' if nargs is None else '; several bags are several runs'))
+
+
+def add_model(parser: argparse.ArgumentParser, use: str, required: bool = True) -> None:
+    """Add --model; `use` is its help text."""
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=required, help=use)
+
+
+def add_mcap_output(parser: argparse.ArgumentParser) -> None:
+    """Add -o for a recording."""
+    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=_mcap_file, required=True,
+                        help='file to write; an existing file is replaced')
+
+
+def add_topic_and_joints(parser: argparse._ActionsContainer, joints: bool = True) -> None:
+    """Add --topic, and --joints unless a model determines the joints."""
+    parser.add_argument('--topic', metavar='TOPIC',
+                        help='joint state topic (default: the only one in the bag, or '
+                        '/joint_states)')
+    if joints:
+        parser.add_argument('--joints', metavar='A,B,...', type=joint_list,
+                            help='joints to use, in this order (default: all, as recorded)')
 
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
@@ -39,14 +75,9 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     """
     parser.set_defaults(joints=None)
     group = parser.add_argument_group('reading')
-    group.add_argument('--topic', metavar='TOPIC',
-                       help='joint state topic (default: the only one in the bag, or '
-                       '/joint_states)')
-    if joints:
-        group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
-                           help='joints to use, in this order (default: all, as recorded)')
-    group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
-                       default=[], help='N·m per unit of effort, sign included, e.g. '
+    add_topic_and_joints(group, joints)
+    group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action=_Merge,
+                       default={}, help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
     group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
@@ -58,13 +89,13 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
                        help='read the recording as it is in spite of these facts, e.g. '
                        'effort_spikes,effort_unit: nothing is corrected or refused for them '
                        '(`info` lists the facts)')
-    group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
-                       default=[], help='rename joints of the bag, e.g. to those of a URDF; '
+    group.add_argument('--rename', metavar='OLD=NEW,...', type=_renames, action=_Merge,
+                       default={}, help='rename joints of the bag, e.g. to those of a URDF; '
                        'the other options and the model use the new names')
     group.add_argument('--reverse', metavar='A,B,...', type=joint_list, default=(),
                        help='joints that turn against their axis in the description: position, '
                        'velocity and effort get the opposite sign')
-    group.add_argument('--zero', metavar='JOINT=RAD', type=_values, action='append', default=[],
+    group.add_argument('--zero', metavar='JOINT=RAD', type=_values, action=_Merge, default={},
                        help='recorded position of the zero in the description; may be repeated')
     group.add_argument('--differentiate', action='store_true',
                        help='compute velocities from positions, for a driver whose velocities '
@@ -74,15 +105,24 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
 def read_options(args: argparse.Namespace) -> ReadOptions:
     """Return the `ReadOptions` of the arguments of `add_reading`."""
     from gravity_comp_ros.recordings.bag import ReadOptions
-    merged: dict[str, float] = {}
-    for part in args.effort_scale:
-        merged.update(part)
-    zero: dict[str, float] = {}
-    for part in args.zero:
-        zero.update(part)
-    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.position_unit,
-                       args.effort_unit, dict(args.rename), accept=args.accept,
-                       reverse=args.reverse, zero=zero)
+    return ReadOptions(**{name: getattr(args, name) for name in _READING})
+
+
+def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:
+    """Return the given options of `add_reading` as words, --joints only if `joints` is set."""
+    words = []
+    for name in _READING:
+        value = getattr(args, name)
+        if value and value not in ('Nm', 'rad') and (joints or name != 'joints'):
+            words += ['--' + name.replace('_', '-'), *([] if value is True else [_text(value)])]
+    return words
+
+
+def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:
+    if isinstance(value, Mapping):
+        return ','.join(f'{key}={part:g}' if isinstance(part, float) else f'{key}={part}'
+                        for key, part in value.items())
+    return value if isinstance(value, str) else ','.join(value)
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
@@ -96,33 +136,24 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
                        help='use every sample, fast or slow')
 
 
-def gate_options(args: argparse.Namespace) -> GateOptions:
-    """
-    Return the `GateOptions` of --max-speed and --rate.
-
-    :raises OptionError: if --all-samples is given as well.
-    """
-    from gravity_comp_ros.data.gate import GateOptions
-    if args.all_samples and (args.max_speed, args.rate) != (None, None):
-        raise OptionError('--all-samples disables the gate: omit --max-speed and --rate')
-    given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
-    return GateOptions(**{key: value for key, value in given.items() if value is not None})
-
-
 def gate(args: argparse.Namespace) -> GateOptions | None:
     """
     Return the gate of the arguments, None with --all-samples.
 
     :raises OptionError: if they contradict each other.
     """
-    options = gate_options(args)
-    return None if args.all_samples else options
+    from gravity_comp_ros.data.gate import GateOptions
+    given = {key: value for key, value in (('max_speed', args.max_speed), ('rate_hz', args.rate))
+             if value is not None}
+    if args.all_samples and given:
+        raise OptionError('--all-samples disables the gate: omit --max-speed and --rate')
+    return None if args.all_samples else GateOptions(**given)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json [FILE]: `args.json` is None, '-' for standard output, or a path."""
     parser.add_argument(
-        '--json', metavar='FILE.json', nargs='?', const='-', default=None, type=_json_target,
+        '--json', metavar='FILE.json', nargs='?', const='-', type=_json_target,
         help='print only the result, as JSON; with a file name, write it there')
 
 
@@ -145,14 +176,14 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
 
 def add_description(parser: argparse.ArgumentParser, use: str) -> None:
     """Add --urdf and --fixed, for `described.arm_of`; `use` is the help text of --urdf."""
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None, help=use)
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, help=use)
     add_fixed(parser)
 
 
 def add_fixed(parser: argparse._ActionsContainer) -> None:
     """Add --fixed, the positions of joints that are not learned."""
-    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
-                        default=[], help='position of a joint of the description that is not '
+    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action=_Merge,
+                        default={}, help='position of a joint of the description that is not '
                         'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
 
@@ -163,12 +194,9 @@ def axes_options(args: argparse.Namespace) -> AxesOptions:
     :raises OptionError: if --fixed is given without a description.
     """
     from gravity_comp_ros.api.axes import AxesOptions, NO_DESCRIPTION
-    fixed: dict[str, float] = {}
-    for part in args.fixed:
-        fixed.update(part)
-    if fixed and args.urdf == NO_DESCRIPTION:
+    if args.fixed and args.urdf == NO_DESCRIPTION:
         raise OptionError('--fixed requires a robot description, but --urdf is none')
-    return AxesOptions(args.urdf, fixed)
+    return AxesOptions(args.urdf, args.fixed)
 
 
 def add_html(parser: argparse.ArgumentParser, description: str = DRAWN) -> None:
@@ -229,15 +257,15 @@ def scales(text: str) -> dict[str, float]:
     return numbers
 
 
-def renames(text: str) -> list[tuple[str, str]]:
-    """Return the pairs in `OLD=NEW,...`."""
-    pairs = []
+def _renames(text: str) -> dict[str, str]:
+    """Return the new names by old name in `OLD=NEW,...`."""
+    names = {}
     for part in text.split(','):
         old, equals, new = (word.strip() for word in part.partition('='))
         if not (old and equals and new):
             raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
-        pairs.append((old, new))
-    return pairs
+        names[old] = new
+    return names
 
 
 def position_unit(text: str) -> str:
@@ -268,7 +296,7 @@ def positive(text: str) -> float:
     return value
 
 
-def mcap_file(text: str) -> Path:
+def _mcap_file(text: str) -> Path:
     """Return the path of an MCAP file to write; reject any other file name extension."""
     path = Path(text)
     if path.suffix != '.mcap':

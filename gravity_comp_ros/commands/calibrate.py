@@ -9,10 +9,9 @@ from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
-from gravity_comp_ros.commands.described import arm_of, text_of
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.inertials import urdf_inertials
 from gravity_comp_ros.errors import OptionError
+from rich.table import Table
 
 
 def run(args: argparse.Namespace) -> int:
@@ -24,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
         reports = (*empty.reports, *loaded.reports)
-        text, source = text_of(args, reports)
-        arm = arm_of(args, text, source, empty.joints)
+        text, source = reading.description_of(args, reports)
+        arm = reading.described_arm_of(args, text, source, empty.joints)
         weight = Weight(args.link or arm.geometry.link, args.mass,
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
@@ -36,7 +35,16 @@ def run(args: argparse.Namespace) -> int:
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
     option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'
                                           for joint, scale in result.scales.items())
-    if args.json != '-':
+    document = {
+        'joints': {joint: {'scale': {'value': read[joint] * scale.value, 'unit': scale.unit,
+                                     'ci95': [read[joint] * x for x in scale.ci95]},
+                           'load_rms': result.load[joint], 'rmse': result.rmse[joint]}
+                   for joint, scale in result.scales.items()},
+        'left_out': result.left_out, 'option': option, 'link': weight.link, 'mass': weight.mass,
+        'centre': {axis: vars(x) for axis, x in result.centre.items()},
+        'bags': [each.to_json() for each in reports]}
+
+    def show() -> None:
         terminal.say(*reading.bag_lines(reports))
         terminal.show('', _table(result, read))
         terminal.say(*_centre(result, weight))
@@ -44,19 +52,12 @@ def run(args: argparse.Namespace) -> int:
                        for joint, why in result.left_out.items()))
         terminal.show('', 'option for all verbs, and for the parameter effort_scale of the node:')
         terminal.show_command(option)
-    if args.json:
-        terminal.emit_json({
-            'joints': {joint: {'scale': {'value': read[joint] * scale.value, 'unit': scale.unit,
-                                         'ci95': [read[joint] * x for x in scale.ci95]},
-                               'load_rms': result.load[joint], 'rmse': result.rmse[joint]}
-                       for joint, scale in result.scales.items()},
-            'left_out': result.left_out, 'option': option, 'link': weight.link,
-            'mass': weight.mass, 'centre': {axis: vars(x) for axis, x in result.centre.items()},
-            'bags': [each.to_json() for each in reports]}, args.json)
+
+    terminal.answer(args, document, show)
     return 0
 
 
-def _table(result: WeightCalibration, read: dict[str, float]) -> ScreenTable:
+def _table(result: WeightCalibration, read: dict[str, float]) -> Table:
     rows = []
     for joint, scale in result.scales.items():
         low, high = sorted(read[joint] * x for x in scale.ci95)

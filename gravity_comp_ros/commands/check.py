@@ -6,12 +6,11 @@ import argparse
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import reading, terminal
-from gravity_comp_ros.commands.described import arm_of, text_of
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.inertials import urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences
+from rich.table import Table
 
 EXIT_FAULTS = 3
 
@@ -20,26 +19,25 @@ def run(args: argparse.Namespace) -> int:
     """Check the description, and show its faults."""
     with terminal.progress() as report:
         recording = reading.load(args, report)
-        text, source = text_of(args, recording.reports)
+        text, source = reading.description_of(args, recording.reports)
         report('check', 0.5)
         result, faults = _checked(args, recording, text, source)
         report('check', 1.0)
     unchecked = unchecked_sentences(result)
-    if args.json != '-':
-        _show(recording, source, result, faults, unchecked)
-    if args.json:
-        terminal.emit_json({
-            'description': source, 'faults': [one.to_json() for one in faults],
-            'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
-                       for joint, before, after, torque in zip(
-                           result.joints, result.before, result.after, result.torque)},
-            'unchecked': unchecked, **recording.to_json()}, args.json)
+    document = {
+        'description': source, 'faults': [one.to_json() for one in faults],
+        'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
+                   for joint, before, after, torque in zip(
+                       result.joints, result.before, result.after, result.torque)},
+        'unchecked': unchecked, **recording.to_json()}
+    terminal.answer(args, document,
+                    lambda: _show(recording, source, result, faults, unchecked))
     return EXIT_FAULTS if faults else 0
 
 
 def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
              source: str) -> tuple[DescriptionCheck, list[Finding]]:
-    arm = arm_of(args, text, source, recording.joints)
+    arm = reading.described_arm_of(args, text, source, recording.joints)
     inertials = urdf_inertials(text, arm, source)
     result = check_description(recording.select_joints(arm.geometry.joints).slow, arm, inertials)
     return result, findings(result, arm, parse_tree(text, source), inertials)
@@ -59,7 +57,7 @@ def _show(recording: Recording, source: str, result: DescriptionCheck, faults: l
     terminal.say(*unchecked)
 
 
-def _table(result: DescriptionCheck) -> ScreenTable:
+def _table(result: DescriptionCheck) -> Table:
     rows = [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
             after in zip(result.joints, result.torque, result.before, result.after)]
     return terminal.table('', ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected'), rows)

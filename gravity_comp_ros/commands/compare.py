@@ -8,8 +8,7 @@ from dataclasses import replace
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.commands import held_out, html, next_step, reading, terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.display import percent
@@ -19,6 +18,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted, printable
 from gravity_comp_ros.recordings.topic_choice import named_joints
+from rich.table import Table
 from rich.text import Text
 
 _MAX_REGIONS = 2
@@ -51,24 +51,23 @@ def run(args: argparse.Namespace) -> int:
             args, model, recording.samples, comparison, _samples_text(samples, recording),
             recording.reports, None, *_previous(args, model, compared), displayed=selected,
             next_command=_diagnose_command(args)))
-    if args.json != '-':
+    document = comparison.to_json()
+    document |= {'joints': {name: document['joints'][name] for name in selected},
+                 'model': args.model.name, 'fitted_to': fitted, **recording.to_json()}
+
+    def show() -> None:
         terminal.say(*reading.lines(recording))
-        terminal.show('', _table(model, joints, samples))
-        for line in _failures(joints, comparison.share_outside):
-            terminal.show(line)
+        terminal.show('', _table(model, joints, samples),
+                      *_failures(joints, comparison.share_outside))
         terminal.say(*_band(comparison.band))
         if few:
             next_step.show('evaluate fast samples as well', f'{args.command} --all-samples')
         next_step.show('identify missing effects', _diagnose_command(args))
-    terminal.warn(*reading.scale_warnings(model, recording.reports), *few)
-    for name in fitted:
-        terminal.warn(f'the model was fitted to {name}: its error there is too small (fit and '
-                      'compare with --holdout, or compare on another run)')
-    if args.json:
-        document = comparison.to_json()
-        terminal.emit_json(
-            {**document, 'joints': {name: document['joints'][name] for name in selected},
-             'model': args.model.name, 'fitted_to': fitted, **recording.to_json()}, args.json)
+
+    terminal.answer(
+        args, document, show, *reading.scale_warnings(model, recording.reports), *few,
+        *(f'the model was fitted to {name}: its error there is too small (fit and compare with '
+          '--holdout, or compare on another run)' for name in fitted))
     return 0
 
 
@@ -110,7 +109,7 @@ def _gated_as_fitted(args: argparse.Namespace, model: GravityModel,
     """Return the recording, with --holdout gated as in the fit."""
     if not args.holdout or args.max_speed is not None:
         return recording
-    return replace(recording, gate=None) if held_out.of_all_samples(model) else recording
+    return replace(recording, gate=None) if refitting.of_all_samples(model) else recording
 
 
 def _unseen(args: argparse.Namespace, model: GravityModel,
@@ -121,18 +120,18 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
                    if report.path.name in fitted]
     if not args.holdout:
         return recording, [recording.reports[run].path.name for run in fitted_runs]
-    held_out.required(args, model)
+    refitting.check_holdout(args, model)
     unfitted = [Block(run, -float('inf'), float('inf')) for run in range(len(recording.reports))
                 if run not in fitted_runs]
     blocks = held_out_blocks(model, recording.reports)
     selected = replace(recording, use=within(recording.samples, [*unfitted, *blocks]))
     if not selected.slow.n_samples:
-        raise DataError(held_out.NOTHING_HELD_OUT)
+        raise DataError(refitting.NOTHING_HELD_OUT)
     return selected, []
 
 
 def _table(model: GravityModel, joints: dict[str, JointComparison],
-           samples: JointSamples) -> ScreenTable:
+           samples: JointSamples) -> Table:
     worst = _worst(joints)
     rows = []
     for name, errors in joints.items():

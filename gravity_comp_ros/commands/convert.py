@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 
-from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
+from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
 from gravity_comp_ros.recordings.table import read_table, TableOptions
@@ -21,16 +20,17 @@ def run(args: argparse.Namespace) -> int:
     converted = read_table(args.table, options, args.topic)
     write_bag(args.output, [converted.topic], WriteOptions(start_ns=converted.start_ns))
     topic = converted.topic
-    if args.json:
-        emit_json({'input': str(args.table), 'output': str(args.output), 'joints': topic.joints,
-                   'n_samples': len(topic.t), 'duration_s': topic.t[-1],
-                   'velocity': topic.velocity is not None, 'dropped_rows': converted.dropped,
-                   'notes': converted.notes}, args.json)
-        return 0
-    show(f'wrote {safe(args.output)}: {counted(len(topic.t), "sample")} over '
-         f'{topic.t[-1]:.4g} s, joints {safe(shown_names(topic.joints))}')
-    if converted.dropped:
-        warn(f'{counted(converted.dropped, "bad row")} omitted')
-    warn(*converted.notes)
-    next_step.show('check the recording', shlex.join(['gravity_comp', 'info', str(args.output)]))
+
+    def show() -> None:
+        terminal.say(f'wrote {args.output}: {counted(len(topic.t), "sample")} over '
+                     f'{topic.t[-1]:.4g} s, joints {shown_names(topic.joints)}')
+        next_step.show('check the recording',
+                       shlex.join(['gravity_comp', 'info', str(args.output)]))
+
+    bad = [f'{counted(converted.dropped, "bad row")} omitted'] if converted.dropped else []
+    terminal.answer(
+        args, {'input': str(args.table), 'output': str(args.output), 'joints': topic.joints,
+               'n_samples': len(topic.t), 'duration_s': topic.t[-1],
+               'velocity': topic.velocity is not None, 'dropped_rows': converted.dropped,
+               'notes': converted.notes}, show, *bad, *converted.notes)
     return 0

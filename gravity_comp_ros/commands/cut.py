@@ -35,19 +35,21 @@ def run(args: argparse.Namespace) -> int:
     _check_files(args.bag, parts)
     for part in parts:
         write_bag(part.path, [part.topic], WriteOptions(start_ns=part.start_ns))
-    if args.json != '-':
-        terminal.say(*reading.bag_lines([recording.report]))
-        for part in parts:
-            terminal.say(
-                f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from '
-                f'{part.begin:.6g} to {part.end:.6g} s, joints {shown_names(part.topic.joints)}')
-        next_step.show(f'check the {"recording" if len(parts) == 1 else "recordings"}',
-                       shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
-    if args.json:
-        terminal.emit_json({'input': str(args.bag), 'parts': [
-            {'output': str(part.path), 'n_samples': len(part.topic.t), 'from': part.begin,
-             'to': part.end, 'joints': list(part.topic.joints)} for part in parts]}, args.json)
+    terminal.answer(args, {'input': str(args.bag), 'parts': [
+        {'output': str(part.path), 'n_samples': len(part.topic.t), 'from': part.begin,
+         'to': part.end, 'joints': list(part.topic.joints)} for part in parts]},
+        lambda: _show(recording, parts))
     return 0
+
+
+def _show(recording: Recording, parts: list[Part]) -> None:
+    terminal.say(*reading.bag_lines([recording.report]))
+    for part in parts:
+        terminal.say(
+            f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from {part.begin:.6g} to '
+            f'{part.end:.6g} s, joints {shown_names(part.topic.joints)}')
+    next_step.show(f'check the {"recording" if len(parts) == 1 else "recordings"}',
+                   shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
 
 
 def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | None = None,

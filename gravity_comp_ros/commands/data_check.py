@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
 from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 import numpy as np
+from rich.table import Table
 
 _COLUMNS = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
             'effective n')
@@ -33,7 +33,7 @@ class DataCheck:
     reports: Mapping[str, JointReport]
     arm_untestable: Mapping[str, str]
 
-    def table(self) -> ScreenTable:
+    def table(self) -> Table:
         """Return the table of joints."""
         rows = []
         for name, report in self.reports.items():
@@ -69,7 +69,7 @@ class DataCheck:
             'n_samples': self.facts.n_samples, 'remarks': list(self.facts.remarks)}
 
 
-def check(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
+def check_data(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
     """Return the data check of diagnosed samples."""
     samples = samples.joints(tuple(diagnosis.joints))
     still = np.abs(samples.qd) < 0.5 * min_speeds(speed_noise(samples))

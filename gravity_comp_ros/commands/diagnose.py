@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 import shlex
 import time
 
@@ -11,13 +13,13 @@ from gravity_comp_ros.api import results
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.learn import known_arm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.data_check import check_data, DataCheck
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
@@ -27,12 +29,19 @@ from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning.outcome import Outcome, outcomes, read_expected, summary
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
-
+from rich.table import Table
 
 _PLANNED = ('effect', 'stated probability', 'verdict now', 'as expected', 'expected interval',
             'interval now')
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
+_WHY_OPEN = {
+    'ambiguous': 'an alternative explains the data equally well; add at most one of them',
+    'weak': 'too small, uncertain or not physical: do not add',
+    'untestable': 'not identifiable with this motion: do not add',
+    'unexplained': 'no known effect describes it',
+}
 
 
 @html.with_error_page
@@ -46,21 +55,20 @@ def run(args: argparse.Namespace) -> int:
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         if model is not None:
-            recording = held_out.without(model, recording)
+            recording = refitting.without_held_out(model, recording)
         base, recording = (model, recording) if model else _fitted(args, recording, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
-    terminal.warn(*reading.scale_warnings(model, reports) if model else [])
     findings = tuple(replace(f, next_step=f.next_step or _add_command(f, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
-    terminal.warn(*broken_plug_ins())
-    check = data_check.check(samples, diagnosis)
+    check = check_data(samples, diagnosis)
     planned = None if expected is None else outcomes(expected, diagnosis)
     if args.html:
         _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
-    if args.json != '-':
+
+    def show() -> None:
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
         if recording.use is not None:
@@ -70,13 +78,14 @@ def run(args: argparse.Namespace) -> int:
         if planned is not None:
             _show_outcomes(planned)
         terminal.show(f'diagnosed in {seconds:.1f} s')
-    if args.json:
-        terminal.emit_json(
-            {**results.Diagnosis(diagnosis).to_json(),
-             'model': args.model.name if args.model else None,
-             'data': check.to_json(), 'bags': [r.to_json() for r in reports],
-             'plan': None if planned is None else [each.to_json() for each in planned],
-             'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
+
+    document = {
+        **results.Diagnosis(diagnosis).to_json(), 'model': args.model.name if args.model else None,
+        'data': check.to_json(), 'bags': [r.to_json() for r in reports],
+        'plan': None if planned is None else [each.to_json() for each in planned],
+        'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
+    terminal.answer(args, document, show, *(
+        reading.scale_warnings(model, reports) if model else []), *broken_plug_ins())
     return 0
 
 
@@ -101,7 +110,7 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
     notes = ('Predictions are of a gravity model fitted for this report to '
              f'{model.coverage.n_samples} samples.',) if fitted else ()
     compared = f'all {samples.n_samples} samples, including fast ones'
-    commands = follow_up.add_commands(args, wording.targets(diagnosis.findings))
+    commands = _add_commands(args, wording.targets(diagnosis.findings))
     html.write(args, html.contents(args, model, samples, compare(model, samples), compared,
                                    reports, diagnosis, notes=notes,
                                    next_command='\n'.join(commands)))
@@ -113,7 +122,7 @@ def _model(args: argparse.Namespace) -> GravityModel | None:
             args.parser.error('--holdout requires --model')
         return None
     model = load_model(args.model)
-    held_out.required(args, model)
+    refitting.check_holdout(args, model)
     if args.joints is not None and set(args.joints) != set(model.joints):
         raise OptionError('--joints: the joints are those of the model '
                           f'({", ".join(model.joints)}); omit --joints')
@@ -131,7 +140,7 @@ def _add_command(finding: Finding, args: argparse.Namespace) -> str:
     return f'gravity_comp add {target(finding.effect, finding.joint)} --model {model} {bags}'
 
 
-def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.DataCheck,
+def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: DataCheck,
           model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
         applied = ', '.join(effect.target for effect in model.applied.effects)
@@ -139,7 +148,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
-    follow_up.show(args, diagnosis)
+    show_next_steps(args, diagnosis)
     for line in check.facts.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
     untestable = check.untestable()
@@ -154,7 +163,7 @@ def _show_outcomes(planned: list[Outcome]) -> None:
     rows = [[each.target.name, f'{100 * each.chance:.0f} %', each.verdict,
              'yes' if each.as_expected else 'no', _width(each.half_width, each.unit),
              _width(each.found_half_width, each.unit)] for each in planned]
-    terminal.show('', terminal.table('expectations of the plan', _PLANNED, rows, keys=1,
+    terminal.show('', terminal.table('expectations of the plan', _PLANNED, rows,
                                      left=('verdict now',)),
                   terminal.safe(summary(planned)), '')
 
@@ -163,10 +172,73 @@ def _width(value: float | None, unit: str) -> str:
     return '–' if value is None else f'± {value:.2g} {unit}'.strip()
 
 
-def _table(diagnosis: Diagnosis) -> ScreenTable:
+def _table(diagnosis: Diagnosis) -> Table:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
              results.coefficients(f), wording.change(f)] for f in diagnosis.findings]
     # Names are copied from here, so they are never folded; coefficients may be.
-    return terminal.table('missing effects', _FINDINGS, rows, keys=2,
+    return terminal.table('missing effects', _FINDINGS, rows,
                           left=('effect', 'verdict', 'coefficient, 95 %'),
                           folds=('coefficient, 95 %',))
+
+
+def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
+    """Show the next commands, with this call's file names, and the open findings."""
+    accepted = wording.targets(diagnosis.findings)
+    open_ = [f for f in diagnosis.findings if f.verdict not in wording.FOUND]
+    if accepted:
+        effects = 'the effect' if len(accepted) == 1 else \
+            f'all {len(accepted)} established or likely effects together'
+        next_step.show(f'add {effects}', *_add_commands(args, accepted))
+    elif not diagnosis.findings and args.model is not None:
+        next_step.show('nothing to add; plot measured and predicted torque',
+                       next_step.command('replay', args, '-o', 'replay.mcap', model=args.model,
+                                         bags=args.bags[:1]))
+    if open_:
+        _show_open(args, open_, fit_shown=bool(accepted))
+    terminal.show('')
+
+
+def _add_commands(args: argparse.Namespace, targets: Sequence[str]) -> list[str]:
+    """Return the command lines that add effects, preceded by a fit if there is no model."""
+    if not targets:
+        return []
+    model = args.model or next_step.new_name()
+    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
+    add = next_step.command('add', args, bags=bags, model=model)
+    return [add] if args.model is not None else [_fit_command(args, model), add]
+
+
+def _fit_command(args: argparse.Namespace, model: Path | str) -> str:
+    return next_step.command('fit', args, '-o', str(model))
+
+
+def _show_open(args: argparse.Namespace, findings: Sequence[Finding], fit_shown: bool) -> None:
+    terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")} not to add yet')
+    for finding in findings:
+        for line in _open_lines(finding):
+            terminal.show(line)
+    ambiguous = [f for f in findings if f.verdict == Verdict.AMBIGUOUS and f.effect is not None]
+    if ambiguous:
+        best = [target(f.effect or '', f.joint) for f in ambiguous]
+        next_step.show('or add the best of each group of ambiguous effects (`add --undo` removes '
+                       'it)', *_add_commands(args, best)[-1 if fit_shown else 0:])
+    motions = [f for f in findings if f.next_step and f.effect is not None]
+    if motions:
+        model = args.model or next_step.new_name()
+        fit = [] if args.model is not None else [_fit_command(args, model)]
+        next_step.show('plan the motion that resolves them, record it, and diagnose all '
+                       'recordings together', *fit,
+                       next_step.command('plan', args, '-o', next_step.new_name('motion', 'yaml'),
+                                         model=model))
+
+
+def _open_lines(finding: Finding) -> list[str]:
+    """Return lines of markup on an open finding, its alternatives and its motion."""
+    name = finding.effect or 'unknown'
+    lines = [f'{name} on {wording.where(finding)}: {finding.verdict}, '
+             f'{_WHY_OPEN[finding.verdict]}']
+    if finding.rivals:
+        lines.append(f'  alternative: {", ".join(finding.rivals)}, with similar evidence')
+    if finding.next_step:
+        lines.append(f'  to resolve it: {finding.next_step}')
+    return ['  ' + '  ' * line.startswith('  ') + terminal.safe(line) for line in lines]

@@ -9,16 +9,15 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.commands.described import held
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.link_places import described_arm
-from gravity_comp_ros.description.urdf import read_text
+from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.export.changed_description import ChangedDescription
 from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
+from rich.table import Table
 
 # Options of each target besides -o.
 _OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
@@ -46,7 +45,7 @@ def _check_usage(args: argparse.Namespace) -> None:
     own = _OPTIONS[args.to]
     for options in _OPTIONS.values():
         for name in options:
-            if name not in own and getattr(args, name) not in (None, []):
+            if name not in own and getattr(args, name) not in (None, {}):
                 args.parser.error(f'--{name} is not for --to {args.to}')
     if (args.output is None) != (args.to == 'payload'):
         args.parser.error(f'--to {args.to} needs -o PATH' if args.output is None else
@@ -101,13 +100,14 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
         from gravity_comp_ros.export.mjcf_file import changed_mjcf
         return changed_mjcf(args.mjcf, read_text(args.mjcf, 'MJCF'), model)
     from gravity_comp_ros.export.urdf_file import changed_urdf
-    return changed_urdf(read_text(args.urdf), model, str(args.urdf), held(args))
+    return changed_urdf(read_text(args.urdf), model, str(args.urdf), HeldPositions(args.fixed))
 
 
 def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
     payload = payload_of(model)
     if args.flange is not None:
-        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), held(args))
+        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf),
+                            HeldPositions(args.fixed))
         payload = in_frame(payload, arm, args.flange)
     lines = drive_lines(payload)
     if args.json != '-':
@@ -120,7 +120,7 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
             'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 
 
-def _link_table(changed: ChangedDescription) -> ScreenTable:
+def _link_table(changed: ChangedDescription) -> Table:
     rows = []
     for name, link in changed.links.items():
         shift = sum((a - b) ** 2 for a, b in zip(link.centre, link.centre_before)) ** 0.5
@@ -129,7 +129,7 @@ def _link_table(changed: ChangedDescription) -> ScreenTable:
     return terminal.table('', ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
 
 
-def _difference_table(changed: ChangedDescription) -> ScreenTable:
+def _difference_table(changed: ChangedDescription) -> Table:
     rows = [(joint, f'{changed.before[joint]:.4f}', f'{value:.4f}')
             for joint, value in changed.after.items()]
     return terminal.table('', ('joint', 'largest difference from the model N·m before', 'after'),

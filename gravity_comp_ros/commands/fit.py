@@ -7,19 +7,19 @@ from dataclasses import asdict, replace
 from math import degrees
 import time
 
-from gravity_comp_ros.api.learn import known_arm, KnownArm, learn, LearnOptions
+from gravity_comp_ros.api.learn import known_arm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.api.steps import compare_model, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
-from gravity_comp_ros.estimation.fit_report import FitDetails, fitted_sentence
+from gravity_comp_ros.estimation.fit_report import fitted_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
+from rich.table import Table
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     options = LearnOptions(args.formulation, arguments.axes_options(args),
                            args.joints is not None)
     with terminal.progress() as report:
-        whole = reading.load_enough(args, report)
+        whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
@@ -40,31 +40,25 @@ def run(args: argparse.Namespace) -> int:
     held_out = compare_model(model, held) if held else None
     if args.output:
         save_model(args.output, model)
-    if args.json != '-':
-        _show(args, learned.recording, learned.arm, result, held_out, seconds)
-        if refit:
-            terminal.show('', refitting.fitted_sentence(refit), refitting.error_table(refit),
-                          *refitting.effect_lines(refit))
-    facts = reading.arm_facts(whole, arm)
-    terminal.warn(*([axes.problem] if axes.problem else []), *(each.sentence for each in facts))
-    terminal.warn(*refitting.warnings(refit) if refit else ())
-    if args.json:
-        document = {
-            'model': str(args.output) if args.output else None, **result.to_json(),
-            'seconds': seconds, 'holdout': model.provenance['holdout'],
-            'facts': [each.to_json() for each in facts],
-            'description': axes.to_json(), 'joint_order': learned.arm.order.source,
-            **whole.to_json()}
-        if refit:
-            document |= {**refit.to_json(), 'warnings': refitting.warnings(refit)}
-        for name, error in held_out.joints.items() if held_out else ():
-            document['joints'][name]['held_out'] = asdict(error)
-        terminal.emit_json(document, args.json)
+    facts, warnings = reading.arm_facts(whole, arm), refitting.warnings(refit) if refit else []
+    document = {
+        'model': str(args.output) if args.output else None, **result.to_json(),
+        'seconds': seconds, 'holdout': model.provenance['holdout'],
+        'facts': [each.to_json() for each in facts], 'description': axes.to_json(),
+        'joint_order': learned.arm.order.source, **whole.to_json()}
+    if refit:
+        document |= {**refit.to_json(), 'warnings': warnings}
+    for name, error in held_out.joints.items() if held_out else ():
+        document['joints'][name]['held_out'] = asdict(error)
+    terminal.answer(args, document, lambda: _show(args, learned, held_out, seconds),
+                    *([axes.problem] if axes.problem else []),
+                    *(each.sentence for each in facts), *warnings)
     return 0
 
 
-def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: FitResult,
-          held_out: Comparison | None, seconds: float) -> None:
+def _show(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
+          seconds: float) -> None:
+    fitted, arm, result = learned.recording, learned.arm, learned.result
     terminal.say(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
                  f'joint order: {arm.order.source}')
     if fitted.holdout:
@@ -86,12 +80,15 @@ def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: Fi
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {saved}'))
     _show_next_step(args)
+    if learned.refit:
+        terminal.show('', refitting.fitted_sentence(learned.refit),
+                      refitting.error_table(learned.refit), *refitting.effect_lines(learned.refit))
 
 
 def _show_next_step(args: argparse.Namespace) -> None:
     if args.output is None:
         next_step.show('repeat the fit and save the model',
-                       f'{args.command} -o {next_step.new_model()}')
+                       f'{args.command} -o {next_step.new_name()}')
     elif args.holdout:
         next_step.show('compare with the held-out data, then identify missing effects',
                        next_step.command('compare', args, '--holdout', model=args.output),
@@ -118,7 +115,7 @@ def _holdout_sentence(fitted: Recording, holdout: Holdout, n_fitted: int) -> str
             f'{n_fitted} are fitted')
 
 
-def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
+def _joint_table(result: FitResult, held_out: Comparison | None) -> Table:
     model, report = result.model, result.report
     columns = ['joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m']
     if held_out is not None:
@@ -127,7 +124,7 @@ def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
     for n, joint in enumerate(model.joints):
         low, high = model.coverage.q_min[n], model.coverage.q_max[n]
         row = [joint, str(model.n_features()[n]), f'{low:.2f} … {high:.2f}',
-               f'{report.rmse[joint]:.4f}', _remaining(report, joint)]
+               f'{report.rmse[joint]:.4f}', f'{report.noise[joint]:.4f}']
         if held_out is not None:
             error = held_out.joints[joint]
             row += [f'{error.rmse:.4f}', percent(error.nrmse)]
@@ -135,11 +132,6 @@ def _joint_table(result: FitResult, held_out: Comparison | None) -> ScreenTable:
     return terminal.table(
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
         f'{counted(model.coverage.n_runs, "run")}', columns, rows)
-
-
-def _remaining(report: FitDetails, joint: str) -> str:
-    """Return a joint's remaining error, with all fitted effects."""
-    return f'{report.noise[joint]:.4f}'
 
 
 def _solver_sentence(result: FitResult) -> str:

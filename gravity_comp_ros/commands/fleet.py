@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.api.learn import LearnOptions
 from gravity_comp_ros.commands import arguments, terminal
-from gravity_comp_ros.diagnosis.findings import Finding, Verdict
+from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.fleet.engine import Engine
+from gravity_comp_ros.fleet.cluster import ClusterOptions
 from gravity_comp_ros.fleet.folder import find_robots
-from gravity_comp_ros.fleet.outcome import FittedRobot, Outcome
-from gravity_comp_ros.fleet.run import FleetRun
+from gravity_comp_ros.fleet.run import FleetOptions, Outcome, run_fleet
 from gravity_comp_ros.printable import counted
 
 
 def run(args: argparse.Namespace) -> int:
     """Fit or diagnose every robot and report the result of each."""
-    if args.all_samples:
-        raise OptionError('fleet: --all-samples is not supported; raise --max-speed and --rate '
-                          'instead')
     for name in args.effects or ():
         known_effect(name)
+    cluster = ClusterOptions(args.workers, args.scheduler, args.tls and tuple(args.tls))
     robots = find_robots(args.folder)
     _check_json([robot.name for robot in robots], args)
+    learning = LearnOptions(args.formulation, ordered=args.joints is not None)
+    options = FleetOptions(args.what, arguments.read_options(args), arguments.gate(args), learning,
+                           args.models, args.effects)
+    terminal.warn(*([cluster.warning] if cluster.warning else []))
     with terminal.progress() as report:
-        fleet = FleetRun(robots, args.output, Engine(args.workers, args.scheduler),
-                         arguments.read_options(args), arguments.gate_options(args), report)
-        options = LearnOptions(args.formulation, ordered=args.joints is not None)
-        outcome = (fleet.fit(options) if args.what == 'fit' else
-                   fleet.diagnose(args.models, args.effects))
-    for name, reason in (*outcome.failed_bags.items(), *outcome.failed_robots.items()):
-        terminal.warn(f'omitted: {name}: {reason}')
-    if args.json != '-':
-        _show(args.what, outcome)
-    if args.json:
-        terminal.emit_json(outcome.to_json(), args.json)
+        outcome = run_fleet(robots, args.output, options, cluster, report)
+    terminal.answer(
+        args, vars(outcome), lambda: _show(args.what, outcome), *(
+            f'omitted: {name}: {reason}' for name, reason in (
+                *outcome.failed_bags.items(), *outcome.failed_robots.items())))
     if not outcome.robots:
         raise BagError(f'no robot of {args.folder} has a result')
     return 0
@@ -64,10 +60,10 @@ def _show(what: str, outcome: Outcome) -> None:
     columns, rows = ['robot', 'findings', 'file'], []
     if what == 'fit':
         columns = ['robot', 'bags', 'samples', 'worst RMSE N·m', 'model']
-    for name, robot in sorted(outcome.robots.items()):
-        rows.append([name, str(robot.bags), str(robot.samples), f'{max(robot.rmse.values()):.4f}',
-                     robot.model] if isinstance(robot, FittedRobot)
-                    else [name, _findings(robot.findings), robot.diagnosis])
+    for name, entry in sorted(outcome.robots.items()):
+        rows.append([name, str(entry['bags']), str(entry['samples']),
+                     f'{max(entry["rmse"].values()):.4f}', entry['model']] if what == 'fit'
+                    else [name, _findings(entry['findings']), entry['diagnosis']])
     terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
                                  left=('findings', 'model', 'file')))
     terminal.show(f'omitted: {counted(len(outcome.failed_bags), "bag")} and '
@@ -75,7 +71,8 @@ def _show(what: str, outcome: Outcome) -> None:
                   f'{counted(outcome.resumed, "result")} from an earlier run')
 
 
-def _findings(findings: Sequence[Finding]) -> str:
-    items = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
-             if f.verdict in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
+def _findings(findings: Sequence[Mapping[str, Any]]) -> str:
+    items = [f'{f["effect"] or "unexplained"}:{f["joint"] or "arm"} ({f["verdict"]})'
+             for f in findings
+             if f['verdict'] in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
     return ', '.join(items) or 'nothing missing'

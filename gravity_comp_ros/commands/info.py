@@ -10,8 +10,9 @@ from gravity_comp_ros.api.read import read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step, reading
-from gravity_comp_ros.commands.arguments import axes_options, gate_options, read_options
-from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
+from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
+from gravity_comp_ros.commands.terminal import answer, progress, safe, show, table
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
 from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
@@ -25,26 +26,27 @@ _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 
 
 def run(args: argparse.Namespace) -> int:
     options = replace(read_options(args), refuse=False)
-    gate = gate_options(args)
+    slow = gate(args) or GateOptions()
     with progress() as report:
         recordings = read_each(args.bags, options, report)
         facts = []
         for each in recordings:
-            data = Recording(each.samples, gate, (each.report,))
+            data = Recording(each.samples, slow, (each.report,))
             arm = known_arm(data, LearnOptions(axes=axes_options(args),
                                                ordered=args.joints is not None))
             more = reading.arm_facts(data, arm)
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
-                          describe(each.samples, gate)))
+                          describe(each.samples, slow)))
     # Reports bags of different robots, which a fit would reject.
     concatenate(recording.samples for recording in recordings)
     refusals = [fact for each, _ in facts for fact in refused(each.facts)]
-    if args.json:
-        emit_json({'recordings': [_to_json(*each) for each in facts]}, args.json)
-        return 0
-    for recording_report, fact in facts:
-        _show(recording_report, fact)
-    _show_next_step(args, facts, refusals)
+
+    def show_all() -> None:
+        for each in facts:
+            _show(*each)
+        _show_next_step(args, facts, refusals)
+
+    answer(args, {'recordings': [_to_json(*each) for each in facts]}, show_all)
     return 0
 
 
@@ -65,9 +67,9 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
     if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
         why += '; few samples are slow, so `fit` uses fast samples as well'
     if inverted:
-        args = argparse.Namespace(**{**vars(args), 'effort_scale': [
-            _scales(recordings[0][0], TORQUE_UNITS[args.effort_unit], inverted)]})
-    next_step.show(why, next_step.command('fit', args, '-o', next_step.new_model()))
+        args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
+            recordings[0][0], TORQUE_UNITS[args.effort_unit], inverted)})
+    next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
 
 
 def _scales(report: ReadReport, unit: float, inverted: set[str]) -> dict[str, float]:

@@ -18,7 +18,8 @@ INPUTS = {'bags': 'a recording', 'bag': 'the recording',
           'urdf': 'the robot description (--urdf)', 'mjcf': 'the robot description (--mjcf)',
           'arm': 'the robot description (--arm)',
           'motion': 'the motion (--motion)', 'plan': 'the plan (--plan)',
-          'folder': 'the folder of recordings', 'models': 'the folder of models (--models)'}
+          'folder': 'the folder of recordings', 'models': 'the folder of models (--models)',
+          'tls': 'a file of TLS (--tls)'}
 OUTPUTS = {'output': '-o', 'json': '--json', 'html': '--html'}
 
 

@@ -39,13 +39,11 @@ def run(args: argparse.Namespace) -> int:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
     comments = [part.sentence for part in planned.parts]
     write_trajectory(args.output, trajectory, comments, args.goal)
-    if args.json != '-':
-        _show(args, planned, links)
-    terminal.warn(*planned.notes, *_advice(planned, options, model))
-    if args.json:
-        terminal.emit_json({**planned.to_json(), 'output': str(args.output), 'links': links,
-                            'links_checked': check is not None,
-                            'bags': [r.to_json() for r in recording.reports]}, args.json)
+    terminal.answer(args, {**planned.to_json(), 'output': str(args.output), 'links': links,
+                           'links_checked': check is not None,
+                           'bags': [r.to_json() for r in recording.reports]},
+                    lambda: _show(args, planned, links), *planned.notes,
+                    *_advice(planned, options, model))
     return 0
 
 

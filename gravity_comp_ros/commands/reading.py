@@ -1,4 +1,4 @@
-"""Reading of the recordings on the command line, and the lines shown about them."""
+"""Recordings and robot description of a verb, and the lines shown about them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from collections.abc import Sequence
 from gravity_comp_ros.api.learn import KnownArm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
+from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.serial_arm import arm_joints
+from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.facts.axes import axis_facts
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.order import order_facts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.recordings.robot_description import first_description
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,
@@ -31,16 +35,6 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     :raises ModelMismatchError: if two bags are of different robots.
     """
     return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
-
-
-def load_enough(args: argparse.Namespace, report: ProgressCallback) -> Recording:
-    """
-    Return a recording to fit, ungated if it has too few slow samples.
-
-    :raises BagError: if a bag cannot be read.
-    :raises ModelMismatchError: if two bags are of different robots.
-    """
-    return with_enough_motion(load(args, report))
 
 
 def arm_facts(recording: Recording, arm: KnownArm) -> list[Fact]:
@@ -93,8 +87,7 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
     """Return a warning if the effort scales differ from those of the fit."""
     fitted: dict[str, float] = {}
     for bag in model.provenance.get('bags', ()):
-        if 'effort_scale' in bag:  # not in files of earlier releases
-            fitted.update({joint: bag['effort_scale'].get(joint, 1.0) for joint in model.joints})
+        fitted.update({joint: bag['effort_scale'].get(joint, 1.0) for joint in model.joints})
     differ = sorted({joint for report in reports for joint, scale in fitted.items()
                      if report.effort_scale.get(joint, 1.0) != scale}, key=model.joints.index)
     if not differ:
@@ -102,3 +95,25 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
     scales = ','.join(f'{joint}={fitted[joint]:g}' for joint in differ)
     return [f'the model was fitted with another effort scale of {", ".join(differ)}: '
             f'unless the driver has changed, use --effort-scale {scales}']
+
+
+def description_of(args: argparse.Namespace,
+                   reports: Sequence[ReadReport]) -> tuple[bytes | str, str]:
+    """
+    Return the text of the description and its source for messages.
+
+    :raises DataError: if there is none.
+    """
+    if args.urdf is not None:
+        return read_text(args.urdf), str(args.urdf)
+    recorded = first_description(report.path for report in reports)
+    if recorded is None:
+        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
+    return recorded.text, recorded.source
+
+
+def described_arm_of(args: argparse.Namespace, text: bytes | str, source: str,
+                     recorded: Sequence[str]) -> DescribedArm:
+    """Return the described arm among the recorded joints, with the joints of --fixed held."""
+    return described_arm(text, arm_joints(text, recorded, source).joints, source,
+                         HeldPositions(args.fixed))

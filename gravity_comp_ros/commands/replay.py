@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
-from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
+from gravity_comp_ros.commands.terminal import answer, note, safe, show, table
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
@@ -35,21 +35,22 @@ def run(args: argparse.Namespace) -> int:
     start = recording.report.start_ns
     count = write_bag(args.output, topics, WriteOptions(start_ns=start))
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
-    warn(*scale_warnings(model, [recording.report]))
     errors = [(joint, float(np.sqrt(np.mean(column ** 2))), float(np.abs(column).max()))
               for joint, column in zip(samples.names, residual.T)]
-    if args.json:
-        emit_json({'output': str(args.output), 'n': len(samples),
-                   'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
-                   'outside_trained_range': outside, 'notes': recording.report.notes}, args.json)
-        return 0
-    for line in recording.report.notes:
-        note(line)
-    show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
-               [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]))
-    show(f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
-         f'{PREDICTION} and {RESIDUAL}')
-    show('open the file in PlotJuggler or Foxglove; config/layouts has layouts for both')
-    if outside > 0:
-        warn(f'{100 * outside:.0f} % of the samples are outside the trained range of the model')
+
+    def show_errors() -> None:
+        for line in recording.report.notes:
+            note(line)
+        show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
+                   [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]),
+             f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
+             f'{PREDICTION} and {RESIDUAL}',
+             'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both')
+
+    answer(args, {'output': str(args.output), 'n': len(samples),
+                  'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
+                  'outside_trained_range': outside, 'notes': recording.report.notes}, show_errors,
+           *scale_warnings(model, [recording.report]), *(
+               [f'{100 * outside:.0f} % of the samples are outside the trained range of the model']
+               if outside > 0 else []))
     return 0

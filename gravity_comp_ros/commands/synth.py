@@ -7,9 +7,8 @@ from math import radians
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
-from gravity_comp_ros.commands.usage.synth import FILES
+from gravity_comp_ros.commands import next_step, terminal
+from gravity_comp_ros.commands.usage.recordings import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
@@ -37,21 +36,21 @@ def run(args: argparse.Namespace) -> int:
     write_bag(args.output, [joint_states(samples, args.topic)],
               WriteOptions(metadata={'gravity_comp_synth': origin}))
     notes = _limit_violations(arm, samples)
-    if args.json:
-        emit_json({'output': str(args.output), 'joints': samples.names,
-                   'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
-                   'motion': args.motion, 'seed': args.seed, 'payload_kg': args.payload,
-                   'hidden': args.hidden, 'notes': notes, 'hidden_sizes': origin['hidden']},
-                  args.json)
-        return 0
-    size = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
-    payload = f' with {args.payload:g} kg' if args.payload else ''
-    show(f'wrote {safe(args.output)}: {safe(arm.name)}{payload}, motion {motion.name}, {size}, '
-         f'{samples.t[-1] - samples.t[0]:.4g} s')
-    for effect in hidden_effects:
-        show(f'hidden: {safe(effect)}')
-    warn(*notes)
-    next_step.show('check the recording', shlex.join(['gravity_comp', 'info', str(args.output)]))
+
+    def show() -> None:
+        size = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
+        payload = f' with {args.payload:g} kg' if args.payload else ''
+        terminal.say(f'wrote {args.output}: {arm.name}{payload}, motion {motion.name}, {size}, '
+                     f'{samples.t[-1] - samples.t[0]:.4g} s',
+                     *(f'hidden: {effect}' for effect in hidden_effects))
+        next_step.show('check the recording',
+                       shlex.join(['gravity_comp', 'info', str(args.output)]))
+
+    terminal.answer(
+        args, {'output': str(args.output), 'joints': samples.names, 'n_samples': len(samples),
+               'duration_s': samples.t[-1] - samples.t[0], 'motion': args.motion,
+               'seed': args.seed, 'payload_kg': args.payload, 'hidden': args.hidden,
+               'notes': notes, 'hidden_sizes': origin['hidden']}, show, *notes)
     return 0
 
 

@@ -7,6 +7,7 @@ control sequences.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import json
@@ -14,16 +15,18 @@ import math
 import os
 from pathlib import Path
 import sys
-import threading
+import time
 from typing import Any
 
-from gravity_comp_ros.commands.screen_table import ScreenTable, wrapped
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
+from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
+from rich.table import Table
 from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
@@ -31,6 +34,8 @@ ProgressCallback = Callable[[str, float], None]
 # Version of the JSON documents of the verbs (docs/json.md).
 SCHEMA = 1
 _WIDTH_WITHOUT_SCREEN = 110
+# Minimum width of a column of folded text, in characters.
+_MIN_TEXT_WIDTH = 16
 # Delay before progress lines are printed to a log, in s.
 _PROGRESS_DELAY = 2.0
 
@@ -55,23 +60,33 @@ def _has_width(out: Console) -> bool:
     return out.is_terminal or 'COLUMNS' in os.environ
 
 
-def show(*things: Any) -> None:
+def show(*things: Table | Text | str) -> None:
     """
-    Print tables or lines of markup on standard output; escape file text with `safe`.
+    Print tables, text or lines of markup on standard output; escape file text with `safe`.
 
-    On a screen, long lines are broken between words. Elsewhere they are not broken.
+    On a screen, lines are broken between words. Elsewhere a line of text, or a row of a table, is
+    one line, as programs that parse the output expect.
     """
     out = console()
+    on_screen = _has_width(out)
     for thing in things:
-        if not isinstance(thing, str):
-            if isinstance(thing, ScreenTable) and not _has_width(out):
-                # Programs that parse a table expect one row per line.
-                out.width = max(out.width, thing.natural_width())
-            out.print(thing)
-            continue
-        line = Text.from_markup(thing)
-        for part in wrapped(line, out.width) if _has_width(out) else [line]:
-            out.print(part, soft_wrap=True)
+        if isinstance(thing, Table):
+            _show_table(thing, on_screen)
+        else:
+            line = Text.from_markup(thing) if isinstance(thing, str) else thing
+            out.print(line, soft_wrap=not on_screen)
+
+
+def _show_table(table: Table, on_screen: bool) -> None:
+    out = console()
+    unlimited = out.options.update(max_width=sys.maxsize)
+    if on_screen and out.measure(table, options=unlimited).maximum > out.width:
+        for column in table.columns:
+            column.header = Text(str(column.header).replace(' ', '\n'))
+    # Names and numbers are never cut: on a narrow screen the lines of a table are too long.
+    size = out.measure(table, options=unlimited)
+    out.width = max(out.width, size.minimum if on_screen else size.maximum)
+    out.print(table)
 
 
 def say(*lines: str) -> None:
@@ -96,18 +111,27 @@ def warn(*lines: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
-          left: Sequence[str] = (), folds: Sequence[str] | None = None,
-          keys: int = 1) -> ScreenTable:
+          left: Sequence[str] = (), folds: Sequence[str] | None = None) -> Table:
     """
-    Return a `ScreenTable`; cells other than `Text` are shown as plain printable text.
+    Return a table; cells other than `Text` are shown as plain printable text.
 
     :param left: text columns in addition to the first; the others are numbers.
     :param folds: columns whose text may be broken into lines; default: those in `left`.
-    :param keys: number of leading columns that identify a row.
     """
+    result = Table(title=Text(title) if title else None, title_justify='left', title_style='bold',
+                   box=box.SIMPLE_HEAD, pad_edge=False)
     cells = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
-    return ScreenTable(title, columns, cells, left, left if folds is None else folds, keys)
+    for number, heading in enumerate(columns):
+        folding = heading in (left if folds is None else folds)
+        widest = max(*map(cell_len, heading.split()), *(row[number].cell_len for row in cells), 1)
+        result.add_column(
+            Text(heading), overflow='fold', no_wrap=not folding,
+            justify='left' if number == 0 or heading in left else 'right',
+            min_width=min(widest, _MIN_TEXT_WIDTH) if folding else widest)
+    for row in cells:
+        result.add_row(*row)
+    return result
 
 
 @contextmanager
@@ -115,7 +139,7 @@ def progress() -> Iterator[ProgressCallback]:
     """
     Yield `report(stage, fraction)`, which shows progress on standard error.
 
-    On a screen it is a bar. Elsewhere (a log) it is a line for each stage, after the first
+    On a screen it is a bar. Elsewhere (a log) it is a line for each stage that is reported after
     `_PROGRESS_DELAY` seconds.
     """
     err = console(stderr=True)
@@ -123,51 +147,32 @@ def progress() -> Iterator[ProgressCallback]:
         with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
                       TimeElapsedColumn(), console=err, transient=True) as bar:
             task = bar.add_task('', total=1.0)
+            yield lambda stage, fraction: bar.update(
+                task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
+        return
+    begin, printed = time.monotonic(), ''
 
-            def report(stage: str, fraction: float) -> None:
-                bar.update(task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
-            yield report
-    else:
-        lines = _StageLines(_PROGRESS_DELAY)
-        try:
-            yield lines
-        finally:
-            lines.close()
+    def report(stage: str, fraction: float) -> None:
+        nonlocal printed
+        if stage != printed and time.monotonic() - begin >= _PROGRESS_DELAY:
+            printed = stage
+            note(f'... {stage}')
+
+    yield report
 
 
-class _StageLines:
-    """Progress for a log: the current stage after `delay` seconds, then each new stage."""
+def answer(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[], None],
+           *warnings: str) -> None:
+    """
+    Give the result of a verb: text and warnings, and with --json the document.
 
-    def __init__(self, delay: float) -> None:
-        self._stage: str | None = None
-        self._shown: str | None = None
-        self._silent = True
-        self._lock = threading.Lock()
-        # A timer, because a long stage may not report again.
-        self._timer = threading.Timer(delay, self._end_silence)
-        self._timer.daemon = True
-        self._timer.start()
-
-    def __call__(self, stage: str, fraction: float) -> None:
-        with self._lock:
-            self._stage = stage
-            self._show()
-
-    def close(self) -> None:
-        """End the output."""
-        self._timer.cancel()
-        with self._lock:
-            self._stage = None
-
-    def _end_silence(self) -> None:
-        with self._lock:
-            self._silent = False
-            self._show()
-
-    def _show(self) -> None:
-        if not self._silent and self._stage != self._shown and self._stage is not None:
-            self._shown = self._stage
-            note(f'... {self._stage}')
+    :param show: prints the text; not called if the document is printed.
+    """
+    if args.json != '-':
+        show()
+    warn(*warnings)
+    if args.json:
+        emit_json(document, args.json)
 
 
 def emit_json(value: Mapping[str, Any], target: str) -> None:

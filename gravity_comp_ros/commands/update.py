@@ -10,7 +10,6 @@ from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_on_axes
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.link_places import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import OptionError
@@ -19,6 +18,7 @@ from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.export.payload_lines import in_frame, Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
+from rich.table import Table
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,12 +38,10 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         raise OptionError(f'the last change of {args.model} is not an update but the addition of '
                           f'{", ".join(last.effects)} (`gravity_comp add --undo`)')
     refitting.undo(args, model, target)
-    if args.json != '-':
-        undone = 'would be undone' if args.dry_run else 'undone'
-        terminal.say(f'last update of {target} {undone}')
-    if args.json:
-        terminal.emit_json({'model': str(target), 'undone': UPDATED,
-                            'written': not args.dry_run}, args.json)
+    undone = 'would be undone' if args.dry_run else 'undone'
+    terminal.answer(
+        args, {'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
+        lambda: terminal.say(f'last update of {target} {undone}'))
     return 0
 
 
@@ -62,17 +60,14 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
-    if args.json != '-':
-        _show(args, recording, axes, result, target, flange)
     warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, recording)]
-    terminal.warn(*warnings)
-    if args.json:
-        terminal.emit_json(
-            {'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
-             'effects': [effect.target for effect in result.model.applied.effects],
-             'description': axes.to_json(), 'warnings': warnings,
-             'flange': None if flange is None else flange.to_json(),
-             **recording.to_json()}, args.json)
+    document = {
+        'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
+        'effects': [effect.target for effect in result.model.applied.effects],
+        'description': axes.to_json(), 'warnings': warnings,
+        'flange': None if flange is None else flange.to_json(), **recording.to_json()}
+    terminal.answer(args, document,
+                    lambda: _show(args, recording, axes, result, target, flange), *warnings)
     return 0
 
 
@@ -109,7 +104,7 @@ def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
                    next_step.command('compare', args, model=target))
 
 
-def _joint_table(result: UpdateResult) -> ScreenTable:
+def _joint_table(result: UpdateResult) -> Table:
     report = result.report
     rows = [(name, f'{report.effect_mean[name]:+.3f}', f'{report.effect_max[name]:.3f}',
              f'± {1.96 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import hashlib
 from pathlib import Path
 
 from gravity_comp_ros.errors import BagError
@@ -48,14 +47,13 @@ def find_robots(folder: Path) -> list[Robot]:
     return robots
 
 
-def fingerprint_of(bag: Path, *settings: object) -> str:
-    """Return the cache key of a bag and settings, from names, sizes and times of its files."""
+def state_of(path: Path) -> list[tuple[str, int, int]]:
+    """Return name, size and time of change in ns of the files of a bag, or of a file."""
     try:
-        stats = [(file.name, file.stat().st_size, file.stat().st_mtime_ns)
-                 for file in data_files(bag)]
+        return [(str(file), file.stat().st_size, file.stat().st_mtime_ns)
+                for file in data_files(path)]
     except (BagError, OSError) as error:
-        stats = [(str(error), 0, 0)]
-    return hashlib.sha256(repr((str(bag), stats, settings)).encode()).hexdigest()[:32]
+        return [(f'{path}: {error}', 0, 0)]
 
 
 def _bags(folder: Path) -> tuple[Path, ...]:

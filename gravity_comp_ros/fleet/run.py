@@ -1,169 +1,193 @@
-"""Fit or diagnosis of every robot of a fleet; completed work is resumed from a cache."""
+"""Fit or diagnosis of every robot of a fleet; an interrupted run is resumed from a cache."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from gravity_comp_ros.api.learn import LearnOptions
-from gravity_comp_ros.api.recording import Progress
+from gravity_comp_ros import __version__
+from gravity_comp_ros.api.learn import learn, learn_gravity, LearnOptions
+from gravity_comp_ros.api.read import bounded, joined
+from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.errors import BagError, GravityCompError
-from gravity_comp_ros.estimation.fit import FitResult
-from gravity_comp_ros.fleet.engine import Engine, Failure, Item, Result, Task
-from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
-from gravity_comp_ros.fleet.outcome import DiagnosedRobot, FittedRobot, Outcome
-from gravity_comp_ros.fleet.store import Store
-from gravity_comp_ros.fleet.tasks import diagnose_robot, fit_robot, read
+from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.errors import BagError, FitError, GravityCompError
+from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
+from gravity_comp_ros.fleet.folder import Robot, state_of
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.recordings.gated_bag import GatedRecording
+from gravity_comp_ros.models.model_file import checksum, load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 
-Label = TypeVar('Label')
 CACHE = '.fleet'  # subfolder of the output folder
 
 
 @dataclass(frozen=True)
-class FleetRun:
-    """A fleet, its output folder, and the engine that runs its tasks."""
+class FleetOptions:
+    """
+    Step of every robot, and its options.
 
-    robots: Sequence[Robot]
-    output: Path
-    engine: Engine
+    - `step`: 'fit' writes OUTPUT/ROBOT.json, 'diagnose' writes OUTPUT/ROBOT.diagnosis.json.
+    - `reading`, `gate`, `learning`: as of `fit`.
+    - `models`: folder with ROBOT.json to diagnose; None fits a model first.
+    - `effects`: effects to diagnose; None for all.
+    """
+
+    step: str
     reading: ReadOptions = ReadOptions()
-    gate: GateOptions = GateOptions()
-    progress: Progress = lambda step, fraction: None
+    gate: GateOptions | None = GateOptions()
+    learning: LearnOptions = LearnOptions()
+    models: Path | None = None
+    effects: tuple[str, ...] | None = None
 
-    def fit(self, options: LearnOptions = LearnOptions()) -> Outcome:
-        """
-        Fit each robot to all its readable bags; write the model to OUTPUT/ROBOT.json.
 
-        :raises BagError: if a result cannot be written.
-        """
-        outcome, store = Outcome(), Store(self.output / CACHE)
-        recordings = self._read(outcome, store)
-        pending = []
-        for robot in self.robots:
-            runs = [recordings[bag] for bag in robot.bags if bag in recordings]
-            key = _key('fit', robot.name, [run.report.sha256 for run in runs], options,
-                       self.reading, self.gate)
-            stored = store.load_result(key)
-            if stored is not None and _is_model_file(self._model_file(robot)):
-                outcome.robots[robot.name] = FittedRobot.from_json(stored)
-                outcome.resumed += 1
-            else:
-                pending.append(((robot, key, runs), runs))
-        task = partial(fit_robot, gate=self.gate, options=options)
-        for (robot, key, runs), result in self._work('fit', task, pending):
-            if isinstance(result, Failure):
-                outcome.failed_robots[robot.name] = result.reason
-                continue
-            fitted = outcome.robots[robot.name] = self._save_model(robot, len(runs), result)
-            store.save_result(key, fitted.to_json())
-        return outcome
+@dataclass(frozen=True)
+class RobotResult:
+    """
+    Result of one robot: its entry in `fleet --json`, and the reasons of its unreadable bags.
 
-    def diagnose(self, models: Path | None = None,
-                 effects: tuple[str, ...] | None = None) -> Outcome:
-        """
-        Diagnose each robot on all its bags; write the result to OUTPUT/ROBOT.diagnosis.json.
+    `model` is the fitted model; `diagnosis` has the form of `diagnose --json`.
+    """
 
-        :param models: folder with ROBOT.json for each robot; None fits a model first.
-        :raises BagError: if a result cannot be written.
-        """
-        outcome, store = Outcome(), Store(self.output / CACHE)
-        pending = []
-        for robot in self.robots:
-            try:
-                model = load_model(models / f'{robot.name}.json') if models else None
-            except GravityCompError as error:
-                outcome.failed_robots[robot.name] = str(error)
-                continue
-            key = _key('diagnose', robot.name, [fingerprint_of(bag) for bag in robot.bags],
-                       self.reading, effects, _model_key(model))
-            stored = store.load_result(key)
-            if stored is None:
-                pending.append(((robot, key), (robot.bags, model)))
-                continue
+    entry: dict[str, Any]
+    failed_bags: dict[str, str]
+    model: GravityModel | None = None
+    diagnosis: dict[str, Any] | None = None
+
+
+@dataclass
+class Outcome:
+    """Entries of a fleet run by robot, reasons of failures, number of robots of earlier runs."""
+
+    robots: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failed_bags: dict[str, str] = field(default_factory=dict)
+    failed_robots: dict[str, str] = field(default_factory=dict)
+    resumed: int = 0
+
+
+def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
+              cluster: ClusterOptions = ClusterOptions(),
+              progress: Progress = lambda step, fraction: None) -> Outcome:
+    """
+    Fit or diagnose every robot, each with all its readable bags.
+
+    A result is stored in OUTPUT/.fleet under the version of this package, the files and the
+    options. The same call goes on where an earlier one ended.
+
+    :raises BagError: if a result cannot be written.
+    :raises DataError: if the cluster cannot be reached.
+    """
+    _create(output / CACHE)
+    outcome, pending, keys = Outcome(), [], {}
+    for robot in robots:
+        keys[robot] = _key(robot, options)
+        stored = _stored(output, keys[robot])
+        if stored is None:
+            pending.append(robot)
+        else:
             outcome.resumed += 1
-            self._save_diagnosis(outcome, robot, stored)
-        task = partial(diagnose_robot, options=self.reading, effects=effects)
-        for (robot, key), result in self._work('diagnose', task, pending):
-            if isinstance(result, Failure):
-                outcome.failed_robots[robot.name] = result.reason
-                continue
-            diagnosis, failed = result
-            record = {'diagnosis': diagnosis.to_json(), 'failed': failed}
-            store.save_result(key, record)
-            self._save_diagnosis(outcome, robot, record)
-        return outcome
-
-    def _read(self, outcome: Outcome, store: Store) -> dict[Path, GatedRecording]:
-        """Return the slow samples of every readable bag, from the cache or the file."""
-        recordings, pending = {}, []
-        for bag in (bag for robot in self.robots for bag in robot.bags):
-            key = fingerprint_of(bag, self.reading, self.gate)
-            cached = store.load_recording(key)
-            if cached is None:
-                pending.append(((bag, key), bag))
-            else:
-                recordings[bag] = cached
-                outcome.resumed += 1
-        task = partial(read, options=self.reading, gate=self.gate)
-        for (bag, key), result in self._work('read', task, pending):
-            if isinstance(result, Failure):
-                outcome.failed_bags[str(bag)] = result.reason
-            else:
-                store.save_recording(key, result)
-                recordings[bag] = result
-        return recordings
-
-    def _work(self, step: str, task: Task[Item, Result], pending: Sequence[tuple[Label, Item]]
-              ) -> Iterator[tuple[Label, Result | Failure]]:
-        """Yield the label and the result of each task, in order of completion."""
-        running = self.engine.run(task, [item for _, item in pending])
-        for count, (number, result) in enumerate(running, start=1):
-            self.progress(step, count / len(pending))
-            yield pending[number][0], result
-
-    def _model_file(self, robot: Robot) -> Path:
-        return self.output / f'{robot.name}.json'
-
-    def _save_model(self, robot: Robot, n_bags: int, result: FitResult) -> FittedRobot:
-        model = result.model
-        save_model(self._model_file(robot), model)
-        return FittedRobot(self._model_file(robot).name, n_bags, model.coverage.n_samples,
-                           result.converged, result.report.rmse, result.report.warnings)
-
-    def _save_diagnosis(self, outcome: Outcome, robot: Robot, record: dict[str, Any]) -> None:
-        outcome.failed_bags.update(record['failed'])
-        file = self.output / f'{robot.name}.diagnosis.json'
-        write_atomically(file, (json.dumps(record['diagnosis'], indent=2) + '\n').encode(),
-                         BagError)
-        outcome.robots[robot.name] = DiagnosedRobot.from_json(file.name, record['diagnosis'])
+            outcome.robots[robot.name] = stored['entry']
+            outcome.failed_bags.update(stored['failed_bags'])
+    task = partial(_result, options=options)
+    for count, (number, result) in enumerate(run_tasks(cluster, task, pending) if pending else ()):
+        robot = pending[number]
+        progress(f'{options.step} {robot.name}', (count + 1) / len(pending))
+        if isinstance(result, Failure):
+            outcome.failed_robots[robot.name] = result.reason
+            continue
+        _save(output, keys[robot], robot, result)
+        outcome.robots[robot.name] = result.entry
+        outcome.failed_bags.update(result.failed_bags)
+    return outcome
 
 
-def _is_model_file(path: Path) -> bool:
+def _result(robot: Robot, options: FleetOptions) -> RobotResult:
+    """
+    Return the result of one robot; runs on a worker and writes no file.
+
+    :raises FitError: if none of its bags can be read, or the fit fails.
+    """
+    if options.step == 'fit':
+        recording, failed = _read(robot, options.reading, options.gate)
+        learned = learn(with_enough_motion(recording), options.learning)
+        problem = learned.arm.axes.problem
+        result = learned.result.with_warning(problem) if problem else learned.result
+        return RobotResult({
+            'model': f'{robot.name}.json', 'bags': recording.n_runs,
+            'samples': result.model.coverage.n_samples, 'converged': result.converged,
+            'rmse': result.report.rmse, 'warnings': list(result.report.warnings)},
+            failed, model=result.model)
+    model = load_model(options.models / f'{robot.name}.json') if options.models else None
+    reading = options.reading
+    if model is not None and reading.joints is None:
+        reading = replace(reading, joints=model.joints)
+    recording, failed = _read(robot, reading, None)
+    model = model or learn_gravity(recording, options.learning)
+    document = diagnose(recording.samples, model,
+                        DiagnosisOptions(effects=options.effects)).to_json()
+    return RobotResult({'diagnosis': f'{robot.name}.diagnosis.json',
+                        'findings': document['findings']}, failed, diagnosis=document)
+
+
+def _read(robot: Robot, options: ReadOptions,
+          gate: GateOptions | None) -> tuple[Recording, dict[str, str]]:
+    """Return the readable bags of a robot as one recording, and the reasons of the others."""
+    runs, failed, options = [], {}, bounded(options, len(robot.bags))
+    for bag in robot.bags:
+        try:
+            runs.append(read_bag(bag, options))
+        except GravityCompError as error:
+            failed[str(bag)] = str(error)
+    if not runs:
+        raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
+    return joined(runs, gate), failed
+
+
+def _key(robot: Robot, options: FleetOptions) -> str:
+    """Return the name of a result in the cache."""
+    model = options.models and options.models / f'{robot.name}.json'
+    parts = (__version__, asdict(options), robot.name,
+             [state_of(file) for file in (*robot.bags, *([model] if model else []))])
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+
+
+def _create(folder: Path) -> None:
     try:
-        load_model(path)
-    except GravityCompError:
-        return False
-    return True
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BagError(f'cannot create the folder {folder}: {error.strerror}') from None
 
 
-def _model_key(model: GravityModel | None) -> object:
-    if model is None:
-        return None
-    return [(t.indices.tolist(), t.weights.tolist()) for t in model.torques], repr(model.applied)
+def _stored(output: Path, key: str) -> dict[str, Any] | None:
+    """Return an earlier result whose file is still there, None without one."""
+    try:
+        stored = json.loads((output / CACHE / f'{key}.json').read_text(encoding='utf-8'))
+        if _digest(output, stored['entry']) == stored['digest']:
+            return dict(stored)
+    except (OSError, ValueError, KeyError, TypeError, GravityCompError):
+        pass  # no result, or a damaged one
+    return None
 
 
-def _key(*parts: object) -> str:
-    plain = [asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
-             for part in parts]
-    return hashlib.sha256(repr(plain).encode()).hexdigest()[:32]
+def _save(output: Path, key: str, robot: Robot, result: RobotResult) -> None:
+    if result.model is not None:
+        save_model(output / f'{robot.name}.json', result.model)
+    else:
+        text = json.dumps(result.diagnosis, indent=2) + '\n'
+        write_atomically(output / f'{robot.name}.diagnosis.json', text.encode(), BagError)
+    stored = {'entry': result.entry, 'failed_bags': result.failed_bags,
+              'digest': _digest(output, result.entry)}
+    write_atomically(output / CACHE / f'{key}.json', json.dumps(stored).encode(), BagError)
+
+
+def _digest(output: Path, entry: Mapping[str, Any]) -> str:
+    """Return the digest of the file of a robot."""
+    if 'model' in entry:
+        return checksum(load_model(output / entry['model']))
+    return hashlib.sha256((output / entry['diagnosis']).read_bytes()).hexdigest()

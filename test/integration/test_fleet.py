@@ -1,22 +1,21 @@
-"""Fleets in one process, in several, and on a Dask cluster with a killed worker."""
+"""Fleets on a cluster of this machine, and on that of a Dask scheduler with TLS."""
 
 import json
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
 
-from bench.shared.fleet_tasks import DEADLINE, die_of, die_once, process_id, until_killed
-from bench.shared.running_process import is_running
 from bench.shared.serial_arms import poses, samples_of, serial_arm
 from gravity_comp_ros import cli
-from gravity_comp_ros.errors import BagError, DataError
-from gravity_comp_ros.fleet.engine import Engine, Failure
+from gravity_comp_ros.api.learn import LearnOptions
+from gravity_comp_ros.errors import BagError, DataError, OptionError
+from gravity_comp_ros.fleet import cluster, run as fleet_run
+from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
 from gravity_comp_ros.fleet.folder import find_robots, Robot
-from gravity_comp_ros.fleet.run import CACHE, FleetRun
+from gravity_comp_ros.fleet.run import CACHE, FleetOptions, run_fleet
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -24,8 +23,6 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -35,12 +32,15 @@ def fleet(tmp_path):
     for seed, robot in enumerate(('anna', 'bert')):
         arm = serial_arm(3, seed=seed)
         (folder / robot).mkdir(parents=True)
-        for run in range(3):
-            q = poses(60, 3, seed=10 * seed + run)
-            write_bag(folder / robot / f'run{run}.mcap',
-                      [joint_states(samples_of(q, gravity_torque(arm, q), 0.05))])
+        for number in range(3):
+            write(folder / robot / f'run{number}.mcap', arm, 10 * seed + number)
     (folder / 'bert' / 'run1.mcap').write_bytes(b'\x89MCAP0\r\nno more')
     return folder
+
+
+def write(path, arm, seed):
+    q = poses(60, 3, seed=seed)
+    write_bag(path, [joint_states(samples_of(q, gravity_torque(arm, q), 0.05))])
 
 
 def weights(folder: Path) -> dict:
@@ -48,8 +48,9 @@ def weights(folder: Path) -> dict:
                         load_model(path).torques] for path in sorted(folder.glob('*.json'))}
 
 
-def run(fleet, output, engine=Engine()):
-    return FleetRun(find_robots(fleet), output, engine).fit()
+def fit(fleet, output, where=ClusterOptions()):
+    options = FleetOptions('fit', learning=LearnOptions('potential'))
+    return run_fleet(find_robots(fleet), output, options, where)
 
 
 def test_layout_of_the_fleet_folder(fleet, tmp_path):
@@ -64,207 +65,120 @@ def test_layout_of_the_fleet_folder(fleet, tmp_path):
         find_robots(tmp_path / 'nowhere')
 
 
-def test_a_failed_bag_is_reported_and_skipped(fleet, tmp_path):
-    outcome = run(fleet, tmp_path / 'out')
-    assert set(outcome.robots) == {'anna', 'bert'}
+def test_every_robot_is_fitted_and_a_damaged_bag_is_named(fleet, tmp_path):
+    """Processes give the models of a single thread."""
+    outcome = fit(fleet, tmp_path / 'out')
     (bag,) = outcome.failed_bags
     assert bag.endswith('bert/run1.mcap') and 'truncated' in outcome.failed_bags[bag]
-    assert [outcome.robots[name].bags for name in ('anna', 'bert')] == [3, 2]
+    assert {name: entry['bags'] for name, entry in outcome.robots.items()} == {
+        'anna': 3, 'bert': 2}
     arm, q = serial_arm(3, seed=0), poses(100, 3, seed=99)
     model = load_model(tmp_path / 'out' / 'anna.json')
     assert np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max() < 0.05
     assert [bag['name'] for bag in model.provenance['bags']] == [
         'run0.mcap', 'run1.mcap', 'run2.mcap']
+    fit(fleet, tmp_path / 'two', ClusterOptions(workers=2))
+    assert weights(tmp_path / 'two') == weights(tmp_path / 'out')
 
 
-def test_worker_processes_give_equal_models(fleet, tmp_path):
-    run(fleet, tmp_path / 'one')
-    run(fleet, tmp_path / 'two', Engine(workers=2))
-    assert weights(tmp_path / 'two') == weights(tmp_path / 'one')
-
-
-def test_completed_work_is_resumed(fleet, tmp_path):
-    first = run(fleet, tmp_path / 'out')
-    assert first.resumed == 0
-    second = run(fleet, tmp_path / 'out')
-    assert second.resumed == 5 + 2 and second.robots == first.robots
-    assert len(second.failed_bags) == 1            # failures are tried again
-    (tmp_path / 'out' / 'anna.json').write_text('damaged')
-    q = poses(60, 3, seed=7)
-    write_bag(fleet / 'bert' / 'run3.mcap', [joint_states(samples_of(
-        q, gravity_torque(serial_arm(3, seed=1), q), 0.05))])
-    third = run(fleet, tmp_path / 'out')
-    assert third.resumed == 5 and third.robots['bert'].bags == 3
-    assert weights(tmp_path / 'out')['anna.json']
-
-
-def test_a_damaged_cache_is_ignored(fleet, tmp_path):
-    run(fleet, tmp_path / 'out')
-    before = weights(tmp_path / 'out')
+def test_completed_work_is_resumed(fleet, tmp_path, monkeypatch):
+    first, before = fit(fleet, tmp_path / 'out'), weights(fleet)
+    second = fit(fleet, tmp_path / 'out')
+    assert (first.resumed, second.resumed) == (0, 2)
+    assert (second.robots, second.failed_bags) == (first.robots, first.failed_bags)
+    # Another model under the name of a robot, or a new bag, is no result of this fit.
+    shutil.copy(tmp_path / 'out' / 'bert.json', tmp_path / 'out' / 'anna.json')
+    assert fit(fleet, tmp_path / 'out').resumed == 1
+    write(fleet / 'bert' / 'run3.mcap', serial_arm(3, seed=1), 7)
+    third = fit(fleet, tmp_path / 'out')
+    assert third.resumed == 1 and third.robots['bert']['bags'] == 3
+    # Nor is the result of another version of this package, or a damaged one.
+    monkeypatch.setattr(fleet_run, '__version__', '0.0.0')
+    assert fit(fleet, tmp_path / 'out').resumed == 0
     for file in (tmp_path / 'out' / CACHE).iterdir():
         file.write_bytes(file.read_bytes()[:100])
-    assert run(fleet, tmp_path / 'out').resumed == 0
-    assert weights(tmp_path / 'out') == before
+    assert fit(fleet, tmp_path / 'out').resumed == 0
+    assert weights(fleet) == before
 
 
-def test_tasks_of_a_dead_worker_are_repeated(tmp_path):
-    items = ['', str(tmp_path / 'died'), '', '']
-    assert dict(Engine(workers=2).run(die_once, items)) == dict(enumerate(items))
+def die_of(word: str) -> str:
+    if word == 'kill':
+        os.kill(os.getpid(), signal.SIGKILL)
+    if word == 'error':
+        raise ValueError('two\nlines')
+    return word
 
 
-def test_a_task_that_kills_every_worker_fails():
-    results = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
-    assert (results[0], results[2]) == ('x', 'y')
-    assert isinstance(results[1], Failure) and 'died 3 times' in results[1].reason
-
-
-def test_workers_that_die_at_once_fail_their_own_tasks_alone():
-    words = ['kill', 'a', 'b', 'kill', 'c', 'd']
-    results = dict(Engine(workers=3).run(die_of, words))
-    assert {k: r for k, r in results.items() if not isinstance(r, Failure)} == {
-        k: word for k, word in enumerate(words) if word != 'kill'}
-    assert sorted(results) == list(range(6))
-
-
-def test_no_worker_is_left_when_results_are_no_longer_wanted():
-    results = Engine(workers=2).run(process_id, range(4))
-    _, worker = next(results)
-    assert is_running(worker)
-    results.close()
-    assert not is_running(worker)
-
-
-def test_other_tasks_go_on_after_an_error():
-    results = dict(Engine().run(int, ['1', 'x', '3']))
-    assert (results[0], results[2]) == (1, 3) and 'ValueError' in results[1].reason
-    (failure,) = dict(Engine().run(Robot, [None])).values()
-    assert isinstance(failure, Failure)
-
-
-# A Dask cluster in separate processes.
-
-def start(*command: str) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, '-m', *command], stdout=subprocess.DEVNULL,
-                            stderr=subprocess.PIPE, text=True,
-                            env={**os.environ, 'PYTHONPATH': f'{ROOT}',
-                                 'OPENBLAS_NUM_THREADS': '1',
-                                 'DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL': '60s'})
-
-
-@pytest.fixture(scope='module')
-def running():
-    """Yield the address of a scheduler, and its workers by name, initially none."""
-    pytest.importorskip('distributed')
-    scheduler = start('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
-                      '--no-dashboard')
-    workers: dict[str, subprocess.Popen] = {}
-    try:
-        yield next(line.rsplit(' ', 1)[-1].strip() for line in scheduler.stderr
-                   if 'Scheduler at:' in line), workers
-    finally:
-        for process in (scheduler, *workers.values()):
-            process.kill()
-            process.wait()
-            process.stderr.close()
+def test_other_tasks_go_on_after_an_error_and_the_death_of_workers():
+    words = ['a', 'kill', 'b', 'error', 'c']
+    results = dict(run_tasks(ClusterOptions(workers=2), die_of, words))
+    assert {k: words[k] for k in (0, 2, 4)} == {
+        k: result for k, result in results.items() if not isinstance(result, Failure)}
+    assert 'died' in results[1].reason
+    assert results[3].reason == 'internal error: ValueError: two lines'
 
 
 @pytest.fixture
-def cluster(running):
-    """Yield the address of a scheduler with two workers, and the workers; replace killed ones."""
-    from distributed import Client
-    address, workers = running
-    living = [name for name in workers if workers[name].poll() is None]
-    for number in range(len(workers), len(workers) + 2 - len(living)):
-        name = f'worker{number}'
-        workers[name] = start('distributed.cli.dask_worker', address, '--nthreads', '1',
-                              '--no-nanny', '--no-dashboard', '--name', name)
-        living.append(name)
-    with Client(address, timeout=DEADLINE, set_as_default=False) as client:
-        end = time.monotonic() + DEADLINE
-        while known_workers(client) != set(living) and time.monotonic() < end:
-            time.sleep(0.02)
-    return address, {name: workers[name] for name in living}
+def certificates(tmp_path):
+    """Return the files of a certificate authority, of a certificate and of its key."""
+    if shutil.which('openssl') is None:
+        pytest.skip('openssl is not installed')
+    files = tuple(tmp_path / name for name in ('ca.pem', 'cert.pem', 'key.pem'))
+    authority, certificate, key = map(str, files)
+
+    def openssl(*command):
+        subprocess.run(('openssl', *command), check=True, capture_output=True)
+
+    new = ('req', '-newkey', 'rsa:2048', '-nodes', '-subj')
+    openssl(*new, '/CN=authority', '-x509', '-keyout', f'{tmp_path}/ca-key.pem', '-out', authority)
+    openssl(*new, '/CN=fleet', '-keyout', key, '-out', f'{tmp_path}/request.pem')
+    openssl('x509', '-req', '-in', f'{tmp_path}/request.pem', '-CA', authority, '-CAkey',
+            f'{tmp_path}/ca-key.pem', '-CAcreateserial', '-out', certificate)
+    return files
 
 
-def known_workers(client) -> set[str]:
-    return {worker['name'] for worker in client.scheduler_info()['workers'].values()}
+def test_a_cluster_with_tls_gives_equal_models_and_refuses_others(
+        fleet, tmp_path, certificates, monkeypatch):
+    """Scheduler and worker are separate processes, as on several machines."""
+    tls = [part for flag, file in zip(('--tls-ca-file', '--tls-cert', '--tls-key'), certificates)
+           for part in (flag, str(file))]
 
+    def start(*command):
+        return subprocess.Popen([sys.executable, '-m', *command, *tls, '--no-dashboard'],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                                env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'})
 
-def kill_working_worker(log: Path, workers: dict, killed: list) -> None:
-    """Kill the first worker that has started a task, and notify the others."""
-    end = time.monotonic() + DEADLINE
-    while not killed and time.monotonic() < end:
-        working = set(log.read_text().split()) if log.exists() else set()
-        killed += [worker for worker in workers.values() if str(worker.pid) in working][:1]
-        time.sleep(0.01)
-    killed[0].send_signal(signal.SIGKILL)
-    killed[0].wait(DEADLINE)
-    Path(f'{log}.killed').touch()
-
-
-def test_a_dask_cluster_gives_equal_models(fleet, tmp_path, cluster):
-    address, _ = cluster
-    run(fleet, tmp_path / 'one')
-    outcome = run(fleet, tmp_path / 'dask', Engine(scheduler=address))
-    assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
-    assert len(outcome.failed_bags) == 1 and not outcome.failed_robots
-
-
-def test_a_dask_worker_killed_during_a_run(tmp_path, cluster):
-    address, workers = cluster
-    log, killed = tmp_path / 'log', []
-    killer = threading.Thread(target=kill_working_worker, args=(log, workers, killed))
-    killer.start()
-    results = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
-    killer.join()
-    begun = [int(line) for line in log.read_text().split()]
-    assert killed[0].returncode == -signal.SIGKILL and killed[0].pid in begun
-    (survivor,) = set(workers.values()) - set(killed)
-    assert set(results) == set(range(20)) and set(results.values()) == {survivor.pid}
-    assert len(begun) > 20                          # the lost task was repeated
-
-
-def kill_fitting_worker(address: str, workers: dict, killed: list) -> None:
-    """Kill the first worker that runs a fit."""
-    import distributed
-    end = time.monotonic() + DEADLINE
-    with distributed.Client(address, timeout=DEADLINE, set_as_default=False) as client:
-        while not killed and time.monotonic() < end:
-            for worker, stacks in client.call_stack().items():
-                if 'fit_robot' in repr(stacks):
-                    name = client.scheduler_info()['workers'][worker]['name']
-                    killed.append(workers[name])
-                    killed[0].send_signal(signal.SIGKILL)
-                    return
-
-
-def test_a_dask_worker_killed_during_a_fit(tmp_path, cluster):
-    address, workers = cluster
-    for robot in range(4):
-        (tmp_path / 'fleet' / f'r{robot}').mkdir(parents=True)
-        q = poses(400, 6, seed=robot)
-        tau = gravity_torque(serial_arm(6, seed=robot), q)
-        write_bag(tmp_path / 'fleet' / f'r{robot}' / 'run.mcap',
-                  [joint_states(samples_of(q, tau, 0.05))])
-    killed: list[subprocess.Popen] = []
-    killer = threading.Thread(target=kill_fitting_worker, args=(address, workers, killed))
-    killer.start()
-    outcome = FleetRun(find_robots(tmp_path / 'fleet'), tmp_path / 'dask',
-                       Engine(scheduler=address)).fit()
-    killer.join()
-    assert killed and killed[0].wait(timeout=DEADLINE) == -signal.SIGKILL
-    assert len(outcome.robots) == 4 and not outcome.failed_robots
-    run(tmp_path / 'fleet', tmp_path / 'one')
+    scheduler = start('distributed.cli.dask_scheduler', '--host', 'tls://127.0.0.1', '--port', '0')
+    processes = [scheduler]
+    try:
+        address = next(line.rsplit(' ', 1)[-1].strip() for line in scheduler.stderr
+                       if 'Scheduler at:' in line)
+        processes.append(start('distributed.cli.dask_worker', address, '--nthreads', '1',
+                               '--no-nanny'))
+        where = ClusterOptions(scheduler=address, tls=certificates)
+        outcome = fit(fleet, tmp_path / 'dask', where)
+        assert len(outcome.failed_bags) == 1 and not outcome.failed_robots and not where.warning
+        monkeypatch.setattr(cluster, '_CONNECT', 1.0)
+        with pytest.raises(DataError, match='no Dask scheduler answers') as error:
+            fit(fleet, tmp_path / 'plain', ClusterOptions(scheduler='tcp' + address[3:]))
+        assert '\n' not in str(error.value)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            process.stderr.close()
+    fit(fleet, tmp_path / 'one')
     assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
 
 
-def test_a_missing_scheduler_is_refused(fleet, tmp_path, monkeypatch):
-    pytest.importorskip('distributed')
-    from gravity_comp_ros.fleet import engine
-    monkeypatch.setattr(engine, '_CONNECT', 1.0)
-    with pytest.raises(DataError, match='no Dask scheduler answers') as error:
-        run(fleet, tmp_path / 'out', Engine(scheduler='tcp://127.0.0.1:1'))
-    assert '\n' not in str(error.value)
+def test_options_of_tls(tmp_path):
+    missing = (tmp_path / 'ca.pem',) * 3
+    for options in ({'scheduler': 'tls://10.0.0.5:8786'}, {'tls': missing},
+                    {'scheduler': 'tcp://10.0.0.5:8786', 'tls': missing},
+                    {'scheduler': 'tls://10.0.0.5:8786', 'tls': missing}):
+        with pytest.raises(OptionError, match='TLS'):
+            ClusterOptions(**options)
+    assert 'can run code' in ClusterOptions(scheduler='tcp://10.0.0.5:8786').warning
 
 
 def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):

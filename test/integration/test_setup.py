@@ -65,14 +65,12 @@ def test_another_ros_is_sourced(machine):
     assert 'ROS 2 humble is sourced and this package is for Jazzy' in line
 
 
-def test_jazzy_is_sourced_but_does_not_load(machine):
-    line = machine({'python3': ('3.12', ('venv',))}, ROS_DISTRO='jazzy')
-    assert 'cannot import rclpy' in line
-
-
-def test_sourced_jazzy_is_used_with_its_own_python(machine):
+@pytest.mark.parametrize('ros', ['jazzy', 'kilted', 'rolling'])
+def test_a_sourced_ros_is_used_with_its_own_python(machine, ros):
+    line = machine({'python3': ('3.12', ('venv',))}, ROS_DISTRO=ros)
+    assert 'cannot import rclpy' in line and f'/opt/ros/{ros}/setup.sh' in line
     # The script reaches the check of the venv module, with the Python that has rclpy.
-    line = machine({'python3': ('3.12', ('rclpy',))}, ROS_DISTRO='jazzy')
+    line = machine({'python3': ('3.12', ('rclpy',))}, ROS_DISTRO=ros)
     assert 'sudo apt install python3.12-venv' in line
 
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from gravity_comp_ros import __version__, cli
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.commands.usage import plan as usage_of_plan
+from gravity_comp_ros.commands.usage import loop, Verb
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
@@ -25,9 +25,8 @@ ROOT = Path(__file__).resolve().parents[3]
 def verb(monkeypatch):
     """Return a function that makes `gravity_comp fit` run the given function."""
     def install(run):
-        usage = SimpleNamespace(EPILOG='', add_arguments=lambda parser: None)
-        monkeypatch.setattr(cli, '_commands_module', lambda name: usage if name.startswith(
-            'usage.') else SimpleNamespace(run=run))
+        monkeypatch.setitem(cli.VERBS, 'fit', Verb('', '', lambda parser: None))
+        monkeypatch.setitem(sys.modules, 'gravity_comp_ros.commands.fit', SimpleNamespace(run=run))
     return install
 
 
@@ -66,9 +65,9 @@ def test_help_and_wrong_usage_import_no_numerical_modules():
 
 def test_copied_defaults_equal_those_of_the_core():
     assert arguments.FORMULATIONS == CHOICES and CHOICES[0] == FitOptions().formulation
-    assert usage_of_plan.ENDINGS == ENDINGS
-    limits = {name: value for name, _, value, _ in usage_of_plan.LIMITS}
-    assert PlanOptions(**limits, reach=usage_of_plan.REACH) == PlanOptions()
+    assert loop.ENDINGS == ENDINGS
+    limits = {name: value for name, _, value, _ in loop.LIMITS}
+    assert PlanOptions(**limits, reach=loop.REACH) == PlanOptions()
 
 
 @pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])

@@ -7,7 +7,7 @@ import shlex
 
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.commands import follow_up
+from gravity_comp_ros.commands.diagnose import show_next_steps
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, VERDICTS
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
@@ -157,13 +157,12 @@ def finding(effect, verdict, alternatives=(), next_step='move it'):
 @pytest.mark.parametrize('model', ['arm.json', None])
 def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, model):
     args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
-                     effort_scale=[], effort_unit='Nm', rename=[], position_unit='rad', accept=(),
-                     reverse=(), zero=[],
-                     differentiate=False)
+                     effort_scale={}, effort_unit='Nm', rename={}, position_unit='rad', accept=(),
+                     reverse=(), zero={}, differentiate=False)
     findings = (finding('coulomb_friction', 'established'),
                 finding('torque_offset', 'ambiguous', ('joint_spring',)),
                 finding('inertia', 'weak'), finding(None, 'unexplained'))
-    follow_up.show(args, Diagnosis(findings, {}))
+    show_next_steps(args, Diagnosis(findings, {}))
     output = capsys.readouterr().out
     commands = [shlex.split(line)[1:] for line in output.splitlines()
                 if line.startswith('  gravity_comp ')]

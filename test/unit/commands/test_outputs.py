@@ -1,6 +1,5 @@
 """No verb overwrites its input, and unwritable outputs are refused before the work."""
 
-import importlib
 from pathlib import Path
 
 from gravity_comp_ros.cli import main, Parser, VERBS
@@ -26,7 +25,7 @@ PLACES = [(verb, place) for verb, call in CALLS.items() for place, word in enume
 def arguments_of(verb):
     """Return the actions of a verb's parser."""
     parser = Parser(prog=verb)
-    importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}').add_arguments(parser)
+    VERBS[verb].add_arguments(parser)
     return parser._actions
 
 
