@@ -97,7 +97,7 @@ def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> FitRes
 
 
 def broken_cases(kind: str, seeds: int, n: int) -> Iterator[Case]:
-    from broken_effort import KINDS
+    from bench.shared.broken_effort import KINDS
     for name, corrupt in KINDS.items():
         for seed in range(seeds):
             rng = np.random.default_rng(1000 + seed)

@@ -67,7 +67,7 @@ class Run:
 
 def measure(samples: JointSamples, model: Path) -> dict:
     """Return the figures of one payload change."""
-    from ros_harness import running
+    from bench.shared.ros_harness import running
     with running({'model_file': model, 'max_torque': '[200.0]', 'diagnostics_rate': 20.0,
                   'stale_after': 5.0}) as (_, probe):
         probe.until(lambda: 'learning' in probe.status or 'model' in probe.status)

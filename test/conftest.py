@@ -8,7 +8,7 @@ import pytest
 
 # Test files with the longest run times, the longest first.
 LONGEST = ('test_workbench_browser.py', 'test_diagnosis_campaign.py', 'test_node_ros.py',
-           'test_rigid_body.py', 'test_style.py', 'test_report_html.py', 'test_node_campaign.py',
+           'test_rigid_body.py', 'test_style.py', 'test_report_html.py',
            'test_workbench_session.py', 'test_chain_fit.py', 'test_node_faults.py')
 BAGS = Path(__file__).resolve().parents[1] / 'bags'
 # Modules that package.xml does not name, so that a workspace with rosdep's packages lacks them.

@@ -102,7 +102,7 @@ class Rig:
 def measure(build: str, seed: int, described: bool, poses: int,
             mount: float) -> dict[str, list[float]]:
     """Return the drifts of one arm at each stage."""
-    from ros_harness import running
+    from bench.shared.ros_harness import running
     parameters: dict[str, object] = {'unlimited_torque': True}
     if described:
         parameters['robot_description'] = "'" + urdf(BUILDS[build]).replace('\n', '') + "'"

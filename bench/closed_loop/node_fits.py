@@ -26,7 +26,7 @@ PAUSE = 0.01
 
 def fitted(node: NodeCore):
     """Return the model in use after a fit of the samples since the payload changed."""
-    from node_messages import refit
+    from bench.shared.node_messages import refit
     success, text = refit(node)
     if not success:
         print(f'       refused: {text}', flush=True)
@@ -35,7 +35,7 @@ def fitted(node: NodeCore):
 
 def measure(build: str, seed: int) -> list[float]:
     """Return the errors of one arm and one path in N·m, nan without a model."""
-    from node_messages import play
+    from bench.shared.node_messages import play
     bare, loaded = MujocoArm(build, None, seed), MujocoArm(build, LOAD, seed + 100)
     path = SlowPath.random(len(bare.joints), seed)
     first, second = record(bare, path, 0.0, 75.0), record(loaded, path, 75.0, 75.0)

@@ -214,7 +214,7 @@ INPUT = {
 
 def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
     """Return all faults by name; the first ones are real payloads, which must be learned."""
-    from broken_effort import KINDS
+    from bench.shared.broken_effort import KINDS
     result: dict[str, Callable[[Rig], tuple[float, str]]] = {
         f'real payload of {mass:g} kg': lambda rig, mass=mass: effort_fault(  # type: ignore[misc]
             rig, None, Load(mass)) for mass in (1.0, 3.0)}
@@ -228,7 +228,7 @@ def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
 def run_fault(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
     """Inject one fault into a new node; return whether it passed."""
     from bench.node_faults.client import describe
-    from ros_harness import running
+    from bench.shared.ros_harness import running
     from rosgraph_msgs.msg import Clock
     parameters = {'model_file': path, 'max_torque': '[200.0]', 'settle_time': 0.0,
                   'diagnostics_rate': 20.0, 'use_sim_time': True, 'max_age': 0.3,

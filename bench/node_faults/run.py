@@ -32,7 +32,7 @@ ROOT = HERE.parents[1]
 def run_faults(faults: list[Any], path: Path, description: str, test_arm: Any) -> list[str]:
     """Inject faults into one process; return the failures."""
     from bench.node_faults.client import describe, PARAMETERS, Player
-    from ros_harness import running
+    from bench.shared.ros_harness import running
     failed = []
     parameters = {**PARAMETERS, 'model_file': path, **faults[0].parameters}
     with running(parameters) as (node, probe):

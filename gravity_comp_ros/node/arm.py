@@ -241,10 +241,10 @@ class Arm:
             self.learn_from = now
         return now >= self.learn_from
 
-    def new_epoch(self, now: float, has_base: bool) -> None:
+    def new_epoch(self, number: int, now: float, has_base: bool) -> None:
         """Drop all samples; collect again after `settle_time`, when old messages have passed."""
         self.learn_from = now + self.settings.settle_time
-        self.epoch = Epoch(self.epoch.number + 1, self.joints, self.settings, has_base=has_base)
+        self.epoch = Epoch(number, self.joints, self.settings, has_base=has_base)
         self.delayed.restart()
         self.watch.forget()
         self._drop_residuals()

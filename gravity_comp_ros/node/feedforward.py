@@ -61,6 +61,7 @@ class FeedForward:
         self._source: TorqueSource | None = None
         self._version = 0
         self._failed = False
+        self._now: float | None = None
         self._zero = np.zeros(n_joints)
         self._gravity = self._held = self._zero
         self.restart()
@@ -85,8 +86,9 @@ class FeedForward:
         self.enabled = enabled
 
     def fail(self) -> None:
-        """Treat the input as lost from now on: `watch` brings the torque to zero."""
+        """Treat the input as lost: `watch`, whose clock may be another, ends the torque."""
         self._failed = True
+        self._now = None
 
     def restart(self) -> None:
         """Forget torque and input; with the next message torque ramps up from zero."""
@@ -96,7 +98,7 @@ class FeedForward:
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
         self._fresh: float | None = None
-        self._now: float | None = None
+        self._now = None
         self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
 
     @property

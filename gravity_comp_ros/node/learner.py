@@ -288,13 +288,15 @@ class Learner:
 
     def payload_changed(self, arm: Arm, now: float) -> tuple[bool, str]:
         """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
-        if arm.epoch.is_open and len(arm.epoch) == 0:
-            return True, f'{arm.epoch.describe()}; it was open already'
-        dropped = len(arm.epoch)
-        arm.new_epoch(now, can_change(self.models.model))
+        dropped, was_open = len(arm.epoch), arm.epoch.is_open
+        number = arm.epoch.number + (dropped > 0 or not was_open)
+        # Also in an open epoch without samples: a sample may wait, and the payload may swing.
+        arm.new_epoch(number, now, can_change(self.models.model))
         self._discard_running()
         self.base = self.models.model
         self.state, self.report = FINE, ''
+        if was_open and not dropped:
+            return True, f'{arm.epoch.describe()}; it was open already'
         return True, (f'epoch {arm.epoch.number} open, {dropped} old samples dropped; '
                       f'{self._kept()} until a better one is learned: move the arm slowly '
                       'through its range')

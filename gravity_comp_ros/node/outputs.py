@@ -1,4 +1,4 @@
-"""Publishers of the node; their messages are created once and reused."""
+"""Publishers of the node, and its messages; those of a loop are created once and reused."""
 
 from __future__ import annotations
 
@@ -7,22 +7,51 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.export.c_source import parameters_of
+from gravity_comp_ros.export.numbers import Parameters
+from gravity_comp_ros.export.payload_lines import Payload
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
-from gravity_comp_ros.node.model_message import LATCHED, model_message
 from gravity_comp_ros.node.watch import Suspicion
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 DEPTH = 10
 # Late subscribers receive the last events with their stamps.
 EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
                        reliability=ReliabilityPolicy.RELIABLE,
                        durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# A controller that starts later receives the last model.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def model_message(parameters: Parameters) -> Float64MultiArray:
+    """
+    Return the numbers of a model as a message, for a controller that runs the exported C source.
+
+    `layout.dim[0].label` is the layout in hexadecimal, its size the number of values; the labels
+    of the other dimensions, all of size 1, name the values.
+    """
+    count = len(parameters.values)
+    message = Float64MultiArray(data=parameters.values.tolist())
+    message.layout.dim = [
+        MultiArrayDimension(label=f'{parameters.layout:08x}', size=count, stride=count),
+        *(MultiArrayDimension(label=label, size=1, stride=1) for label in parameters.labels)]
+    return message
+
+
+def payload_message(payload: Payload, stamp: Time) -> InertiaStamped:
+    """Return mass and centre of mass in the frame of the payload; inertias, unknown, are 0."""
+    message = InertiaStamped()
+    message.header.stamp, message.header.frame_id = stamp, payload.frame
+    message.inertia.m = payload.mass.value
+    for axis, x in payload.centre.items():
+        setattr(message.inertia.com, axis, x.value)
+    return message
 
 
 class Outputs:

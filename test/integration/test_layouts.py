@@ -64,7 +64,7 @@ def test_plotted_topics_are_in_the_output_of_replay(iiwa_model_file, tmp_path):
 
 def test_plotted_topics_are_published_by_the_node(iiwa_model_file):
     pytest.importorskip('rclpy')
-    from ros_harness import running
+    from bench.shared.ros_harness import running
     later = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
     with running({'model_file': iiwa_model_file, 'stale_after': 10.0,
                   'max_torque': '[200.0]'}) as (_, probe):

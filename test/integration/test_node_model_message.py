@@ -5,15 +5,13 @@ import time
 
 from bench.shared.compiled_model import compiled
 from bench.shared.dds_domain import private_domain
-from bench.shared.ros_harness import running
 from builtin_interfaces.msg import Time
 import gravity_comp_ros as gc
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.payload_lines import Payload
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.node.model_message import LATCHED, model_message
-from gravity_comp_ros.node.payload_message import payload_message
+from gravity_comp_ros.node.outputs import LATCHED, model_message, payload_message
 import numpy as np
 import pytest
 import rclpy
@@ -81,15 +79,3 @@ def test_a_message_names_every_number(iiwa_model_file):
     assert tuple(dim.label for dim in message.layout.dim[1:]) == parameters.labels
     assert message.layout.dim[1].label == 'iiwa_joint_1 q_min rad'
     np.testing.assert_array_equal(message.data, parameters.values)
-
-
-def test_the_node_publishes_the_numbers_of_the_model_in_use(iiwa_model_file):
-    results = []
-    with running({'model_file': iiwa_model_file}) as (_, probe):
-        # Latched: the message was published before this subscription.
-        probe.create_subscription(Float64MultiArray, '/gravity_comp/model', results.append,
-                                  LATCHED)
-        probe.until(lambda: bool(results), 30, 'the model')
-    expected = model_message(parameters_of(load_model(iiwa_model_file)))
-    assert results[0].data == expected.data
-    assert results[0].layout.dim[0].label == expected.layout.dim[0].label

@@ -5,14 +5,13 @@ import os
 import signal
 import time
 
-from bench.shared.node_messages import joint_state as message, send_message, until
+from bench.shared.node_messages import joint_state as message, refit, send_message, until
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.diagnostics import (
-    ERROR, joint_statuses, OK, STALE, WARN)
+from gravity_comp_ros.node.diagnostics import ERROR, joint_statuses, OK, STALE, WARN
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
@@ -120,6 +119,20 @@ def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
     feed(node, 20, now + 0.2)
     # Of the 16 samples after it the last one waits for later messages.
     assert len(node.arm.epoch) == 15
+
+
+def test_payload_changed_in_an_empty_epoch_drops_the_sample_that_waits(live, model_file):
+    node = live(model_file=str(model_file), settle_time=0.1)
+    t, q = motion(24)
+    for k in range(24):
+        if k == 20:
+            node.payload_changed(t[k] - 0.15)
+        if k == 21:
+            assert 'open already' in node.payload_changed(t[k] - 0.15)[1]
+            assert node.arm.epoch.number == 1 and len(node.arm.epoch) == 0
+        send_message(node, joint_state(1.0 + t[k], q[k], torque(q[k])), t[k])
+    # The last of three samples waits for later messages; the one before the call is gone.
+    assert len(node.arm.epoch) == 2
 
 
 def test_a_first_message_that_names_no_arm(live):
@@ -344,6 +357,86 @@ def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
     until(node, lambda: node.learner.fits.state == 'ready')
     assert status(node, 'learning').level == OK
     assert any(answers[0][1] in text for _, text in node.log_lines)
+
+
+@pytest.mark.parametrize('number, reason', [
+    (signal.SIGKILL, 'died (signal 9)'), (signal.SIGSEGV, 'died (signal 11)'),
+    (signal.SIGSTOP, 'the fit hung')])
+def test_a_lost_fit_process_is_reported_and_restarted(live, model_file, number, reason):
+    node = live(model_file=str(model_file), auto_fit=False, fit_timeout=0.3)
+    feed(node, 80)
+    before, answers = node.models.model, []
+    until(node, lambda: node.learner.fits.state == 'ready')
+    pid = node.learner.fits.pid
+    # Stopped first, because on a busy machine the job might end before the signal.
+    os.kill(pid, signal.SIGSTOP)
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    until(node, lambda: node.learner.fits.state == 'fitting')
+    os.kill(pid, number)
+    if number == signal.SIGSEGV:
+        # A stopped process gets this signal when it continues.
+        os.kill(pid, signal.SIGCONT)
+    until(node, lambda: answers)
+    assert not answers[0][0] and reason in answers[0][1] and 'old model stays' in answers[0][1]
+    assert status(node, 'learning').level == ERROR and reason in status(node, 'learning').message
+    node.set(replace(node.settings, fit_timeout=60.0))
+    until(node, lambda: node.learner.fits.state == 'ready')
+    assert node.learner.fits.pid != pid and node.models.model is before
+    assert refit(node)[1] and status(node, 'learning').level != ERROR
+
+
+@pytest.mark.parametrize('corrupt, level, reply, report', [
+    # Training samples with noise, held-out samples without.
+    (lambda k, tau, rng: tau + (rng.normal(0.0, 1.0, 2) if (k // 5) % 4 != 3 else 0.0), WARN,
+     'the old model stays in use', 'old model kept: '),
+    (lambda k, tau, rng: -tau, ERROR, 'unit or sign', 'broken effort: '),
+    (lambda k, tau, rng: 0.01 * rng.standard_normal(2), ERROR, 'drives off', 'broken effort: ')],
+    ids=['worse', 'sign', 'no effort'])
+def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt, level, reply,
+                                                       report):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    before, now, rng = node.models.model, feed(node, 20), np.random.default_rng(1)
+    node.payload_changed(now)
+    t, q = motion(121)
+    for k in range(121):
+        tau = corrupt(k, torque(q[k]), rng) + 0.01 * rng.standard_normal(2)
+        send_message(node, joint_state(now + 1.0 + t[k], q[k], tau), now + 1.0 + t[k])
+    success, text = refit(node)
+    learning = status(node, 'learning')
+    assert reply in text and report in learning.message and learning.level == level
+    assert 'epoch 1 open' in learning.message
+    assert not success and node.models.model is before
+    assert any(value.startswith('not ') for value in learning.values.values())
+    # A new payload begins without the result of the earlier one.
+    node.payload_changed(now + 50.0)
+    assert status(node, 'learning').level == OK
+
+
+def feed_efforts(node, tau):
+    """Send slow motion with these efforts (M, 2)."""
+    for t, q, effort in zip(*motion(len(tau)), tau):
+        send_message(node, joint_state(1.0 + t, q, effort), t)
+
+
+def test_samples_that_were_left_out_as_outliers_are_a_warning(live):
+    """An intermittent brake."""
+    node, rng = live(auto_fit=False), np.random.default_rng(2)
+    tau = torque(motion(200)[1]) + 0.01 * rng.standard_normal((200, 2))
+    tau[40:160:40, 1] += 3.0
+    feed_efforts(node, tau)
+    success, text = refit(node)
+    report = status(node, 'learning')
+    assert success and report.level == WARN and 'outliers: 3 of b' in report.message
+    assert 'brake' in report.message and 'epoch 0 open' in report.message
+
+
+def test_an_arm_that_compensates_gravity_itself_is_reported(live):
+    node, rng = live(auto_fit=False), np.random.default_rng(2)
+    feed_efforts(node, 0.1 * rng.standard_normal((200, 2)))
+    success, text = refit(node)
+    assert not success and 'compensate gravity itself' in text and node.models.model is None
+    report = status(node, 'learning')
+    assert report.level == WARN and 'compensate gravity itself' in report.message
 
 
 def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, monkeypatch):

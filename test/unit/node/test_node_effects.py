@@ -114,6 +114,16 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     np.testing.assert_allclose(tau, gravity)
 
 
+def test_diagnose_names_the_missing_effect(node):
+    replies = []
+    node.diagnose(time.monotonic(), lambda *reply: replies.append(reply))
+    assert not replies[0][0] and 'no slow samples yet' in replies[0][1]
+    feed(node, 1.0, 300)
+    node.diagnose(time.monotonic(), lambda *reply: replies.append(reply))
+    until(node, lambda: len(replies) == 2)
+    assert replies[1][0] and 'coulomb_friction:a (established)' in replies[1][1]
+
+
 def test_effects_stay_when_the_payload_changes(node):
     t, _ = feed(node, 1.0, 250)
     change(node, effects=('coulomb_friction:a',))
