@@ -23,8 +23,7 @@ from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.inertials import urdf_inertials
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm, urdf_inertials
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.simulation.arms import Payload, with_payload
 import numpy as np

@@ -26,8 +26,7 @@ from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.description.inertials import urdf_inertials
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm, urdf_inertials
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np

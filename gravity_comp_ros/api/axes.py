@@ -121,7 +121,7 @@ def _recorded(reports: Sequence[ReadReport]) -> RecordedDescription | None:
 def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOptions,
           choose: bool, text: str | bytes, source: str) -> KnownAxes:
     # Imports the XML parser.
-    from gravity_comp_ros.description.serial_arm import arm_joints
+    from gravity_comp_ros.description.robot_tree import arm_joints
     from gravity_comp_ros.description.urdf import parse_urdf
     chosen, left_out = tuple(joints), {}
     if choose:

@@ -22,8 +22,7 @@ from types import MappingProxyType
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.inertials import frame_parameters, Inertial
-from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics

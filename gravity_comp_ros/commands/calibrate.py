@@ -9,7 +9,7 @@ from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
-from gravity_comp_ros.description.inertials import urdf_inertials
+from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.errors import OptionError
 from rich.table import Table
 

@@ -6,7 +6,7 @@ import argparse
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import reading, terminal
-from gravity_comp_ros.description.inertials import urdf_inertials
+from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences

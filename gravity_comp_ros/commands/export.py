@@ -9,7 +9,7 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source

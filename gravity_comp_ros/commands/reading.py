@@ -11,8 +11,8 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
-from gravity_comp_ros.description.link_places import described_arm, DescribedArm
-from gravity_comp_ros.description.serial_arm import arm_joints
+from gravity_comp_ros.description.links import described_arm, DescribedArm
+from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.facts.axes import axis_facts

@@ -10,7 +10,7 @@ from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_on_axes
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate

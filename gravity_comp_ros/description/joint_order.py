@@ -57,7 +57,7 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
     :param urdf: text of the robot description.
     """
     if urdf is not None:
-        from gravity_comp_ros.description.serial_arm import arm_joints
+        from gravity_comp_ros.description.robot_tree import arm_joints
         try:
             arm = arm_joints(urdf, names)
         except (DataError, ModelMismatchError):

@@ -20,8 +20,8 @@ import math
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
-from gravity_comp_ros.description.serial_arm import arm_path
+from gravity_comp_ros.description.robot_tree import (
+    arm_path, FREE, parse_tree, RobotTree, TreeJoint)
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint

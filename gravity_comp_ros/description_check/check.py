@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.inertials import frame_parameters, Inertial, on_frame
-from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import (
     AXIS_REVERSED, AXIS_TURNED, Fault, MOUNT, possible_faults, ZERO)

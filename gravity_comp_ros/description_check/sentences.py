@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.inertials import Inertial
-from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.description.links import DescribedArm, Inertial
 from gravity_comp_ros.description.robot_tree import RobotTree, TreeJoint
 from gravity_comp_ros.description_check.check import DescriptionCheck
 from gravity_comp_ros.description_check.faults import (

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gravity_comp_ros.description.link_places import DescribedArm
+from gravity_comp_ros.description.links import DescribedArm
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel

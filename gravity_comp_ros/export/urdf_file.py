@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.inertials import INERTIA_KEYS, Inertial, urdf_inertials
-from gravity_comp_ros.description.link_places import described_arm, DescribedArm
+from gravity_comp_ros.description.links import (
+    described_arm, DescribedArm, INERTIA_KEYS, Inertial, urdf_inertials)
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (

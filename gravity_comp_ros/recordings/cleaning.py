@@ -14,7 +14,6 @@ from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.publishers import positions_alternate, second_publisher
-from gravity_comp_ros.recordings.read_notes import gap_notes, mask_out_of_range, MAX_MAGNITUDE
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import fingerprint
 from gravity_comp_ros.recordings.topic_choice import COMMON_DEFECT
@@ -225,3 +224,41 @@ def _rising(values: NDArray[np.int64]) -> BoolArray:
 def listed(dropped: Mapping[str, int]) -> str:
     """Return the number of dropped messages by reason, as text."""
     return ', '.join(f'{count} {reason}' for reason, count in dropped.items())
+
+
+# Maximum magnitude of a position, velocity or effort in any unit.
+MAX_MAGNITUDE = 1e9
+# Minimum length of a gap, in s and in median intervals.
+GAP, GAP_STEPS = 10.0, 100.0
+# Rows processed together; limits the memory of temporary arrays.
+_BLOCK_ROWS = 65536
+
+
+def mask_out_of_range(*arrays: FloatArray) -> int:
+    """Set finite values beyond `MAX_MAGNITUDE` to NaN, in place; return their number."""
+    count = 0
+    for values in arrays:
+        for start in range(0, len(values), _BLOCK_ROWS):
+            part = values[start:start + _BLOCK_ROWS]
+            beyond = np.isfinite(part) & (np.abs(part) > MAX_MAGNITUDE)
+            part[beyond] = np.nan
+            count += int(beyond.sum())
+    return count
+
+
+def gap_notes(t: FloatArray) -> list[str]:
+    """
+    Return a note on gaps that are too long for lost messages.
+
+    :param t: increasing times (M,) in s.
+    """
+    steps = np.diff(t)
+    if not steps.size:
+        return []
+    longest = int(np.argmax(steps))
+    count = int((steps > max(GAP, GAP_STEPS * float(np.median(steps)))).sum())
+    if not count:
+        return []
+    what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
+    return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
+            f'its load changed in between, cut the recording there']

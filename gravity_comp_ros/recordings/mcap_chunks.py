@@ -14,7 +14,7 @@ from typing import BinaryIO
 import zlib
 
 from gravity_comp_ros.recordings.compression import CompressionError, decompressed
-from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
+from gravity_comp_ros.recordings.messages import Batch, Bytes, Places
 from mcap.records import ChunkIndex
 import numpy as np
 

@@ -10,8 +10,7 @@ import zlib
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.compression import decompressed
 from gravity_comp_ros.recordings.mcap_chunks import ChunkError, message_offsets, topic_batches
-from gravity_comp_ros.recordings.message_batch import Batch, batched
-from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic, summed
+from gravity_comp_ros.recordings.messages import Batch, batched, Storage, StoredTopic, summed
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -46,14 +45,8 @@ class McapStorage(Storage):
             self._stream.close()
             raise self._damaged(error) from None
 
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield log time in ns and bytes of every message of a topic."""
-        for batch in self.batches(topic):
-            for m, stamp in enumerate(batch.log_ns):
-                yield int(stamp), batch.message(m)
-
     def batches(self, topic: str) -> Iterator[Batch]:
-        """Yield the same messages in batches; whole chunks if the file has chunks."""
+        """Yield the messages of a topic in batches; whole chunks if the file has chunks."""
         if self._summary is None or not self._summary.chunk_indexes:
             yield from batched(self._scanned(topic))
             return

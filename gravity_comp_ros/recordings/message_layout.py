@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.recordings.joint_state_cdr import JointStateDecoder, JointStateMessage, Spans
-from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
+from gravity_comp_ros.recordings.messages import Batch, Bytes, Places
 import numpy as np
 from numpy.typing import NDArray
 

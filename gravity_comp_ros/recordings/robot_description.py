@@ -13,8 +13,8 @@ from pathlib import Path
 import struct
 
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.storage import open_storage
-from gravity_comp_ros.recordings.storage_interface import Storage
 
 STRING = 'std_msgs/msg/String'
 TOPIC = '/robot_description'

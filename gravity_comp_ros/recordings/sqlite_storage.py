@@ -8,7 +8,7 @@ import sqlite3
 from urllib.parse import quote
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic
+from gravity_comp_ros.recordings.messages import Batch, batched, Storage, StoredTopic
 
 _SELECT = ('SELECT messages.timestamp, messages.data FROM messages JOIN topics '
            'ON messages.topic_id = topics.id WHERE topics.name = ?')
@@ -45,7 +45,11 @@ class SqliteStorage(Storage):
     def notes(self) -> list[str]:
         return self._notes
 
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """Yield the messages of a topic in batches."""
+        return batched(self._rows(topic))
+
+    def _rows(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield log time in ns and bytes of every message of a topic."""
         try:
             rows = self._base.execute(

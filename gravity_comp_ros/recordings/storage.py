@@ -15,9 +15,8 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.compression import (
     CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
-from gravity_comp_ros.recordings.message_batch import Batch, batched
+from gravity_comp_ros.recordings.messages import Batch, batched, Storage, summed
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
-from gravity_comp_ros.recordings.storage_interface import Storage, summed
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
@@ -33,10 +32,6 @@ class _Joined(Storage):
         self._parts = parts
         self.topics = summed(((topic.name, topic.type, topic.encoding), topic.count)
                              for part in parts for topic in part.topics)
-
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        for part in self._parts:
-            yield from part.messages(topic)
 
     def batches(self, topic: str) -> Iterator[Batch]:
         for part in self._parts:
@@ -62,10 +57,6 @@ class _Decompressing(Storage):
     def __init__(self, inner: Storage, path: Path) -> None:
         self._inner, self._path = inner, path
         self.topics = inner.topics
-
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        for stamp, data in self._inner.messages(topic):
-            yield stamp, self._plain(topic, data)
 
     def batches(self, topic: str) -> Iterator[Batch]:
         for batch in self._inner.batches(topic):

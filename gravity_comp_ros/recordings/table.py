@@ -8,14 +8,14 @@ from pathlib import Path
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
-from gravity_comp_ros.recordings.registers import decoded
 from gravity_comp_ros.recordings.table_columns import (
     find_columns, has_columns, named_columns, NamedColumns)
 from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
 from gravity_comp_ros.recordings.table_layouts import (
     JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
 from gravity_comp_ros.recordings.table_parquet import is_parquet, read_parquet
-from gravity_comp_ros.recordings.table_units import check_angles, check_seconds, check_velocity
+from gravity_comp_ros.recordings.table_units import (
+    check_angles, check_seconds, check_velocity, decoded)
 from gravity_comp_ros.recordings.units import (
     CURRENT_UNITS, is_ticks, radians_per_unit, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
 import numpy as np

@@ -6,7 +6,7 @@ import re
 
 from bench.shared import urdf_snippets as snippets
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, Payload, payload_of
 from gravity_comp_ros.models.applied_effects import Quantity

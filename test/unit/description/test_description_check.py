@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.description.inertials import urdf_inertials
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm, urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.check import check_description

@@ -2,7 +2,7 @@
 
 from bench.shared import urdf_snippets as robots
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
-from gravity_comp_ros.description.serial_arm import arm_joints
+from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics

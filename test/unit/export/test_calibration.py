@@ -8,7 +8,7 @@ from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightO
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag

@@ -7,7 +7,7 @@ import re
 from bench.shared import urdf_snippets as snippets
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.description.link_places import described_arm
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions

@@ -1,8 +1,8 @@
 """Vectorised decoding of messages, against decoding one by one."""
 
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JointStateDecoder
-from gravity_comp_ros.recordings.message_batch import Batch, batched
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.messages import Batch, batched
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -7,7 +7,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
+from gravity_comp_ros.recordings.topic_choice import arms_by_message, arms_by_name
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

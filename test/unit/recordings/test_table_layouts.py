@@ -3,8 +3,8 @@
 import json
 
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.recordings.registers import decoded
 from gravity_comp_ros.recordings.table import read_table, TableOptions
+from gravity_comp_ros.recordings.table_units import decoded
 import numpy as np
 import pytest
 

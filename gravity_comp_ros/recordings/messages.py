@@ -1,8 +1,9 @@
-"""Batches of messages of one topic, as offsets into a common byte buffer."""
+"""Stored messages: topics and batches of messages, common to all file formats."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 
@@ -63,3 +64,54 @@ def batched(messages: Iterator[tuple[int, bytes]]) -> Iterator[Batch]:
         log_ns = np.array([min(max(ns, 0), 2**64 - 1) for ns, _ in part], dtype=np.uint64)
         yield Batch(np.frombuffer(b''.join(data for _, data in part), dtype=np.uint8),
                     np.cumsum(length) - length, length, log_ns)
+
+
+@dataclass(frozen=True)
+class StoredTopic:
+    """A topic of a recording: message type, encoding and number of messages."""
+
+    name: str
+    type: str
+    encoding: str
+    count: int
+
+
+class Storage(ABC):
+    """An open recording; `topics` includes topics without messages."""
+
+    topics: tuple[StoredTopic, ...]
+
+    @abstractmethod
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """
+        Yield the messages of a topic in batches, in order of log time.
+
+        :raises BagError: if the file is damaged.
+        """
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """
+        Yield log time in ns and bytes of every message of a topic, in order of log time.
+
+        :raises BagError: if the file is damaged.
+        """
+        for batch in self.batches(topic):
+            for m, stamp in enumerate(batch.log_ns):
+                yield int(stamp), batch.message(m)
+
+    @property
+    def notes(self) -> list[str]:
+        """Return sentences about what was lost while messages were read."""
+        return []
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files."""
+
+
+def summed(counts: Iterable[tuple[tuple[str, str, str], int]]) -> tuple[StoredTopic, ...]:
+    """Return the topics, with message counts summed over equal name, type and encoding."""
+    total: dict[tuple[str, str, str], int] = {}
+    for key, count in counts:
+        total[key] = total.get(key, 0) + count
+    return tuple(StoredTopic(*key, count) for key, count in total.items())

@@ -1,20 +1,24 @@
-"""Places of all links that an arm carries, and the torque per unit of their masses."""
+"""Links that an arm carries: their places, masses and inertias, and the torque of the masses."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
+from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
+from gravity_comp_ros.description.robot_tree import (
+    FREE, parse_tree, RobotTree, rotation_of, TreeJoint)
 from gravity_comp_ros.description.urdf import HeldPositions, parse_urdf
-from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
+
+INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,3 +129,102 @@ def _beyond(parent: LinkPlace, tree: RobotTree, joint: TreeJoint,
     if joint.revolute:
         return place.then(about(joint.axis(), value), np.zeros(3))
     return place.then(np.eye(3), value * joint.axis())
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """
+    A link's mass in kg, centre of mass (3,) in m, and inertia (3, 3) in kg m^2 about it.
+
+    All are in the frame of the link; `rotation` (3, 3) is that of <origin>.
+    """
+
+    mass: float
+    centre: FloatArray
+    rotation: FloatArray
+    inertia: FloatArray
+
+    @property
+    def second_moment(self) -> FloatArray:
+        """Return the second moment of the mass about the centre (3, 3) in kg m^2."""
+        return 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
+
+    def about_origin(self) -> FloatArray:
+        """Return m, m c and the six inertias about the frame's origin (10,)."""
+        c = self.centre
+        about = self.inertia + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return np.concatenate([[self.mass], self.mass * c, about[np.triu_indices(3)]])
+
+
+def on_frame(arm: DescribedArm, link: str, inertial: Inertial) -> FloatArray:
+    """Return the parameters (10,) of a link in the frame of the joint that carries it."""
+    place = arm.place(link)
+    return replace(inertial, centre=place.origin + place.rotation @ inertial.centre,
+                   inertia=place.rotation @ inertial.inertia @ place.rotation.T).about_origin()
+
+
+def frame_parameters(arm: DescribedArm, inertials: Mapping[str, Inertial]) -> FloatArray:
+    """Return the parameters (N, 10) of all links of each frame, as `rigid_body.PARAMETERS`."""
+    result = np.zeros((arm.geometry.n_joints, len(PARAMETERS)))
+    for link, inertial in inertials.items():
+        result[arm.place(link).joint] += on_frame(arm, link, inertial)
+    return result
+
+
+def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str,
+                   required: bool = True) -> dict[str, Inertial]:
+    """
+    Return the inertials of the links of an arm, by name.
+
+    :param required: whether some link must have a mass.
+    :raises DataError: if no link of the arm has a mass, or a number is wrong.
+    """
+    result = {}
+    for link in fromstring(text.strip()).iter():
+        name = printable(link.get('name', ''))
+        if not str(link.tag).endswith('link') or name not in arm.places:
+            continue
+        parts = {str(part.tag).rpartition('}')[2]: part for inertial in link
+                 if str(inertial.tag).endswith('inertial') for part in inertial}
+
+        def attribute(tag: str, key: str, parts: dict = parts) -> str | None:
+            return parts[tag].get(key) if tag in parts else None
+
+        if parts:
+            result[name] = _inertial(attribute, name, source)
+    if required and not any(inertial.mass > 0.0 for inertial in result.values()):
+        raise DataError(f'{source} gives no mass to any link of the arm '
+                        f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
+                        f'to its links')
+    return result
+
+
+def _inertial(attribute: Callable[[str, str], str | None], link: str, source: str) -> Inertial:
+    """
+    Return the numbers of an <inertial>.
+
+    :param attribute: of a child element, by its tag and the key; None where it is missing.
+    :raises DataError: if one is not a number, or the mass is negative.
+    """
+    def numbers(tag: str, key: str, default: str) -> FloatArray:
+        text = attribute(tag, key)
+        text = default if text is None else text
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.zeros(0)
+        count = len(default.split())
+        if len(values) != count or not np.isfinite(values).all():
+            expected = 'a number' if count == 1 else f'{count} numbers'
+            raise DataError(f'{source}: the {tag} of link {link} has {key}="{printable(text)}", '
+                            f'not {expected}')
+        return values
+
+    mass = float(numbers('mass', 'value', '0')[0])
+    if mass < 0.0:
+        raise DataError(f'{source}: link {link} has a mass of {mass:g} kg')
+    rotation = rotation_of(numbers('origin', 'rpy', '0 0 0'))
+    xx, xy, xz, yy, yz, zz = (float(numbers('inertia', key, '0')[0]) for key in INERTIA_KEYS)
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertial(mass, numbers('origin', 'xyz', '0 0 0'), rotation,
+                    rotation @ own @ rotation.T)
