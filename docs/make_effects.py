@@ -29,7 +29,8 @@ compared, and the best is used.
   `clock` time. Gravity is that of the end of the recording, and absorbs an error that is there
   throughout.
 
-An effect that the motion does not excite is *untestable*, with the reason. Your own effects:
+An effect that the motion does not excite is *untestable*, with the reason. The literature of each
+effect is the attribute `source` of its class (`gravity_comp_ros/effects/`). Your own effects:
 `examples/custom_effect` is a template of a package with the entry-point group
 `gravity_comp_ros.effects`; effects that cannot be loaded are skipped and reported.
 """
@@ -67,8 +68,7 @@ def _section(effect: Effect) -> list[str]:
         lines.append(f'- not negative: {effect.why_not_negative}')
     if effect.confounders:
         lines.append('- confounders: ' + _links(effect.confounders))
-    lines += [f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}',
-              f'- source: {effect.source}']
+    lines.append(f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}')
     return lines
 
 

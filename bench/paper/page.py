@@ -10,11 +10,11 @@ from bench.paper.score import Row
 from bench.paper.solvers import Solved
 import numpy as np
 
-PAPER_3 = '| Yu 2022, Table 3 | 1000 | 246, 76, 171 | 0.28 to 0.44 a joint | 0.43 | 0.48 | 0.57 ' \
+PAPER_3 = '| Yu 2022, Table 3 | 246, 76, 171 | 0.28 to 0.44 a joint | 0.43 | 0.48 | 0.57 ' \
     '| – | – | – |'
-PAPER_4 = '| Yu 2022, Tables 4 and 8 (their arm) | 500 | 55, 39, 45, 57 | 0.29 a joint | 0.87 ' \
+PAPER_4 = '| Yu 2022, Tables 4 and 8 (their arm) | 55, 39, 45, 57 | 0.29 a joint | 0.87 ' \
     '| 1.75 | 1.99 | 1.35 | – | – | – | – |'
-PAPER_8 = '| Yu 2022, Table 8: KRR with known D-H (their arm) | 500 | – | 4.09 a joint | 2.39 ' \
+PAPER_8 = '| Yu 2022, Table 8: KRR with known D-H (their arm) | – | 4.09 a joint | 2.39 ' \
     '| 1.73 | 6.30 | 1.49 | – | – | – | – |'
 PAPER_5 = {
     '1.8': (1.08, 1.16, 0.64, 0.71, 0.26, 0.41, 0.22, 0.37),
@@ -35,11 +35,11 @@ def row(*cells: object) -> str:
 def table_3(rows: Sequence[Row]) -> str:
     """Return Table 3: features, errors on Eq. (15) and over the whole range, times of J2 to J4."""
     joints = (1, 2, 3)
-    body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
+    body = [row(r.name, _features(r, joints), _seconds(r.seconds),
                 *(_percent(r.nrmse_inside[k]) for k in joints), _torque(r.inside.max()),
                 *_whole_range(r, joints))
             for r in rows]
-    return table(['method', 'samples', 'features J2, J3, J4', 'time s', 'J2 nRMSE %', 'J3', 'J4',
+    return table(['method', 'features J2, J3, J4', 'time s', 'J2 nRMSE %', 'J3', 'J4',
                   'worst joint N·m', 'other poses: nRMSE % J2, J3, J4', 'worst joint N·m'],
                  [*body, PAPER_3])
 
@@ -47,11 +47,11 @@ def table_3(rows: Sequence[Row]) -> str:
 def table_4(rows: Sequence[Row]) -> str:
     """Return Tables 4 and 8 for J1 to J4, with errors relative to gravity alone."""
     joints = (0, 1, 2, 3)
-    body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
+    body = [row(r.name, _features(r, joints), _seconds(r.seconds),
                 *(_percent(r.nrmse[k]) for k in joints), _torque(r.measured.max()),
                 _torque(r.inside.max()), *_whole_range(r, (1, 2, 3)))
             for r in rows]
-    return table(['method', 'samples', 'features J1 to J4', 'time s', 'J1 nRMSE %', 'J2', 'J3',
+    return table(['method', 'features J1 to J4', 'time s', 'J1 nRMSE %', 'J2', 'J3',
                   'J4', 'RMSE, worst joint', 'gravity alone: worst joint',
                   'whole range: nRMSE % J2, J3, J4', 'whole range: worst joint'],
                  [*body, PAPER_4, PAPER_8])
@@ -87,11 +87,10 @@ def recordings_table(rows: Sequence[RecordingResult]) -> str:
     for r in rows:
         share = r.rmse / np.maximum(r.constant, 1e-9)
         body.append(row(r.recording, r.method, f'{r.n_samples} / {r.n_held_out}',
-                        _seconds(r.seconds),
                         ', '.join(f'{x:.2f}' for x in r.rmse),
                         f'{100 * float(np.median(share)):.0f}',
                         '–' if r.band is None else f'{100 * r.band:.0f}'))
-    return table(['recording', 'method', 'samples / held out', 'time s',
+    return table(['recording', 'method', 'samples / held out',
                   'held-out RMSE N·m, each joint', 'median joint: % of std', 'in 95 % band, %'],
                  body)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import time
 
 from bench.paper.scenes import FloatArray
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
@@ -50,7 +49,6 @@ class RecordingResult:
     method: str
     n_samples: int
     n_held_out: int
-    seconds: float
     rmse: FloatArray
     constant: FloatArray
     band: float | None
@@ -82,7 +80,6 @@ def evaluate(path: Path, name: str,
     held = within(samples, parts.blocks)
     rows = []
     for formulation in formulations:
-        start = time.perf_counter()
         options = FitOptions(formulation)
         method = formulation
         try:
@@ -96,7 +93,6 @@ def evaluate(path: Path, name: str,
         except GravityCompError as problem:
             print(f'  {name}, {method}: {problem}')
             continue
-        seconds = time.perf_counter() - start
         residual = (samples.tau - predict_torque(model, samples))[held]
         rmse = np.sqrt((residual ** 2).mean(axis=0))
         band = None
@@ -106,6 +102,6 @@ def evaluate(path: Path, name: str,
         if formulation == 'auto':
             method = f'auto (selected {model.formulation})'
         rows.append(RecordingResult(
-            name, method, int(use.sum()), int(held.sum()), seconds, rmse,
+            name, method, int(use.sum()), int(held.sum()), rmse,
             samples.tau[held].std(axis=0), band))
     return rows
