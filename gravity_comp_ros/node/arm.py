@@ -58,7 +58,13 @@ class Arm:
         self._limit()
 
     def describe(self, described: ArmDescription) -> None:
-        """Use axes, continuous joints and effort limits of a robot description."""
+        """
+        Use axes, continuous joints and effort limits of a robot description.
+
+        Torque that is published without limits already is not limited from a topic: it would step.
+        """
+        if self.limit_source == 'unlimited' and self.feed.is_publishing:
+            described = replace(described, max_effort=())
         self.described = described
         self.reader.allow_continuous(described.continuous)
         self._limit()

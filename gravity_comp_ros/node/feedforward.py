@@ -102,6 +102,11 @@ class FeedForward:
         self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
 
     @property
+    def is_publishing(self) -> bool:
+        """True while torque is published."""
+        return bool(self._last.any())
+
+    @property
     def margin(self) -> float:
         """Distance outside the trained range up to which the model is used unchanged, rad."""
         reach = math.inf if self._source is None else self._source.reach
@@ -226,7 +231,7 @@ class FeedForward:
                 and now - self._fresh > options.stale_after + options.hold_time)
 
     def _is_at_rest(self) -> bool:
-        return not self._last.any() and self._phase[:1] != ('model',)
+        return not self.is_publishing and self._phase[:1] != ('model',)
 
     def _elapsed(self, now: float) -> float:
         """Return the time since the last call, at most `stale_after`: the clock may jump."""

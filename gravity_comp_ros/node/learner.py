@@ -246,8 +246,6 @@ class Learner:
             self.models.save(self._saved)
 
     def _saved(self, success: bool, text: str) -> None:
-        if not success:
-            self.models.problem = text
         self._log_lines.append((not success, text))
 
     def _refuse(self, arm: Arm, result: FitResult, now: float) -> None:

@@ -25,6 +25,7 @@ TIME_STILL = 'time_still'
 VELOCITY_NOT_FINITE = 'velocity_not_finite'
 EFFORT_NOT_FINITE = 'effort_not_finite'
 NO_EFFORT = 'no_effort'
+EFFORT_ABSURD = 'effort_absurd'
 TOO_OLD = 'too_old'
 FROM_FUTURE = 'from_future'
 # Replaced by other data, with a warning: a velocity that contradicts the positions, and stamps of
@@ -38,13 +39,15 @@ CLOCK_JUMP = 'clock_jump'
 
 FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSITION_ABSURD,
           TIME_BACK, TIME_STILL, TOO_OLD, FROM_FUTURE, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE,
-          NO_EFFORT, CLOCK_JUMP)
+          EFFORT_ABSURD, NO_EFFORT, CLOCK_JUMP)
 REPLACED = (VELOCITY_WRONG, STAMP_LOST)
 HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
 
 # Largest absolute position, rad, of a joint and of a continuous joint. Angles in degrees exceed
 # the first, encoder faults the second.
 MAX_POSITION, MAX_CONTINUOUS_POSITION = 4.0 * math.pi, 1000.0
+# Largest torque, N·m, that no joint has: memory that was not initialised exceeds it.
+MAX_EFFORT = 1e6
 # Number of consecutive messages with earlier but rising stamps after which the clock counts as
 # set back, or the recording as restarted.
 STAMPS_TO_ACCEPT_CLOCK = 5
@@ -119,6 +122,7 @@ class JointStateReader:
         self.are_out_of_order = False
         scale = effort_scale if effort_scale else (1.0,)
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
+        self._efforts = Bounds(MAX_EFFORT / np.abs(self._scale))
         self._largest = np.array([MAX_CONTINUOUS_POSITION if name in continuous else MAX_POSITION
                                   for name in joints])
         self._bounds = Bounds(self._largest)
@@ -278,6 +282,9 @@ class JointStateReader:
             self.counts[NO_EFFORT] += 1
             return None
         tau = self._vector(values, EFFORT_NOT_FINITE)
+        if tau is not None and not self._efforts.contain(tau):
+            self.counts[EFFORT_ABSURD] += 1
+            return None
         return None if tau is None else tau * self._scale
 
     def _clock_was_set_back(self, t: float) -> bool:

@@ -133,6 +133,8 @@ class ModelHistory:
             try:
                 save_model(path, entry.model)
             except ModelFileError as problem:
-                reply(False, str(problem))
+                self.problem = str(problem)
+                reply(False, self.problem)
             else:
+                self.problem = ''
                 reply(True, f'saved the {entry.describe()} to {path}')

@@ -98,8 +98,9 @@ class NodeCore:
         arm = self.arm
         if arm is None or not self._description:
             return
-        described = describe_arm(self._description, arm.joints)
-        arm.describe(described)
+        arm.describe(describe_arm(self._description, arm.joints))
+        described = arm.described
+        assert described is not None
         axes = f'not used: {described.problem}' if described.geometry is None else 'used'
         limits = ', '.join(f'{limit:g}' for limit in described.max_effort) or 'none'
         self.log_lines.append((

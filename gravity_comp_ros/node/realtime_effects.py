@@ -26,42 +26,19 @@ import numpy as np
 _ElementKey = tuple[tuple[tuple[int, float], ...], float, float]
 
 
-@dataclass(frozen=True)
-class CompensateOptions:
+def smooth(effect: AppliedEffect, speed: float) -> AppliedEffect:
     """
-    Limits of the compensation of effects.
+    Return an effect whose friction changes its sign over at least `speed` in rad/s.
 
-    `fraction` of the torque is sent; with the whole friction an arm may drift on its own. Friction
-    changes its sign over at least `speed` rad/s. Speeds are clipped to `top_speed` rad/s, up to
-    which the model was trained.
-
-    :raises OptionError: if a number is out of range.
+    Friction that persists at rest is compensated in motion only: a torque that remains where the
+    arm has stopped would push it.
     """
-
-    fraction: float = 0.7
-    speed: float = 0.02
-    top_speed: float = 0.15
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.fraction <= 1.0:
-            raise OptionError(f'compensation: fraction is {self.fraction}; it must be 0 to 1')
-        if not (0.0 < self.speed < np.inf and 0.0 < self.top_speed < np.inf):
-            raise OptionError('compensation: speeds must be positive')
-
-    def smooth(self, effect: AppliedEffect) -> AppliedEffect:
-        """
-        Return an effect whose friction changes its sign over at least `speed`.
-
-        Friction that persists at rest is compensated in motion only: a torque that remains where
-        the arm has stopped would push it.
-        """
-        if not law_of(effect.setting):
-            return effect
-        others = {name: value for name, value in effect.setting.items()
-                  if name not in law_of(effect.setting)}
-        law = {name: max(value, self.speed)
-               for name, value in speed_law(effect.setting, self.speed).items()}
-        return replace(effect, setting={**others, **law})
+    if not law_of(effect.setting):
+        return effect
+    others = {name: value for name, value in effect.setting.items()
+              if name not in law_of(effect.setting)}
+    law = {name: max(value, speed) for name, value in speed_law(effect.setting, speed).items()}
+    return replace(effect, setting={**others, **law})
 
 
 @dataclass(frozen=True)
@@ -128,12 +105,14 @@ class LiveEffects:
     Effects that need the history are left out (`left_out`, as targets). `problem` is the reason
     why others are.
 
-    :param effects: effects of the model; `options` are limits if they are compensated.
+    :param effects: effects of the model.
+    :param limits: the parameters `compensate_fraction`, `compensate_speed` and `max_speed` if they
+        are compensated: up to that speed the model was trained.
     """
 
     def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect],
-                 options: CompensateOptions | None = None) -> None:
-        self.options, self.problem = options, ''
+                 limits: Parameters | None = None) -> None:
+        self._limits, self.problem = limits, ''
         self._model = model
         self._elements: dict[_ElementKey, LiveElement] = {}
         self._terms: list[_Term] = []
@@ -144,7 +123,7 @@ class LiveEffects:
                 if installed(applied).needs is Needs.HISTORY:
                     left_out.append(applied.target)
                     continue
-                used = applied if options is None else options.smooth(applied)
+                used = applied if limits is None else smooth(applied, limits.compensate_speed)
                 self._terms.append(_Term.of(model, used, self._moment(*rest, elements={})))
             except ModelMismatchError as problem:
                 self.problem = str(problem)
@@ -167,13 +146,14 @@ class LiveEffects:
         total = np.zeros(len(q))
         if not self._terms:
             return total
-        if self.options is not None:
-            qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
+        limits = self._limits
+        if limits is not None:
+            qd = np.minimum(np.maximum(qd, -limits.max_speed), limits.max_speed)
         moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
         for term in self._terms:
             if qdd is not None or term.effect.needs is Needs.SPEED:
                 term.add_to(total, moment)
-        return total if self.options is None else self.options.fraction * total
+        return total if limits is None else limits.compensate_fraction * total
 
     def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
                 qdd: FloatArray | None = None, *,
@@ -231,10 +211,8 @@ class EffectsInUse:
         except OptionError as problem:
             self.problem = str(problem)
             return
-        sent = LiveEffects(
-            model, [effect for effect in model.applied.effects if effect.target in requested],
-            CompensateOptions(settings.compensate_fraction, settings.compensate_speed,
-                              settings.max_speed))
+        sent = LiveEffects(model, [effect for effect in model.applied.effects
+                                   if effect.target in requested], settings)
         self._sent = sent if sent.targets else None
         if requested and not sent.targets:
             self.problem = self.problem or 'the model has none of the effects to compensate'

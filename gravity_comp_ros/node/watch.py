@@ -32,8 +32,6 @@ GOOD, BAD = 4.0, 6.0
 MAX_RATIO = 0.5
 # Largest number of samples required to confirm a model.
 MAX_REQUIRED = 200
-# Minimum noise of a joint as a fraction of the largest.
-_MIN_NOISE_FRACTION = 0.1
 # Minimum number of samples of a window for a payload test, six seconds at the default rate, and
 # the maximum, to which longer windows are thinned. A light payload with friction requires more
 # samples than a heavy one. With the minimum, a contact shorter than two seconds is not present in
@@ -107,8 +105,7 @@ class Watch:
         """
         self._model = model
         self._before = before if before is not None and before.joints == model.joints else None
-        noise = expected_residual(model)
-        self._noise = np.maximum(noise, _MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
+        self._noise = expected_residual(model)
         self._required, self._predicted = min(learned, MAX_REQUIRED), 0
         self._errors.clear()
         self.forget()

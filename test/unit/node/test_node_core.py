@@ -340,6 +340,12 @@ def test_events_are_logged(live, model_file, tmp_path):
     node.save(0.0, lambda *reply: replies.append(reply))
     until(node, lambda: replies)
     assert not replies[0][0] and 'none' in replies[0][1]
+    assert status(node, 'model').level == WARN
+    # The status is that of the last save.
+    (tmp_path / 'none').mkdir()
+    node.save(0.0, lambda *reply: replies.append(reply))
+    until(node, lambda: len(replies) == 2)
+    assert replies[1][0] and status(node, 'model').level == OK
 
 
 def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
@@ -473,6 +479,17 @@ def test_a_later_description_changes_no_limit(live, model_file):
     node.describe(URDF.replace('effort="1.5"', 'effort="40"'))
     assert node.arm.feed.options.max_torque == (1.5, 1.5)
     assert node.log_lines[-1][0] and 'not used' in node.log_lines[-1][1]
+
+
+def test_a_description_does_not_limit_torque_that_is_published_without_limits(live, model_file):
+    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
+    now = feed(node, 20)
+    node.describe(URDF)
+    pose = np.array([1.2, 0.9])
+    tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
+    np.testing.assert_allclose(tau, node.models.model.predict_one(pose))
+    assert tau[0] > 4.0 and node.arm.geometry is not None
+    assert 'effort limits none' in node.log_lines[-1][1]
 
 
 def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, model_file):

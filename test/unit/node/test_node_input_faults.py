@@ -96,6 +96,7 @@ FAULTS = {
     'short effort': ({'effort': [1.0]}, 'wrong_size', True),
     'effort NaN': ({'effort': [NAN] * 7}, 'effort_not_finite', True),
     'infinite effort': ({'effort': [*SEVEN[:6], INF]}, 'effort_not_finite', True),
+    'effort of uninitialised memory': ({'effort': [1e308, *SEVEN[:6]]}, 'effort_absurd', True),
     'no velocity': ({'velocity': []}, 'no_velocity', True),
     'long velocity': ({'velocity': SEVEN * 2}, 'wrong_size', True),
     'velocity NaN': ({'velocity': [NAN, *SEVEN[:6]]}, 'velocity_not_finite', True),

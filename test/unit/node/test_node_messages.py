@@ -36,6 +36,10 @@ def test_order_may_change_from_message_to_message():
 def test_scale_converts_units_and_sign():
     reading = reader(effort_scale=(-2.0, 0.5)).read(joint_state(), 0.0)
     np.testing.assert_array_equal(reading.tau, [-2.0, 1.0])
+    # Finite numbers whose product with the scale is not.
+    ours = reader(effort_scale=(10.0,))
+    assert ours.read(joint_state(tau=(1e308, 1.0)), 0.0).tau is None
+    assert ours.counts == {'effort_absurd': 1}
     with pytest.raises(OptionError, match='3 values for 2'):
         reader(effort_scale=(1.0, 1.0, 1.0))
 
