@@ -109,7 +109,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, val
         return Verdict.UNTESTABLE, (
             f'gravity absorbs all but {unabsorbed:.1%} of its torque in this motion: their sum is '
             f'predicted, and its size is not identified')
-    reason = term.effect.implausible(values)
+    reason = term.effect.implausible(values, term.setting)
     if reason:
         return Verdict.WEAK, f'its size is not physical: {reason}'
     if held_out.after >= (1.0 - options.min_reduction) * held_out.before:

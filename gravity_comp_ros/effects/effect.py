@@ -187,11 +187,13 @@ class Effect(ABC):
         """Return one coefficient for each column that `columns` returns for the same motion."""
         return self.coefficients
 
-    def implausible(self, values: FloatArray) -> str | None:
+    def implausible(self, values: FloatArray, setting: Setting) -> str | None:
         """
         Return why coefficients (K,) are not physical, as a clause; None if they are plausible.
 
-        The default checks the sign if `why_not_negative` is set, and the limit `largest`.
+        An implausible effect is not added, and the share of its posterior that is implausible
+        counts against it as an alternative. The default checks the sign if `why_not_negative` is
+        set, and the limit `largest`.
         """
         values = np.asarray(values)
         minimum = float(values.min(initial=0.0))

@@ -11,6 +11,8 @@ import numpy as np
 
 # Minimum travel in rad: over less, a spring is collinear with the sine of gravity.
 _MIN_TRAVEL = 0.2
+# Maximum distance in rad from the middle of the motion to the rest angle of a spring: 360 degrees.
+_MAX_REST_ANGLE = 2.0 * np.pi
 # Minimum travel in rad for harmonics: over less, they are close to a parabola.
 _CRANK_TRAVEL = 1.5
 # Parts of the range in which a cable is slack.
@@ -80,6 +82,13 @@ class JointSpring(Effect):
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)
+
+    def implausible(self, values: FloatArray, setting: Setting) -> str | None:
+        k, m = (1.0, 0.0) if _is_crank(setting) else np.abs(values)
+        if m > _MAX_REST_ANGLE * k:
+            return ('its rest angle is more than 360 degrees from the motion: it is a constant '
+                    'torque')
+        return super().implausible(values, setting)
 
 
 def _is_crank(setting: Setting) -> bool:

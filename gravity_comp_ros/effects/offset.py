@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.clock import origin_of, since
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting, Sizes
+from gravity_comp_ros.effects.clock import has_clock, origin_of, since
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
+# Difference in s below which stamps are of the same start.
+_SAME_START = 1e-3
 # Minimum duration of a session, in s.
 _MIN_DURATION = 10.0
 # Minimum time constant relative to the longest session, and number of time constants.
@@ -16,16 +19,28 @@ _MIN_TIME, _TIMES = 0.1, 4
 
 
 class TorqueOffset(Effect):
+    """
+    The column is 1, and there are others if the offset differs between recordings.
+
+    A sensor that is zeroed at each start has another offset in each recording. Setting `start_k`
+    is the start of recording k on the clock, in s. Coefficient d_k is the deviation of its offset
+    from the mean b of the R recordings, and the last deviation is minus the sum of the others. In
+    another recording, b is predicted. Both settings are compared where the stamps name the
+    recordings.
+    """
+
     name = 'torque_offset'
     title = 'Torque offset'
     family = 'offset'
-    equation = 'tau_n = b'
-    description = 'Torque signal with a zero-point error.'
+    equation = 'tau_n = b, or b + d_k in recording k'
+    description = ('Torque signal with a zero-point error, which may differ between recordings '
+                   'if the sensor is zeroed at each start.')
     coefficients = (Coefficient('b', 'N·m', 'torque signal at zero torque'),)
     confounders = ('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
                    'coulomb_friction', 'cable_stiffness')
     experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
+    setting_units = {'start_k': 's'}
     uses_gravity = False
     needs = Needs.SPEED
     is_compensable = True
@@ -37,7 +52,25 @@ class TorqueOffset(Effect):
     size = 0.3
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return np.ones((motion.samples.n_samples, 1))
+        samples, starts = motion.samples, np.array(list(setting.values()))
+        columns = np.ones((samples.n_samples, max(1, len(starts))))
+        if len(starts):
+            own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
+            here = np.abs(own[:, None] - starts) < _SAME_START
+            columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
+        return columns
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return one offset, and one for each recording."""
+        starts, clock = motion.samples.starts, has_clock(motion.samples)
+        if len(starts) < 2 or not clock:
+            return [{}]
+        return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        return (*self.coefficients, *(
+            Coefficient(f'd_{k}', 'N·m', f'deviation of the offset in recording {k}')
+            for k in range(1, len(setting))))
 
 
 class TorqueGain(Effect):

@@ -242,7 +242,7 @@ def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:
     for effect in model.applied.effects:
         if effect.target in targets:
             values = np.array([c.value for c in effect.coefficients.values()])
-            reason = known[effect.name].implausible(values)
+            reason = known[effect.name].implausible(values, effect.setting)
             if reason:
                 reasons[effect.target] = reason
     return reasons

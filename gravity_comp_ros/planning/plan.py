@@ -192,7 +192,7 @@ def _limits(options: PlanOptions, targets: Sequence[Target], samples: JointSampl
     limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
     changing = [list(samples.names).index(target.joint) for target in targets
                 if target.joint in samples.names
-                and 's' in known_effect(target.effect).setting_units.values()]
+                and 'origin' in known_effect(target.effect).setting_units]
     if not changing:
         return limits
     top = np.quantile(np.abs(samples.qd[:, changing]), _TOP_QUANTILE, axis=0).max()

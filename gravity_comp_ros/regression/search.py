@@ -27,6 +27,8 @@ Terms = tuple[Term, ...]
 _TOGETHER = 0.3
 # Gain in nats for which a nonlinear setting is moved on.
 _BETTER_SETTING = 0.01
+# Number of draws of a posterior, which resolves a share of 1/e to the power of the margin.
+_DRAWS = 100
 # Share of a term's gain that an alternative must reach to be tried.
 _COMPARABLE = 0.2
 
@@ -244,8 +246,10 @@ class Search:
         trials = []
         for other in others:
             terms = self._exchanged(term, other)
-            if is_consistent(terms):
-                trials.append((self._solved(terms).log_evidence, other))
+            if not is_consistent(terms):
+                continue
+            trial = self._solved(terms)
+            trials.append((trial.log_evidence + _log_share_plausible(trial, other), other))
         return sorted(trials, key=lambda each: -each[0])
 
     def _between_joints(self) -> bool:
@@ -311,3 +315,18 @@ class Search:
                 break
             posterior, terms = trial, trial.terms
         return terms
+
+
+def _log_share_plausible(posterior: Posterior, term: Term) -> float:
+    """
+    Return the logarithm of the share of a term's posterior that is physical, from draws.
+
+    Signs are in the evidence already (`gains`).
+    """
+    if term.effect.why_not_negative:
+        return 0.0
+    here = posterior.at[term]
+    draws = np.random.default_rng(0).multivariate_normal(
+        posterior.beta[here], posterior.covariance[np.ix_(here, here)], _DRAWS, method='eigh')
+    plausible = sum(term.effect.implausible(draw, term.setting) is None for draw in draws)
+    return float(np.log((plausible + 1.0) / (_DRAWS + 1.0)))

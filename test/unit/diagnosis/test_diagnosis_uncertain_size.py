@@ -37,17 +37,17 @@ def on_elbow(reach, own, seed):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_an_offset_in_narrow_motion_is_ambiguous_and_established_in_wider_motion(seed):
+def test_an_offset_is_established_in_wide_motion_and_at_most_tied_in_narrow_motion(seed):
     def offset(q, qd):
         return np.full(len(q), 0.5)
 
-    # Gravity absorbs the slope of a spring: only its constant remains.
-    narrow = on_elbow(0.3, offset, seed)['torque_offset']
-    assert narrow.verdict == Verdict.AMBIGUOUS and 'joint_spring' in narrow.rivals
-    wide = on_elbow(1.2, offset, seed)['torque_offset']
+    # Gravity absorbs most of the slope of a spring.
+    narrow, wide = (on_elbow(reach, offset, seed)['torque_offset'] for reach in (0.3, 1.2))
+    assert narrow.verdict == Verdict.ESTABLISHED or narrow.rivals == ('joint_spring',)
     assert wide.verdict == Verdict.ESTABLISHED
-    low, high = wide.coefficients['b'].ci95
-    assert low <= 0.5 <= high
+    for finding in (narrow, wide):
+        low, high = finding.coefficients['b'].ci95
+        assert low <= 0.5 <= high
 
 
 @pytest.mark.parametrize('ripple', [0.05, 0.0])

@@ -1,6 +1,7 @@
 """Every effect of the library: documentation, columns, and identifiability."""
 
 from dataclasses import replace
+import re
 
 from bench.shared.effect_motions import (
     ARMS, base_columns, clean_motion, least_squares, NOISE, session_motion)
@@ -76,6 +77,11 @@ def test_confounders_are_symmetric():
             assert name in EFFECTS[other].confounders, (name, other)
 
 
+def kinds(setting):
+    """Return the names of nonlinear parameters, `k` for a recording's number."""
+    return {re.sub(r'\d+$', 'k', name) for name in setting}
+
+
 @each_arm
 @each_effect
 def test_columns_are_finite_shaped_and_named(effect, arm):
@@ -85,13 +91,13 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
         settings = effect.settings(motion, joint)
         if effect.untestable(motion, joint) is None:
             assert settings, 'testable, but without settings'
-            assert set().union(*settings) <= set(effect.setting_units)
+            assert all(kinds(setting) <= set(effect.setting_units) for setting in settings)
         for setting in some(settings) if settings else []:
             columns = effect.columns(motion, joint, setting)
             k = len(effect.coefficients_of(motion, joint, setting))
             assert columns.shape == ((m, k) if effect.scope == 'joint' else (m, n, k))
             assert columns.dtype == np.float64 and np.isfinite(columns).all()
-            assert set(setting) <= set(effect.setting_units)
+            assert kinds(setting) <= set(effect.setting_units)
             assert all(np.isfinite(value) for value in setting.values())
             std = effect.prior_std(Sizes(10.0, np.sqrt((columns ** 2).mean(axis=tuple(
                 range(columns.ndim - 1))))))
@@ -238,8 +244,8 @@ LIMITED = ('load_dependent_friction', 'torque_gain', 'encoder_offset', 'base_til
 def test_a_coefficient_above_its_limit_is_implausible(name):
     effect = EFFECTS[name]
     values = np.zeros(len(effect.coefficients))
-    assert effect.implausible(values + 0.99 * effect.largest) is None
-    reason = effect.implausible(values + 1.01 * effect.largest)
+    assert effect.implausible(values + 0.99 * effect.largest, {}) is None
+    reason = effect.implausible(values + 1.01 * effect.largest, {})
     assert 'is too large' in reason and effect.why_not_larger in reason
 
 
@@ -255,9 +261,10 @@ POSITIVE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degres
 
 @pytest.mark.parametrize('name', NAMES)
 def test_a_negative_coefficient_is_implausible_where_physics_excludes_it(name):
-    reason = EFFECTS[name].implausible(np.array([-1e-6]))
+    one = np.full(len(EFFECTS[name].coefficients), 1e-6)
+    reason = EFFECTS[name].implausible(-one, {})
     assert (reason is not None and 'negative' in reason) == (name in POSITIVE)
-    assert EFFECTS[name].implausible(np.array([1e-6])) is None
+    assert EFFECTS[name].implausible(one, {}) is None
 
 
 def test_inconsistent_attributes_are_refused():
@@ -296,8 +303,8 @@ def test_defaults_of_optional_methods():
     assert [name for name, each in EFFECTS.items() if each.is_shared] == ['rigid_body_dynamics']
     varying = {name for name, each in EFFECTS.items()
                if type(each).coefficients_of is not Effect.coefficients_of}
-    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'torque_ripple',
-                       'rigid_body_dynamics'}
+    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'torque_offset',
+                       'torque_ripple', 'rigid_body_dynamics'}
 
 
 def test_corrections_name_effects():

@@ -81,7 +81,7 @@ def test_the_example_package_installs_and_is_found(tmp_path):
         'assert effect.settings(motion, 0)\n'
         'column = effect.columns(motion, 0, effect.settings(motion, 0)[0])\n'
         'assert column.shape == (motion.samples.n_samples, 1) and column.std() > 0\n'
-        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1)\n')
+        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1, {})\n')
     names, skipped = ask(target, program=program)
     assert names[-1] == 'seal_drag' and not skipped
     assert names[:-1] == list(library_effects())
@@ -156,7 +156,7 @@ def test_a_guarded_effect_has_the_attributes_of_the_effect():
             sizes = Sizes(20.0, np.ones(columns.shape[-1]))
             np.testing.assert_array_equal(guard.prior_std(sizes), effect.prior_std(sizes))
             values = -np.ones(columns.shape[-1])
-            assert guard.implausible(values) == effect.implausible(values)
+            assert guard.implausible(values, setting) == effect.implausible(values, setting)
 
 
 def test_a_guarded_effect_reports_its_own_reason():

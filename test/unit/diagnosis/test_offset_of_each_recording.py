@@ -1,0 +1,73 @@
+"""A torque sensor that is zeroed at each start has another offset in each recording."""
+
+from dataclasses import replace
+
+from bench.shared.rough_links import NOISE, two_links, WIDE
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import FOUND
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.refit import refit
+import numpy as np
+import pytest
+
+MORNING = 1.7e9
+
+
+def recorded(seed: int, offset: float, start: float) -> JointSamples:
+    """Return a minute of two links, of which the elbow has this offset more."""
+    samples = two_links(seed, reach=WIDE)
+    return replace(samples, tau=samples.tau + [0.0, offset], starts=(start,))
+
+
+def offset_of(runs: list[JointSamples]):
+    """Return the model with friction and offset added, and the elbow's offset in it."""
+    samples = concatenate(runs)
+    model = fit(samples).model
+    findings = diagnose(samples, model).findings
+    found = [f'{f.effect}:{f.joint}' for f in findings if f.verdict in FOUND and f.joint]
+    assert set(found) >= {'torque_offset:elbow', 'coulomb_friction:shoulder'}
+    model = refit(samples, model, requests(found, samples.names)).model
+    return model, next(e for e in model.applied.effects if e.name == 'torque_offset')
+
+
+def rmse(model, samples: JointSamples) -> float:
+    """Return the error of the elbow, N·m."""
+    return float(np.sqrt(((predict_torque(model, samples) - samples.tau)[:, 1] ** 2).mean()))
+
+
+@pytest.mark.parametrize('seed', [0, 10])
+def test_the_offset_of_each_recording_is_found_and_the_mean_is_predicted_later(seed):
+    offsets = [1.2, -0.9, 0.3]
+    runs = [recorded(seed + k, offset, MORNING + 100.0 * k) for k, offset in enumerate(offsets)]
+    model, offset = offset_of(runs)
+    # `two_links` has an offset of 0.4 N·m itself.
+    truth = {'b': 0.6, 'd_1': 1.0, 'd_2': -1.1}
+    assert set(offset.coefficients) == set(truth)
+    for symbol, value in truth.items():
+        low, high = offset.coefficients[symbol].ci95
+        assert low - 0.02 < value < high + 0.02 and high - low < 0.3
+    for run in runs:
+        assert rmse(model, run) < 1.2 * NOISE
+    assert rmse(model, recorded(seed + 5, 0.2, MORNING + 5000.0)) < 1.2 * NOISE
+    assert rmse(model, recorded(seed + 6, 1.2, MORNING + 6000.0)) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize('starts', [(MORNING, MORNING + 100.0), (0.0, 0.0)])
+def test_one_offset_in_all_recordings_is_one_coefficient(starts):
+    """So is an offset of recordings without a clock, whose start does not name them."""
+    model, offset = offset_of([recorded(k, 0.5, start) for k, start in enumerate(starts)])
+    assert set(offset.coefficients) == {'b'}
+    low, high = offset.coefficients['b'].ci95
+    assert low < 0.9 < high
+
+
+def test_a_spring_at_rest_far_outside_is_no_alternative_to_an_offset():
+    spring = library_effects()['joint_spring']
+    linear, crank = {'centre': 0.1, 'overtones': 0.0}, {'centre': 0.1, 'overtones': 1.0}
+    assert spring.implausible(np.array([0.2, 1.2]), linear) is None
+    assert '360 degrees' in spring.implausible(np.array([-0.2, 1.3]), linear)
+    assert spring.implausible(np.array([0.0, 1.3]), crank) is None
