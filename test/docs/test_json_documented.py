@@ -35,6 +35,7 @@ def keys(table: str) -> set[str]:
 
 @pytest.fixture(scope='module')
 def printed(tmp_path_factory):
+    pytest.importorskip('distributed')
     folder = tmp_path_factory.mktemp('json')
     (folder / 'robots' / 'one').mkdir(parents=True)
     for name, seed in (('1', 1), ('2', 2), ('robots/one/1', 1)):

@@ -67,6 +67,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
 
 
 def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
+    pytest.importorskip('distributed')
     assert main(['fleet', 'fit', str(folder / 'robots'), '-o', str(tmp_path)]) == 0
     assert main(['fit', str(folder / 'robots' / 'one' / 'run'), '-o',
                  str(tmp_path / 'single.json')]) == 0
@@ -89,6 +90,7 @@ def test_the_workbench_can_ignore_the_description(folder):
 
 
 def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, capsys):
+    pytest.importorskip('bokeh')
     bag, page = folder / 'gripper', tmp_path / 'page.html'
     # The joints of the gripper are ignored.
     assert main(['diagnose', str(bag), '--json', '--html', str(page)]) == 0

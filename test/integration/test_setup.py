@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -72,6 +73,33 @@ def test_a_sourced_ros_is_used_with_its_own_python(machine, ros):
     # The script reaches the check of the venv module, with the Python that has rclpy.
     line = machine({'python3': ('3.12', ('rclpy',))}, ROS_DISTRO=ros)
     assert 'sudo apt install python3.12-venv' in line
+
+
+WITHOUT = """
+import sys, pytest
+from importlib.abc import MetaPathFinder
+
+class Missing(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.split('.')[0] in {names!r}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
+
+sys.meta_path.insert(0, Missing())
+sys.exit(pytest.main(['-q', '--collect-only', '-p', 'no:xdist', *sys.argv[1:]]))
+"""
+
+
+def test_files_whose_modules_are_not_installed_are_skipped():
+    """As by `colcon test` in a workspace with the packages of rosdep alone."""
+    def collect(names):
+        files = ('test/unit/workbench/test_workbench_guard.py', 'test/integration/test_fleet.py')
+        return subprocess.run([sys.executable, '-c', WITHOUT.format(names=names), *files],
+                              cwd=ROOT, capture_output=True, text=True, timeout=120)
+    done = collect(['bokeh', 'distributed'])
+    assert 'integration/test_fleet.py: distributed is not installed' in done.stdout
+    assert 'error' not in done.stdout and done.stdout.count('SKIPPED') == 2
+    # Another missing module is an error.
+    assert 'No module named' in collect(['numpy']).stdout
 
 
 def test_versions_agree():

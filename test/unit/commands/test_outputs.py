@@ -95,6 +95,7 @@ def test_a_read_only_model_is_not_changed(tmp_path, capsys):
 
 
 def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
+    pytest.importorskip('distributed')
     (tmp_path / 'robots' / 'one').mkdir(parents=True)
     (tmp_path / 'robots' / 'one' / 'a.mcap').write_bytes(b'')
     models = tmp_path / 'models'
