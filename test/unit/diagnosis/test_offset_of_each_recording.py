@@ -28,9 +28,9 @@ def offset_of(runs: list[JointSamples]):
     samples = concatenate(runs)
     model = fit(samples).model
     findings = diagnose(samples, model).findings
-    found = [f'{f.effect}:{f.joint}' for f in findings if f.verdict in FOUND and f.joint]
-    assert set(found) >= {'torque_offset:elbow', 'coulomb_friction:shoulder'}
-    model = refit(samples, model, requests(found, samples.names)).model
+    targets = [f'{f.effect}:{f.joint}' for f in findings if f.verdict in FOUND and f.joint]
+    assert set(targets) >= {'torque_offset:elbow', 'coulomb_friction:shoulder'}
+    model = refit(samples, model, requests(targets, samples.names)).model
     return model, next(e for e in model.applied.effects if e.name == 'torque_offset')
 
 
