@@ -82,7 +82,7 @@ def served(folder: Path):
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'hour.mcap', '--port', '0', '--no-browser',
                                 '--forget'], cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
-        yield re.search(r'http://\S+/', process.stdout.readline())[0], process.pid
+        yield re.search(r'http://\S+', process.stdout.readline())[0], process.pid
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()
@@ -92,7 +92,7 @@ def workbench(folder: Path) -> None:
     """Time the workbench on an hour, then measure its heap."""
     with opened() as browser:
         started = time.monotonic()
-        with served(folder) as (address, pid), browser(address) as tab:
+        with served(folder) as (address, pid), browser(address.split('?')[0]) as tab:
             _steps(tab, address, pid, started)
 
 

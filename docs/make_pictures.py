@@ -76,13 +76,14 @@ def _workbench(folder: Path) -> None:
                                env={**os.environ, 'XDG_STATE_HOME': str(folder)})
     assert process.stdout is not None
     try:
-        match = re.search(r'http://\S+/', process.stdout.readline())
+        match = re.search(r'http://\S+', process.stdout.readline())
         assert match is not None
-        with watched(match[0], color_scheme='light') as tab:
+        home = match[0].split('?')[0]
+        with watched(home, color_scheme='light') as tab:
             address = _worked(tab, match[0])
         # The same session, on another screen.
         for scheme in ('light', 'dark'):
-            with watched(address, color_scheme=scheme) as tab:
+            with watched(home, color_scheme=scheme) as tab:
                 tab.page.set_viewport_size(_NARROW)
                 _opened(tab, address)
                 _look(tab, 'Summary', 'Error of each joint')
@@ -110,8 +111,8 @@ def _worked(tab: Watched, address: str) -> str:
     page.screenshot(path=PICTURES / 'workbench-added.png')
     _look(tab, 'Two models', 'against 1. gravity')
     page.locator('#views').screenshot(path=PICTURES / 'workbench-two-models.png')
-    page.get_by_role('button', name='Dark', exact=True).click()
-    page.get_by_role('button', name='Light', exact=True).wait_for()
+    page.get_by_role('button', name='Dark or light', exact=True).click()
+    page.wait_for_selector('html.dark')
     _look(tab, 'Over time', 'Over time')
     page.screenshot(path=PICTURES / 'workbench-dark.png')
     return str(page.url)

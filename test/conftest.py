@@ -30,9 +30,8 @@ def iiwa_model_file(tmp_path_factory) -> Path:
 
 @pytest.fixture(autouse=True)
 def no_screen(monkeypatch):
-    """Remove the terminal width of the parent shell, and lines of progress on a slow machine."""
+    """Remove the terminal width of the parent shell or pytest process."""
     monkeypatch.delenv('COLUMNS', raising=False)
-    monkeypatch.setattr('gravity_comp_ros.commands.terminal._PROGRESS_DELAY', 3600.0)
 
 
 def pytest_collection_modifyitems(items):

@@ -27,18 +27,12 @@ PLOTS = """() => {
   for (const view of Bokeh.index.roots) walk(view)
   return results
 }"""
-# For the shared table of all plots: the number of selected rows and of glyphs.
+# The number of selected rows of the shared table of all plots.
 SELECTED = """() => {
-  const sources = new Set(), glyphs = []
   for (const document of Bokeh.documents)
-    for (const model of document._all_models.values()) {
+    for (const model of document._all_models.values())
       if (model.type == 'ColumnDataSource' && model.get_column('q0') != null)
-        sources.add(model)
-      if (model.type == 'GlyphRenderer') glyphs.push(model)
-    }
-  const [source] = sources
-  return [source.selected.indices.length,
-          glyphs.filter((glyph) => glyph.data_source === source).length]
+        return model.selected.indices.length
 }"""
 
 # Active elements of a page, including shadow roots, that text from files must not create.
@@ -111,8 +105,10 @@ class Watched:
         PICTURES.mkdir(exist_ok=True)
         self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
 
-    def drag(self, box: dict, start: float, end: float) -> None:
-        """Drag over a plot, between two fractions of its width."""
+    def drag(self, plot, start: float, end: float) -> None:
+        """Drag over a plot in the middle of the screen, between two fractions of its width."""
+        plot.evaluate("element => element.scrollIntoView({block: 'center'})")
+        box = plot.bounding_box()
         self.page.mouse.move(box['x'] + start * box['width'], box['y'] + 0.2 * box['height'])
         self.page.mouse.down()
         self.page.mouse.move(box['x'] + end * box['width'], box['y'] + 0.95 * box['height'],
@@ -129,8 +125,8 @@ class Watched:
             f'(n) => {{ const p = ({PLOTS})(); return p.length >= n && p.every(x => x[1] > 60) }}',
             arg=number)
 
-    def selected(self) -> list[int]:
-        """Return the numbers of selected rows and of glyphs of the shared table."""
+    def selected(self) -> int:
+        """Return the number of selected rows of the shared table."""
         return self.page.evaluate(SELECTED)
 
     def _printed(self, message) -> None:

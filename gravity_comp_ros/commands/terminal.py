@@ -15,7 +15,7 @@ import math
 import os
 from pathlib import Path
 import sys
-import threading
+import time
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
@@ -139,8 +139,8 @@ def progress() -> Iterator[ProgressCallback]:
     """
     Yield `report(stage, fraction)`, which shows progress on standard error.
 
-    On a screen it is a bar. Elsewhere (a log) it is a line for the stage after `_PROGRESS_DELAY`
-    seconds, and for each later one.
+    On a screen it is a bar. Elsewhere (a log) it is a line for each stage that is reported after
+    `_PROGRESS_DELAY` seconds.
     """
     err = console(stderr=True)
     if err.is_terminal:
@@ -150,32 +150,15 @@ def progress() -> Iterator[ProgressCallback]:
             yield lambda stage, fraction: bar.update(
                 task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
         return
-    silent, stage, printed = True, '', ''
+    begin, printed = time.monotonic(), ''
 
-    def print_stage() -> None:
+    def report(stage: str, fraction: float) -> None:
         nonlocal printed
-        if not silent and stage != printed:
+        if stage != printed and time.monotonic() - begin >= _PROGRESS_DELAY:
             printed = stage
             note(f'... {stage}')
 
-    def end_silence() -> None:
-        nonlocal silent
-        silent = False
-        print_stage()
-
-    def report(current: str, fraction: float) -> None:
-        nonlocal stage
-        stage = current
-        print_stage()
-
-    # A timer, because a long stage may not report again.
-    timer = threading.Timer(_PROGRESS_DELAY, end_silence)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield report
-    finally:
-        timer.cancel()
+    yield report
 
 
 def answer(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[], None],

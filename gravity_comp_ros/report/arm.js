@@ -53,7 +53,7 @@ const rod = (from, to, radius, colour, alpha = 1, nearer = 0) => {
   items.push({a, b, colour, alpha, width: Math.max(radius * (a.pixels + b.pixels), 0.8),
               depth: 0.5 * (a.depth + b.depth) + nearer})
 }
-const [faint, outline, visited, unvisited, marked] = line_colours.palette
+const [faint, outline, visited, unvisited, marked] = palette
 const capsule = (from, to, radius, colour, alpha = 1) => {
   rod(from, to, radius + 0.004 * arm.reach, outline, alpha)
   rod(from, to, radius, colour, alpha, 1e-6)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from bokeh.models import ColumnDataSource, FixedTicker
 from bokeh.plotting import figure
-from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.style import canvas_text, plot, short, Style
+from gravity_comp_ros.report.style import label, plot
 
 # Height of all bars of a group, and maximum height of a bar, relative to the group.
 _FILLED, _MAX_THICKNESS = 0.78, 0.3
+# Height in pixels of a group, and of the axis with its labels.
+_GROUP, _AXIS = 36, 62
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class Bars:
     colour: str
 
 
-def bar_plot(style: Style, title: str, unit: str, height: int, groups: Sequence[str],
-             bars: Sequence[Bars], digits: str, max_name: int = 18) -> figure:
+def bar_plot(unit: str, groups: Sequence[str], bars: Sequence[Bars], digits: str,
+             max_name: int = 18) -> figure:
     """
     Return a plot with a group of bars for each name, the first group on top; see `bar_key`.
 
@@ -35,17 +36,17 @@ def bar_plot(style: Style, title: str, unit: str, height: int, groups: Sequence[
     """
     count, step = len(groups), min(_FILLED / len(bars), _MAX_THICKNESS)
     # Groups are placed by number, because printable names may be identical.
-    fig = plot(style, title, unit, '', height, 'hover', y_range=(count - 0.45, -0.55))
-    names = [canvas_text(printable(name)) for name in groups]
+    fig = plot('', unit, '', _AXIS + _GROUP * count, 'hover', y_range=(count - 0.45, -0.55))
+    names = [label(name, 80) for name in groups]
     for place, series in enumerate(bars):
         shift = (place - 0.5 * (len(bars) - 1)) * step
         source = ColumnDataSource({
             'y': [k + shift for k in range(count)], 'right': list(series.values), 'name': names,
-            'what': [canvas_text(printable(series.name))] * count})
+            'what': [label(series.name, 80)] * count})
         fig.hbar('y', right='right', height=0.9 * step, source=source, color=series.colour)
     fig.yaxis.ticker = FixedTicker(ticks=list(range(count)))
     fig.yaxis.major_label_overrides = {
-        k: canvas_text(short(printable(name), max_name)) for k, name in enumerate(groups)}
+        k: label(name, max_name) for k, name in enumerate(groups)}
     fig.ygrid.visible = False
     fig.x_range.start = 0.0
     fig.hover.tooltips = [('', '@name'), ('', '@what'),

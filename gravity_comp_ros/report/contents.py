@@ -85,6 +85,10 @@ class Contents:
         """Return a mask (M,) of the poses outside the trained range."""
         return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
 
+    def error(self, name: str) -> str:
+        """Return the RMSE of a joint in N·m, as every part of the page shows it."""
+        return f'{self.comparison.joints[name].rmse:.4f}'
+
     @property
     def worst(self) -> str:
         """Return the shown joint with the largest RMSE."""

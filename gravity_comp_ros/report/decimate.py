@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 import numpy as np
 
-MAX_ROWS = 4000
+MAX_ROWS = 12_000
 
 
 def keep_extremes(runs: IntArray, values: FloatArray,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from pathlib import Path
 
 from gravity_comp_ros.printable import printable
 
@@ -78,11 +77,6 @@ def _cell(place: int, value: object, is_text: bool) -> str:
     return f'<td{_class(is_text)}>{text(value)}</td>'
 
 
-# Speed-ups of Bokeh; they run before anything is drawn.
-_PART, _STYLES, _LESS = (Path(__file__).with_name(name).read_text() for name in (
-    'bokeh_part.js', 'shared_styles.js', 'less_work.js'))
-LESS_WORK = f'{{{_PART}{{{_STYLES}}}{{{_LESS}}}}}'
-
 # Handler of the copy buttons of `command`; the path locates a click inside a shadow root.
 COPY = """
 document.addEventListener('click', (event) => {
@@ -93,13 +87,9 @@ document.addEventListener('click', (event) => {
     setTimeout(() => button.textContent = 'Copy', 2000)
   }
   const by_hand = () => {
-    const area = document.createElement('textarea')
-    area.value = button.dataset.copy
-    document.body.append(area)
-    area.select()
-    document.execCommand('copy')
-    area.remove()
-    done()
+    // A page from a file has no clipboard: select the line.
+    getSelection().selectAllChildren(button.previousSibling)
+    button.textContent = 'Press Ctrl-C'
   }
   if (navigator.clipboard) navigator.clipboard.writeText(button.dataset.copy).then(done, by_hand)
   else by_hand()

@@ -13,8 +13,9 @@ from gravity_comp_ros.planning.targets import OPEN
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import plan_panel, widgets
-from gravity_comp_ros.workbench.open_session import OpenSession
+from gravity_comp_ros.workbench.jobs import Add as AddJob
 from gravity_comp_ros.workbench.plan_panel import PlanActions
+from gravity_comp_ros.workbench.results import Results
 
 # Number of findings shown at first, so that the first view fits on the same screen.
 _AT_FIRST, _MAX_COEFFICIENTS = 3, 1
@@ -22,19 +23,19 @@ _AT_FIRST, _MAX_COEFFICIENTS = 3, 1
 Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
+def parts(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
     """Return the panel of a session."""
-    session = opened.session
+    session = results.session
     stage = session.stage
     elements: list[UIElement] = [widgets.html('<h2>Missing effects</h2>')]
     if stage is None:
         elements.append(_quiet('No model yet.'))
     elif session.diagnosis is None:
-        elements.append(_quiet('No diagnosis yet.' if opened.error else
+        elements.append(_quiet('No diagnosis yet.' if session.error else
                                'The diagnosis is running; the views below are ready.'))
     else:
-        elements += _findings(opened, add, plans)
-        elements += plan_panel.planned(opened, plans)
+        elements += _findings(results, add, plans)
+        elements += plan_panel.planned(session, plans)
     if stage is not None and stage.model.applied.effects:
         applied = ', '.join(e.target for e in stage.model.applied.effects)
         elements.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
@@ -42,11 +43,12 @@ def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     return elements
 
 
-def _findings(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
-    findings = opened.session.findings()
-    if not findings and opened.session.diagnosis is not None:
-        return [widgets.html(markup.paragraph(wording.verdict(opened.session.diagnosis)))]
-    rows = [_row(number, finding, target, add, opened.is_adding, plans)
+def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
+    findings, diagnosis = results.findings(), results.session.diagnosis
+    if not findings and diagnosis is not None:
+        return [widgets.html(markup.paragraph(wording.verdict(diagnosis)))]
+    adding = isinstance(results.session.worker.job, AddJob)
+    rows = [_row(number, finding, target, add, adding, plans)
             for number, (finding, target) in enumerate(findings)]
     elements = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
                              'range of the torque.</p>'), *rows[:_AT_FIRST]]
@@ -55,7 +57,7 @@ def _findings(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIEleme
                      if target and finding.verdict in wording.FOUND)
     if len(accepted) > 1:
         below.append(widgets.button(f'Add all {len(accepted)} established or likely',
-                                    lambda: add(accepted), 'primary', disabled=opened.is_adding,
+                                    lambda: add(accepted), 'primary', disabled=adding,
                                     name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:

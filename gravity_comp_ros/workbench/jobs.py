@@ -14,7 +14,7 @@ from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.plan import Plan, plan
@@ -27,7 +27,7 @@ import numpy as np
 @dataclass(frozen=True)
 class Read:
     """
-    Read recordings; the worker keeps them for later jobs.
+    Read recordings; the process keeps the samples for later jobs.
 
     `model` is the name of the model that determines the joints, if any. `urdf` is as in `Choice`.
     """
@@ -36,6 +36,18 @@ class Read:
     options: ReadOptions
     model: str = ''
     urdf: str | None = None
+
+    def gives_same_samples(self, other: Read | None) -> bool:
+        """Return whether another reading gives the same samples, up to the order of joints."""
+        if other is None or self.paths != other.paths or (
+                self.options.joints is None) != (other.options.joints is None):
+            return False
+        return set(self.options.joints or ()) == set(other.options.joints or ()) \
+            and replace(self.options, joints=None) == replace(other.options, joints=None)
+
+    def of_joints(self, names: tuple[str, ...]) -> Read:
+        """Return the reading that selects these joints."""
+        return replace(self, options=replace(self.options, joints=names))
 
 
 @dataclass(frozen=True)
@@ -59,6 +71,7 @@ class Learn:
     `ordered` tells whether the joints are given in the order of the arm.
     """
 
+    read: Read
     choice: Choice
     ordered: bool = True
 
@@ -67,6 +80,7 @@ class Learn:
 class Diagnose:
     """Diagnose the chosen runs with a model."""
 
+    read: Read
     choice: Choice
     model: GravityModel
 
@@ -75,6 +89,7 @@ class Diagnose:
 class Add:
     """Add effects, in the notation of `gravity_comp add`, and refit."""
 
+    read: Read
     choice: Choice
     model: GravityModel
     effects: tuple[str, ...]
@@ -84,6 +99,7 @@ class Add:
 class PlanMotion:
     """Plan a motion that resolves effects, or all open findings of a diagnosis (None)."""
 
+    read: Read
     choice: Choice
     model: GravityModel
     diagnosis: Diagnosis | None
@@ -95,10 +111,10 @@ Answer = ReadResult | Learned | Diagnosis | Refit | Plan
 
 
 class JobRunner:
-    """Runs jobs; keeps the recordings between them."""
+    """Runs jobs; keeps the samples between them, and reads them if it does not have them."""
 
     def __init__(self) -> None:
-        self._read: ReadResult | None = None
+        self._known: tuple[Read, ReadResult] | None = None
 
     def work(self, job: Job, progress: Progress) -> Answer:
         """
@@ -106,21 +122,25 @@ class JobRunner:
 
         :raises GravityCompError: if it fails, with the reason in one line.
         """
+        read = self._samples(job if isinstance(job, Read) else job.read, progress)
         if isinstance(job, Read):
-            return self._reading(job, progress)
-        if self._read is None:
-            raise DataError('no recording has been read')
-        recording = job.choice.recording(self._read.samples, self._read.reports)
+            return read
+        recording = job.choice.recording(read.samples, read.reports)
         if isinstance(job, Learn):
-            return learned(recording, job, progress)
+            return _learned(recording, job, progress)
         if isinstance(job, Diagnose):
             return diagnose(recording.samples, job.model, progress=progress)
         if isinstance(job, PlanMotion):
-            return planned(recording, job, progress)
+            targets = None if job.effects is None else named_targets(job.effects,
+                                                                     job.model.joints)
+            return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
+                        progress=progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
-    def _reading(self, job: Read, progress: Progress) -> ReadResult:
+    def _samples(self, job: Read, progress: Progress) -> ReadResult:
+        if self._known is not None and job.gives_same_samples(self._known[0]):
+            return self._known[1]
         try:
             result = _read(job, progress)
         except ModelMismatchError as problem:
@@ -128,7 +148,7 @@ class JobRunner:
                 raise
             raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
                                      ) from problem
-        self._read = result
+        self._known = job.of_joints(result.samples.names), result
         return result
 
 
@@ -142,15 +162,13 @@ def _read(job: Read, progress: Progress) -> ReadResult:
     left_out = arm.axes.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
-        return replace(_read(replace(job, options=replace(job.options, joints=arm.order.joints)),
-                             progress), left_out=left_out)
+        return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
     return ReadResult(samples.joints(arm.order.joints), reports)
 
 
-def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
+def _learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
     """Return the result of `gravity_comp fit --joints`."""
-    options = job.choice.learning(job.ordered)
-    result = learn(recording, options, progress=progress)
+    result = learn(recording, job.choice.learning(job.ordered), progress=progress)
     # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
     result = replace(result, recording=replace(recording, samples=none))
@@ -160,13 +178,6 @@ def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
     provenance = {**result.model.provenance, 'joint_order': ASKED}
     return replace(result, result=replace(
         result.result, model=replace(result.model, provenance=provenance)))
-
-
-def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:
-    """Return the motion of `gravity_comp plan`."""
-    targets = None if job.effects is None else named_targets(job.effects, job.model.joints)
-    return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
-                progress=progress)
 
 
 def described(job: Job) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 import logging
+import secrets
 
 from bokeh.document import Document
 from bokeh.events import DocumentReady
@@ -13,20 +13,20 @@ from bokeh.models import CustomJS, UIElement
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.headline import headline, largest
+from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.sections import SECTIONS
-from gravity_comp_ros.report.style import DARK, LIGHT, Style
+from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.workbench import (
     findings_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
-from gravity_comp_ros.workbench.open_session import OpenSession
-from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
+from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
+from gravity_comp_ros.workbench.two_models import TwoModels
 from gravity_comp_ros.workbench.views import Views
 
 _LOG = logging.getLogger(__name__)
@@ -39,21 +39,20 @@ class Page:
     """
     The page of one browser window. It attaches a session after the browser has drawn the page.
 
+    :param token: token of the server, for links to other sessions.
     :param identity: session id in the URL; an unknown id gives a new session.
     """
 
-    def __init__(self, document: Document, sessions: Sessions, identity: str,
-                 nonce: str) -> None:
-        self.document, self.sessions, self._wanted = document, sessions, identity
-        self.opened: OpenSession | None = None
-        self.style: Style = LIGHT
+    def __init__(self, document: Document, sessions: Sessions, token: str,
+                 identity: str) -> None:
+        self.sessions, self._token, self._wanted = sessions, token, identity
+        self.results: Results | None = None
         self.views: Views | None = None
-        self.pair = PairView()
-        self._side: Sidebar | None = None
-        self._version, self._collections, self._focus = -1, 0, ''
-        self._outdated = False
         self.view = NAMES[0]
-        self._build(nonce)
+        self._version, self._reason, self._moves_focus = -1, '', False
+        self._side: Sidebar | None = None
+        self._history, self._two = HistoryPanel(), TwoModels()
+        self._build(document)
         document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
 
@@ -63,213 +62,171 @@ class Page:
 
     # Construction.
 
-    def _build(self, nonce: str) -> None:
-        self.verdict, self.status = widgets.html('', 'verdict'), widgets.html('', 'status')
-        self.cancel = widgets.button('Cancel', self._cancel, name='cancel', visible=False,
-                                     width=90)
-        self.retry = widgets.button('Try again', self._try_again, 'primary', name='again',
-                                    visible=False, width=110)
-        self.downloads = page_parts.Downloads()
-        self.side = column(sizing_mode='stretch_width', name='side')
+    def _build(self, document: Document) -> None:
+        self.verdict, self.status = widgets.html('<h1>Opening …</h1>'), widgets.html('')
+        self.cancel = widgets.button('Cancel', lambda: self._on_session(Session.cancel),
+                                     name='cancel', visible=False, width=90)
+        self.retry = widgets.button('Try again', lambda: self._on_session(Session.try_again),
+                                    'primary', name='again', visible=False, width=110)
+        self.downloads, self.link = page_parts.Downloads(), page_parts.client_link()
+        dark = widgets.button('Dark or light', lambda: None, name='style')
+        dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
+        self.settings = column(widgets.html(''), sizing_mode='stretch_width')
+        self.earlier = widgets.html('', 'earlier')
         self.missing, self.history, self.shown = (
             column(widgets.html(''), sizing_mode='stretch_width', name=name)
             for name in ('missing', 'history', 'shown'))
-        self._history = HistoryPanel()
-        self.earlier = widgets.html('', 'earlier')
-        self.tabs = widgets.tabs(NAMES, self._on_tab)
-        self.dark = widgets.button('Dark', self._toggle_style, name='style')
-        self.dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
-        self.link = page_parts.client_link(self._on_client_message)
         head = column(self.verdict, row(self.status, self.cancel, self.retry,
                                         sizing_mode='stretch_width'),
                       self.downloads.element, self.link, name='head', sizing_mode='stretch_width')
-        views = column(self.tabs, self.shown, name='views', sizing_mode='stretch_width')
-        self.side.children = [self.dark]
-        for root in (head, self.side, self.missing, self.history, views):
-            self.document.add_root(root)
-        self.document.template = page_style.template(nonce)
-        self.document.title = 'gravity_comp workbench'
-        self.document.js_on_event('document_ready', CustomJS(
-            args={'link': self.link}, code=page_parts.READY))
-        self.verdict.text = '<h1>Opening …</h1>'
+        side = column(dark, self.settings, self.earlier, sizing_mode='stretch_width', name='side')
+        views = column(widgets.tabs(NAMES, self._on_tab), self.shown, name='views',
+                       sizing_mode='stretch_width')
+        for root in (head, side, self.missing, self.history, views):
+            document.add_root(root)
+        document.theme = THEME
+        document.template = page_style.template(secrets.token_urlsafe(16))
+        document.title = 'gravity_comp workbench'
+        document.js_on_event('document_ready', CustomJS(code=page_parts.READY))
 
     def _on_ready(self) -> None:
         """Attach a session after the browser has drawn the page."""
-        if self.opened is not None:
+        if self.results is not None:
             return
-        self.opened = self.sessions.attach(self._wanted, self)
-        self.link.tags = ['session', self.opened.id]
-        self._list_earlier()
-        self._refresh()
-
-    def _list_earlier(self) -> None:
-        saved = self.sessions.earlier(self.opened.id if self.opened else '')
-        self.earlier.text = page_parts.earlier_html(saved)
-
-    def _on_client_message(self, what: str) -> None:
-        if what == 'dark' and self.style is LIGHT:
-            self._toggle_style()
+        try:
+            session = self.sessions.attach(self._wanted, self)
+        except GravityCompError as problem:
+            self.verdict.text = f'<h1 id="words">{markup.text(problem)}</h1>'
+            return
+        self.results = Results(session)
+        self.link.tags = ['session', session.id]
+        self.earlier.text = page_parts.earlier_html(self.sessions.earlier(session.id),
+                                                    self._token)
+        self._refresh(self.results)
 
     # Events.
 
     def _tick(self) -> None:
-        opened = self.opened
-        if opened is not None and opened.page is not self:
-            self._show_taken_over()
+        results = self.results
+        if results is None:
             return
-        if opened is not None:
-            if opened.version != self._version:
-                self._refresh()
-            elif self._outdated:
-                self._show(opened)
-            else:
-                self._update_status(opened)
-            if self.views is not None:
-                self.views.table.follow_window()
+        if results.session.page is not self:
+            self._show_taken_over()
+        elif results.session.version != self._version:
+            self._refresh(results)
+        else:
+            self._update_status(results)
 
     def _show_taken_over(self) -> None:
-        text = 'This session is open in another window.'
-        if text not in self.verdict.text:
-            self.verdict.text = f'<h1 id="taken">{text} Reload this page to continue here.</h1>'
-            self.cancel.visible = self.retry.visible = False
-            self.side.children = [self.dark]
-            for place in (self.missing, self.history, self.shown):
-                place.children = [widgets.html('')]
+        self.results = None
+        self.verdict.text = ('<h1 id="taken">This session is open in another window. Reload this '
+                             'page to continue here.</h1>')
+        self.cancel.visible = self.retry.visible = False
+        for place in (self.settings, self.missing, self.history, self.shown):
+            place.children = [widgets.html('')]
 
-    def _cancel(self) -> None:
-        if self.opened is not None:
-            self.opened.cancel()
+    def _on_session(self, action: Callable[[Session], None]) -> None:
+        if self.results is not None:
+            action(self.results.session)
 
-    def _try_again(self) -> None:
-        if self.opened is not None:
-            self.opened.try_again()
+    def _with_choice(self, action: Callable[[Session, Choice], None]) -> None:
+        def act(session: Session) -> None:
+            if self._side is None:
+                return
+            try:
+                action(session, self._side.choice())
+            except GravityCompError as problem:
+                self._warn(session, str(problem))
+        self._on_session(act)
 
-    def _with_choice(self, action: Callable[[OpenSession, Choice], None]) -> None:
-        if self.opened is None or self._side is None:
-            return
-        try:
-            action(self.opened, self._side.choice())
-        except GravityCompError as problem:
-            self._warn(str(problem))
-
-    def _warn(self, reason: str) -> None:
-        if self.opened is not None:
-            self.opened.warning = reason
-            self._update_status(self.opened)
+    def _warn(self, session: Session, reason: str) -> None:
+        session.warning = reason
+        session.version += 1
 
     def _add(self, targets: tuple[str, ...]) -> None:
-        if self.opened is not None:
-            self._focus = 'head'
-            self.opened.add(targets)
+        self._moves_focus = True
+        self._on_session(lambda session: session.add(targets))
 
     def _on_tab(self, number: int) -> None:
         self.view = NAMES[number]
         self._show_view()
 
-    def _toggle_style(self) -> None:
-        self.style = DARK if self.style is LIGHT else LIGHT
-        self.dark.label = 'Light' if self.style is DARK else 'Dark'
-        if self.opened is not None:
-            self._refresh()
-
     # Display.
 
-    def _refresh(self) -> None:
-        opened = self.opened
-        if opened is None:
-            return
-        self._version = opened.version
-        self._fill_side(opened)
-        plans = PlanActions(opened.plan, self.downloads.give)
-        self.missing.children = findings_panel.parts(opened, self._add, plans)
-        self.history.children = [*self._history.parts(opened, self.style),
-                                 *plan_panel.request_controls(opened, plans)]
-        # Send the errors of a new model first, because its views take longer.
-        stage = opened.session.stage
-        self._outdated = self.views is not None and stage is not None \
-            and self.views.contents.model is not stage.model
-        if not self._outdated:
-            self._show(opened)
-
-    def _show(self, opened: OpenSession) -> None:
-        """Show the verdict and the current view."""
-        self._outdated = False
-        self._make_views(opened)
-        self._update_status(opened)
-        self._show_verdict(opened)
+    def _refresh(self, results: Results) -> None:
+        """Show a new state of the session."""
+        session = results.session
+        self._version = session.version
+        self._make_views(results)
+        self._show_verdict(session)
+        plans = PlanActions(session.request_plan, self.downloads.give)
+        self.missing.children = findings_panel.parts(results, self._add, plans)
+        self.history.children = [*self._history.parts(results),
+                                 *plan_panel.request_controls(session, plans)]
         self._show_view()
-        if self._focus and not opened.worker.busy:
+        self._fill_side(session)
+        self._update_status(results)
+        if self._moves_focus and session.worker.job is None:
             # The pressed button has been removed; move the focus to the result for screen readers.
-            self.link.tags = ['focus', self._focus, str(opened.version)]
-            self._focus = ''
+            self.link.tags = ['focus', 'head', str(session.version)]
+            self._moves_focus = False
 
-    def _make_views(self, opened: OpenSession) -> None:
-        session = opened.session
-        selected = self.views.table.selected if self.views else []
-        if session.read is None:
-            self.views = None
-            return
+    def _make_views(self, results: Results) -> None:
         try:
-            ready = session.stage is not None and session.read_with == \
-                session.choice.reading(session.topic)
-            contents = session.contents() if ready else session.preview()
+            contents = results.contents()
         except GravityCompError as problem:
-            self.views = None
-            opened.warning = str(problem)
+            self._reason = results.session.error or str(problem)
+            self.views = None if results.session.read is None else self.views
             return
-        if self.views is None or self.views.contents is not contents \
-                or self.views.style is not self.style:
-            self.views = Views(contents, self.style, selected)
+        if self.views is None or self.views.contents is not contents:
+            self.views = Views(contents, self.views)
+            self.views.selector.select.on_change(
+                'value', lambda attribute, old, new: self._show_view())
 
-    def _fill_side(self, opened: OpenSession) -> None:
-        if opened.session.read is None:
+    def _show_verdict(self, session: Session) -> None:
+        if self.views is None:
+            text = 'gravity_comp workbench'
+        elif session.stage is not None:
+            text = markup.units(headline(self.views.contents))
+        elif session.error:
+            text = 'No model yet. The views compare with a constant torque.'
+        else:
+            text = 'Gravity is being fitted. The views compare with a constant torque.'
+        self.verdict.text = f'<h1 id="verdict">{markup.text(text)}</h1>'
+
+    def _fill_side(self, session: Session) -> None:
+        if session.read is None or self._side is not None and self._side.shows is session.choice:
             return
-        actions = Actions(
-            partial(self._with_choice, OpenSession.learn),
-            partial(self._with_choice, OpenSession.evaluate),
+        self._side = Sidebar(session, Actions(
+            lambda: self._with_choice(Session.learn), lambda: self._with_choice(Session.evaluate),
             lambda: self._export('arm.json', 'application/json',
-                                 lambda session, model: store.model_text(model)),
-            lambda: self._export('report.html', 'text/html', self._report),
-            lambda: self._export('workbench.sh', 'text/x-shellscript', lambda session, model:
-                                 '\n'.join(['#!/bin/sh', 'set -e', *session.commands(), ''])))
-        if self._side is None or self._side.shows is not opened.session.choice:
-            self._side = Sidebar(opened.session, actions)
-            self.side.children = [self.dark, self._side.element, self.earlier]
+                                 lambda results, model: store.model_text(model)),
+            lambda: self._export('report.html', 'text/html',
+                                 lambda results, model: report_html(results.contents())),
+            lambda: self._export(
+                'workbench.sh', 'text/x-shellscript', lambda results, model: '\n'.join(
+                    ['#!/bin/sh', 'set -e', *results.commands(), '']))))
+        self.settings.children = [self._side.element]
 
-    def _update_status(self, opened: OpenSession) -> None:
-        self.cancel.visible = opened.worker.busy
-        self.retry.visible = bool(opened.error) and not opened.worker.busy \
-            and opened.session.next_job() is not None
-        text = page_parts.status_html(opened)
+    def _update_status(self, results: Results) -> None:
+        session = results.session
+        busy = session.worker.job is not None
+        self.cancel.visible = busy
+        self.retry.visible = bool(session.error) and not busy and session.next_job() is not None
+        text = page_parts.status_html(results)
         if self.status.text != text:
             self.status.text = text
 
-    def _show_verdict(self, opened: OpenSession) -> None:
-        stage = opened.session.stage
-        if self.views is None:
-            self.verdict.text = '<h1>gravity_comp workbench</h1>'
-        elif stage is None:
-            self.verdict.text = '<h1>Gravity is being fitted. The views compare with a ' \
-                'constant torque.</h1>' if not opened.error else \
-                '<h1>No model yet. The views compare with a constant torque.</h1>'
-        else:
-            contents = self.views.contents
-            text = headline(contents) if contents.diagnosis else f'{largest(contents)}.'
-            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(text))}</h1>'
-
     def _show_view(self) -> None:
         self.shown.children = [self._element()]
-        self._collections += 1
-        self.link.tags = ['collect', str(self._collections)]
 
     def _element(self) -> UIElement:
-        if self.opened is None or self.views is None:
-            text = (self.opened.error if self.opened else '') or \
-                'The views appear when the recordings have been read.'
-            return widgets.html(f'<h2 id="words">{markup.text(text)}</h2>')
+        """Return the current view."""
+        if self.results is None or self.views is None:
+            return widgets.html(f'<h2 id="words">{markup.text(self._reason)}</h2>')
         try:
             if self.view == COMPARE:
-                return self.pair.show(self.opened, self.style)
+                return self._two.show(self.results)
             return self.views.show(self.view)
         except Exception as problem:
             # A failure of one view must be reported on the page.
@@ -278,22 +235,16 @@ class Page:
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
 
-    # Downloads.
-
-    def _export(self, name: str, kind: str, make: Callable[[Session, GravityModel], str]) -> None:
+    def _export(self, name: str, kind: str,
+                make: Callable[[Results, GravityModel], str]) -> None:
         """Download a file made from the current model."""
-        session = self.opened.session if self.opened else None
-        if session is None or session.stage is None:
-            self._warn('there is no model yet')
+        results = self.results
+        if results is None:
             return
         try:
-            self.downloads.give(name, kind, make(session, session.stage.model))
+            stage = results.session.stage
+            if stage is None:
+                raise DataError('there is no model yet')
+            self.downloads.give(name, kind, make(results, stage.model))
         except GravityCompError as problem:
-            self._warn(str(problem))
-
-    def _report(self, session: Session, model: GravityModel) -> str:
-        if self._outdated and self.opened is not None:
-            self._show(self.opened)
-        if self.views is None:
-            raise DataError('there is no model yet')
-        return report_html(self.views.contents)
+            self._warn(results.session, str(problem))

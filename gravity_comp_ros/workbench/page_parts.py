@@ -1,15 +1,15 @@
-"""Smaller parts of the page: status line, session list, downloads, messages of the browser."""
+"""Smaller parts of the page: status line, session list, downloads, messages to the browser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from bokeh.models import CustomJS, Div
 from gravity_comp_ros.report import markup
+from gravity_comp_ros.workbench.access import ARGUMENT
 from gravity_comp_ros.workbench.jobs import described
-from gravity_comp_ros.workbench.open_session import OpenSession
-from gravity_comp_ros.workbench.store import SavedSession
-
+from gravity_comp_ros.workbench.results import Results
+from gravity_comp_ros.workbench.store import Entry
 
 _SAVE = """
 if (cb_obj.tags.length < 3) return
@@ -23,28 +23,17 @@ cb_obj.tags = []
 """
 
 TOGGLE_DARK = "document.documentElement.classList.toggle('dark')"
-READY = """
-const root = document.documentElement
-root.dataset.ready = 'yes'
-if (matchMedia('(prefers-color-scheme: dark)').matches && !root.classList.contains('dark')) {
-  root.classList.add('dark')
-  link.text = 'dark'
-}
-"""
+READY = "document.documentElement.dataset.ready = 'yes'"
 # Handles messages of the server. The session is part of the URL, so that a reload finds it.
 _ON_MESSAGE = """
 const [what, value] = cb_obj.tags
 if (what == 'session') {
   const address = new URL(location.href)
-  address.search = '?session=' + value
+  address.searchParams.set('session', value)
   history.replaceState(null, '', address)
 } else if (what == 'focus') {
   const element = document.getElementById(value)
   if (element) element.focus()
-} else if (what == 'collect') {
-  // Bokeh keeps removed models in memory until it recomputes its models.
-  for (const each of Bokeh.documents)
-    if (each._recompute_all_models) each._recompute_all_models()
 }
 """
 
@@ -62,37 +51,37 @@ class Downloads:
         self.element.tags = [name, kind, text]
 
 
-def client_link(on_message: Callable[[str], None]) -> Div:
-    """Return an invisible element for messages between browser and server."""
+def client_link() -> Div:
+    """Return an invisible element for messages to the browser, as its tags."""
     element = Div(visible=False, tags=[], name='link', disable_math=True)
     element.js_on_change('tags', CustomJS(code=_ON_MESSAGE))
-    element.on_change('text', lambda attribute, old, new: on_message(new))
     return element
 
 
-def status_html(opened: OpenSession) -> str:
+def status_html(results: Results) -> str:
     """Return the running job, the error, or the last result, with warnings."""
-    job, event, session = opened.worker.running, opened.progress, opened.session
+    session = results.session
+    job, event = session.worker.job, session.progress
     # A fit of all samples and the settings may give the same warning: show it once.
     warnings = dict.fromkeys(filter(None, (
-        opened.save_error, opened.warning, session.slow_warning(),
+        session.save_error, session.warning, results.slow_warning(),
         *(session.stage.warnings if session.stage else ()))))
     below = ''.join(f'<p class="warning">{markup.text(text)}</p>' for text in warnings)
     if job is not None:
         stage = f': {event.stage}' if event else ''
         share = f' <progress max="1" value="{event.share:.2f}"></progress>' if event else ''
         return f'<p id="doing">{markup.text(described(job) + stage)} …{share}</p>{below}'
-    if opened.error:
-        return f'<p id="trouble" class="warning">{markup.text(opened.error)}</p>{below}'
-    return f'<p id="idle" class="quiet">{markup.text(opened.done or "Ready")}</p>{below}'
+    if session.error:
+        return f'<p id="trouble" class="warning">{markup.text(session.error)}</p>{below}'
+    return f'<p id="idle" class="quiet">{markup.text(session.done or "Ready")}</p>{below}'
 
 
-def earlier_html(saved: Sequence[SavedSession]) -> str:
+def earlier_html(saved: Sequence[Entry], token: str) -> str:
     """Return links to sessions that can be resumed."""
     if not saved:
         return ''
     lines = ''.join(
-        f'<li><a href="?session={markup.text(entry.id)}">'
+        f'<li><a href="?{ARGUMENT}={token}&amp;session={markup.text(entry.id)}">'
         f'{markup.text(", ".join(entry.recordings))}</a><br>'
         f'<span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
         f'{markup.text(", ".join(entry.stages[-3:]))}</span></li>' for entry in saved)

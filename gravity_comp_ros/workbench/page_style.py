@@ -11,7 +11,7 @@ from jinja2 import Template
 INSIDE = """
 :host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
 /* Wide tables scroll within their text, which is no wider than the page. */
-.bk-clearfix { min-width: 0; max-width: 100% }
+.bk-clearfix { min-width: 0; max-width: 100%; width: 100% }
 .bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
   white-space: normal; overflow-wrap: anywhere }
 /* A long label wraps next to its box, not below it. */
@@ -36,10 +36,6 @@ h1, h2, h3 { margin-top: .5rem }
 h1 { font-size: 1.2rem; margin: .2rem 0 0 }
 """
 
-# Every plot of Bokeh adds a listener to the viewport, which keeps removed plots in memory. Plots
-# also observe the size of their own element, so the listener is not required.
-_NO_VIEWPORT_LISTENER = 'if (window.visualViewport) visualViewport.addEventListener = () => {}'
-
 # Only scripts of the page run, and only this server is contacted. Bokeh compiles its callbacks,
 # which requires 'unsafe-eval'.
 _POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
@@ -58,6 +54,7 @@ _TEMPLATE = """
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="icon" href="data:,">
 <title>{{ title | e }}</title>
+<script nonce="NONCE">PREFER_DARK</script>
 <script src="static/js/bokeh.min.js?v=VERSION"></script>
 <script src="static/js/bokeh-widgets.min.js?v=VERSION"></script>
 <style>
@@ -100,8 +97,6 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 </div>
 <script nonce="NONCE">COPY</script>
 <script nonce="NONCE">{UPLOAD}</script>
-<script nonce="NONCE">NO_VIEWPORT_LISTENER</script>
-<script nonce="NONCE">LESS_WORK</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -112,7 +107,6 @@ def template(nonce: str) -> Template:
     """Return the template of the page, which runs only scripts with this nonce."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('UPLOAD', upload.SCRIPT)
-    text = text.replace('NO_VIEWPORT_LISTENER', _NO_VIEWPORT_LISTENER)
-    text = text.replace('LESS_WORK', markup.LESS_WORK)
+    text = text.replace('PREFER_DARK', css.PREFER_DARK)
     # A string would be interpreted as blocks of Bokeh's own template.
     return Template(text.replace('NONCE', nonce))

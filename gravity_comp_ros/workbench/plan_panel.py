@@ -14,7 +14,7 @@ from gravity_comp_ros.planning.targets import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.open_session import OpenSession
+from gravity_comp_ros.workbench.session import Session
 
 _ALL = ''
 
@@ -27,16 +27,17 @@ class PlanActions:
     give: Callable[[str, str, str], None]
 
 
-def request_controls(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
+def request_controls(session: Session, actions: PlanActions) -> list[UIElement]:
     """Return the controls to request a plan; none without a diagnosis."""
-    diagnosis, stage = opened.session.diagnosis, opened.session.stage
+    diagnosis, stage = session.diagnosis, session.stage
     if diagnosis is None or stage is None or stage.model.energy is None:
         return []
     chosen = widgets.select(
         'Next recording resolves', [(_ALL, 'all open findings'), *(
             (name, name) for name in open_effects(diagnosis))], _ALL, name='to-resolve')
     ask = widgets.button('Plan a motion', lambda: actions.plan(
-        (str(chosen.value),) if chosen.value else None), name='plan', disabled=opened.worker.busy)
+        (str(chosen.value),) if chosen.value else None), name='plan',
+                         disabled=session.worker.job is not None)
     chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
     return [row(chosen, ask, sizing_mode='stretch_width',
                 styles={'flex-wrap': 'wrap', 'align-items': 'end'})]
@@ -51,11 +52,11 @@ def open_effects(diagnosis: Diagnosis) -> list[str]:
     return list(dict.fromkeys(effects))
 
 
-def planned(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
+def planned(session: Session, actions: PlanActions) -> list[UIElement]:
     """Return the description, the expected results, and the downloads of a planned motion."""
-    if opened.session.plan is None:
+    raw = session.plan
+    if raw is None:
         return []
-    _, raw = opened.session.plan
     plan = MotionPlan(raw)
     start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
         raw.trajectory.joints, raw.trajectory.q[0]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 import errno
 import logging
@@ -10,9 +12,12 @@ import secrets
 import signal
 import socket
 import sys
+import tempfile
 import traceback
 import warnings
+import webbrowser
 
+import bokeh
 from bokeh.application import Application
 from bokeh.application.application import SessionContext
 from bokeh.application.handlers.function import FunctionHandler
@@ -25,20 +30,22 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.access import ARGUMENT, TokenApplication, websocket_origins
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.page import Page
-from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.stages import GivenModel, Start
 from gravity_comp_ros.workbench.upload import UploadHandler
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
+_BOKEH = Path(bokeh.__file__).parent
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
 # Time, in ms, after which a closed page is discarded; its session remains.
 _UNUSED_MS = 15000
+# Loggers of Bokeh and Tornado for messages of a page.
+LOGGERS = ('bokeh.server.protocol_handler', 'tornado.application', 'asyncio')
 
 
 @dataclass(frozen=True)
@@ -60,16 +67,15 @@ class ServeOptions:
 
 def is_of_an_open_page(record: logging.LogRecord) -> bool:
     """
-    Return whether to show a log record of Bokeh.
+    Return whether to show a log record.
 
-    A message of a page may be handled after the page was closed. Bokeh then misses the session
-    of the page and logs a traceback, which is suppressed.
+    A page may close while its messages are handled. Bokeh then misses the session of the page,
+    or closes it twice, and a failed assertion of Bokeh is logged, which is suppressed.
     """
     error = record.exc_info[1] if record.exc_info else None
-    if not isinstance(error, AssertionError):
-        return True
-    frames = traceback.extract_tb(error.__traceback__)
-    return not (frames and frames[-1].name == 'session')
+    frames = traceback.extract_tb(error.__traceback__) if error is not None else []
+    return not (isinstance(error, AssertionError) and frames
+                and Path(frames[-1].filename).is_relative_to(_BOKEH))
 
 
 def serve(options: ServeOptions) -> None:
@@ -83,72 +89,60 @@ def serve(options: ServeOptions) -> None:
     warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
     # A page may be closed while a message is sent to it.
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
-    logging.getLogger('bokeh.server.protocol_handler').addFilter(is_of_an_open_page)
-    given = tuple(GivenModel(path, load_model(path)) for path in options.models)
-    sessions = Sessions(lambda: _session(options, given), options.place, warm=True)
+    for name in LOGGERS:
+        logging.getLogger(name).addFilter(is_of_an_open_page)
+    sessions, token = Sessions(_start(options), options.place), secrets.token_urlsafe(24)
 
-    def start(document: Document) -> None:
-        identity = _requested_session(document)
-        page = Page(document, sessions, identity, secrets.token_urlsafe(16))
+    def open_page(document: Document) -> None:
+        page = Page(document, sessions, token, _argument(document, 'session'))
 
         def ended(context: SessionContext) -> None:
             page.close()
 
         document.on_session_destroyed(ended)
 
-    server = _server(options, Application(FunctionHandler(start)), sessions)
+    server = make_server(options.host, options.port, Application(FunctionHandler(open_page)),
+                         sessions, token)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
     # The loop handles the signal between callbacks, so no callback is interrupted.
     server.io_loop.asyncio_loop.add_signal_handler(  # type: ignore[attr-defined]
         signal.SIGINT, server.io_loop.stop)
-    address = f'http://{options.host if options.host in _LOCAL else "127.0.0.1"}:{server.port}/'
+    host = options.host if options.host in _LOCAL else '127.0.0.1'
+    address = f'http://{host}:{server.port}/?{ARGUMENT}={token}'
     print(f'workbench at {address} (Ctrl-C to stop)', flush=True)
     if options.host not in _LOCAL:
-        print(f'warning: served on {options.host}: anyone who can reach this machine can use it',
-              file=sys.stderr, flush=True)
-    if options.browser:
-        server.io_loop.add_callback(server.show, '/')
+        print(f'warning: served on {options.host} without encryption: the token and the '
+              f'recordings can be read on the network', file=sys.stderr, flush=True)
     try:
-        server.run_until_shutdown()
+        if options.browser:
+            with _redirection(address) as page:
+                server.io_loop.add_callback(webbrowser.open, page.as_uri())
+                server.run_until_shutdown()
+        else:
+            server.run_until_shutdown()
     finally:
         polling.stop()
         sessions.close()
 
 
-def _session(options: ServeOptions, given: tuple[GivenModel, ...]) -> Session:
-    reading = options.reading
-    urdf = None if options.urdf is None else options.urdf.resolve()
-    # The same default as `fit`: a chain with --urdf.
-    default = FitOptions().formulation if urdf is None else 'chain'
-    choice = Choice((), reading.joints or (), options.formulation or default,
-                    dict(reading.effort_scale), reading.differentiate, options.max_speed,
-                    options.all_samples, None if urdf is None else str(urdf))
-    return Session(options.bags, choice, given, reading.topic, urdf)
+def make_server(host: str, port: int, application: Application, sessions: Sessions,
+                token: str) -> BaseServer:
+    """
+    Return a running server; port 0 is any free one.
 
-
-def _requested_session(document: Document) -> str:
-    """Return the session id in the URL of the page."""
-    context = document.session_context
-    arguments = context.request.arguments if context is not None and context.request else {}
-    return b''.join(arguments.get('session', [b''])).decode('ascii', 'replace')
-
-
-def _server(options: ServeOptions, application: Application,
-            sessions: Sessions) -> BaseServer:
+    :raises OptionError: if the address is not available.
+    """
     try:
-        port = options.port or _free_port(options.host)
-        sockets, port = bind_sockets(options.host, port)
+        sockets, port = bind_sockets(host, port or _free_port(host))
     except OSError as problem:
         in_use = problem.errno in (errno.EADDRINUSE, errno.EACCES)
-        reason = f'port {options.port} is in use' if in_use else \
-            f'cannot serve on {options.host}: {(problem.strerror or "unknown").lower()}'
+        reason = f'port {port} is in use' if in_use else \
+            f'cannot serve on {host}: {(problem.strerror or "unknown").lower()}'
         raise OptionError(f'{reason}: choose another with --port, or 0 for any free port'
                           ) from problem
-    hosts = allowed_hosts(options.host, port)
-    # Refuses websockets from pages of other sites and requests with other host names.
-    guarded = GuardedApplication(
-        {'/': application}, hosts, options.host, extra_websocket_origins=list(hosts),
+    guarded = TokenApplication(
+        {'/': application}, token, extra_websocket_origins=websocket_origins(host, port),
         extra_patterns=[('/upload', UploadHandler, {'sessions': sessions})],
         unused_session_lifetime_milliseconds=_UNUSED_MS,
         check_unused_sessions_milliseconds=5000)
@@ -157,6 +151,34 @@ def _server(options: ServeOptions, application: Application,
     server = BaseServer(IOLoop.current(), guarded, http)
     server.start()
     return server
+
+
+def _start(options: ServeOptions) -> Start:
+    reading = options.reading
+    urdf = None if options.urdf is None else options.urdf.resolve()
+    # The same default as `fit`: a chain with --urdf.
+    default = FitOptions().formulation if urdf is None else 'chain'
+    choice = Choice((), reading.joints or (), options.formulation or default,
+                    dict(reading.effort_scale), reading.differentiate, options.max_speed,
+                    options.all_samples, None if urdf is None else str(urdf))
+    given = tuple(GivenModel(path, load_model(path)) for path in options.models)
+    return Start(options.bags, choice, given, reading.topic, urdf)
+
+
+def _argument(document: Document, name: str) -> str:
+    """Return an argument in the URL of the page."""
+    context = document.session_context
+    arguments = context.request.arguments if context is not None and context.request else {}
+    return b''.join(arguments.get(name, [])).decode('ascii', 'replace')
+
+
+@contextmanager
+def _redirection(address: str) -> Iterator[Path]:
+    """Yield a page for the browser, whose command line other users can see without the token."""
+    with tempfile.TemporaryDirectory(prefix='gravity_comp') as name:
+        page = Path(name) / 'workbench.html'
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={address}">')
+        yield page
 
 
 def _free_port(host: str) -> int:

@@ -1,199 +1,321 @@
 """
-Session of the workbench: errors, report contents, findings and command lines.
+State of one user's work: recordings, settings, stages of the model, running job and messages.
 
-Does not depend on Bokeh or on processes.
+Does not depend on Bokeh. Requests of the page and events of the worker change the state;
+`results` computes what the page shows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.provenance import now
-from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.diagnosis.wording import FOUND
-from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.compare import compare, Comparison
-from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
-from gravity_comp_ros.report.arm import Arm, find_arm
-from gravity_comp_ros.report.contents import Contents, Origin
-from gravity_comp_ros.workbench import stages as tree
-from gravity_comp_ros.workbench.session_state import CacheKey, SessionState
-from gravity_comp_ros.workbench.stages import Stage
-import numpy as np
-
-# Verdicts with an Add button.
-ADDABLE = (*FOUND, 'ambiguous', 'weak')
-# Minimum number of slow samples for a reliable error.
-MIN_SLOW = 50
-# Maximum number of cached comparisons; each has the residuals of all samples.
-_MAX_CACHED = 4
+from gravity_comp_ros.api.learn import Learned
+from gravity_comp_ros.api.model import report_of
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import with_enough_motion
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
+from gravity_comp_ros.estimation.refit import Refit
+from gravity_comp_ros.planning.plan import Plan
+from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.jobs import (
+    Add, described, Diagnose, Job, Learn, PlanMotion, Read, ReadResult)
+from gravity_comp_ros.workbench.stages import added_name, Stage, Start, warnings_of_fit
+from gravity_comp_ros.workbench.store import Saved
+from gravity_comp_ros.workbench.worker import Failed, Finished, Works
+from gravity_comp_ros.worker.messages import Progress
 
 
-class Session(SessionState):
-    """State of one user's work, with its derived results."""
+class Session:
+    """
+    A session with its worker. `version` increases with every change to show.
 
-    _errors: tuple[tuple[CacheKey, Comparison], ...] = ()
+    `stages` are in the order of their creation, and `at` is the number of the current one; a new
+    stage replaces those after it. `error` is the reason why the work stopped; `try_again`
+    continues it. `warning` is about the recordings or the last request, `save_error` is the reason
+    why the session is not saved, and `hashes` are those of the recordings when it was saved.
 
-    def contents(self) -> Contents:
-        """
-        Return the contents of the views of the current model.
+    :param place: folder of saved sessions; None to save none.
+    """
 
-        :raises DataError: if there is no model yet, or no sample passes the gate.
-        """
+    def __init__(self, start: Start, worker: Works, identity: str = '',
+                 place: Path | None = None) -> None:
+        self.id, self.place, self.worker = identity, place, worker
+        self.paths, self.choice, self.given = start.paths, start.choice, start.given
+        self.topic, self.urdf = start.topic, start.urdf
+        self.joints = start.choice.joints
+        self.ordered = bool(start.choice.joints)
+        self.read: ReadResult | None = None
+        self.read_as: Read | None = None
+        self.stages: list[Stage] = []
+        self.at: int | None = None
+        self.to_learn = not start.given
+        self.ungated = ''
+        self.hashes: dict[str, str] = {}
+        self.error = self.done = self.warning = self.save_error = ''
+        self.progress: Progress | None = None
+        self.version = 0
+        self.page: object | None = None
+        self._plan: tuple[PlanMotion, Plan] | None = None
+
+    @property
+    def stage(self) -> Stage | None:
+        """Return the current stage."""
+        return None if self.at is None else self.stages[self.at]
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """Return the diagnosis of the current model with the current choice."""
         stage = self.stage
-        if stage is None or self.read is None:
-            raise DataError('there is no model yet')
-        key = CacheKey(self.choice, stage.model, self.read)
-        contents = self.cached('contents', key, lambda: self._contents(stage))
-        # A new diagnosis does not change the errors.
-        key = CacheKey(self.choice, contents, self.diagnosis)
-        return self.cached('diagnosed', key, lambda: contents if
-                           contents.diagnosis is self.diagnosis else replace(
-                               contents, diagnosis=self.diagnosis,
-                               next_command=self._next_command()))
+        return stage.diagnosis if stage and stage.diagnosed_with == self.choice else None
 
-    def _contents(self, stage: Stage) -> Contents:
-        recording = self.recording.select_joints(stage.model.joints)
-        previous = None if stage.parent is None else self.stages[stage.parent]
-        other = self.compared(previous.model) if previous else None
-        predicted = predict_torque(stage.model, recording.samples)
-        return Contents(
-            recording.samples, predicted, stage.model, self.compared(stage.model, predicted),
-            recording.gated.sentence(), recording.reports,
-            Origin('\n'.join(self.commands()), now()), self.diagnosis,
-            {name: x.rmse for name, x in other.joints.items()} if other else {},
-            previous.name if previous else '', next_command=self._next_command(),
-            arm=self.arm(stage.model.joints))
+    @property
+    def is_read(self) -> bool:
+        """Return whether the recordings have been read with the current choice."""
+        return self._reading().gives_same_samples(self.read_as)
 
-    def compared(self, model: GravityModel, predicted: FloatArray | None = None) -> Comparison:
+    @property
+    def plan(self) -> Plan | None:
+        """Return the motion planned for the current model and choice."""
+        if self._plan is None or self.stage is None:
+            return None
+        job, plan = self._plan
+        return plan if job.choice == self.choice and job.model is self.stage.model else None
+
+    def restore(self, saved: Saved) -> None:
+        """Set the state of a saved session, whose `start` this one has."""
+        self.joints, self.stages, self.at = saved.joints, list(saved.stages), saved.at
+        self.to_learn, self.hashes = saved.to_learn, dict(saved.hashes)
+
+    # Requests of the page.
+
+    def start(self) -> None:
+        """Start the next job if no job is running."""
+        job = None if self.worker.job or self.error else self.next_job()
+        if job is not None:
+            self.worker.start(job)
+
+    def next_job(self) -> Read | Learn | Diagnose | None:
+        """Return the next job: read the recordings, fit a model, or diagnose it."""
+        if self.given and not self.choice.joints:
+            self.choice = replace(self.choice, joints=self.given[0].model.joints)
+        if self.read_as is None or not self.is_read:
+            return self._reading()
+        if self.choice.runs and self.to_learn:
+            return Learn(self.read_as, self.choice, self.ordered)
+        if self.choice.runs and self.stage is not None and self.diagnosis is None:
+            return Diagnose(self.read_as, self.choice, self.stage.model)
+        return None
+
+    def try_again(self) -> None:
+        """Continue after an error."""
+        self._change(lambda: None)
+
+    def cancel(self) -> None:
+        """Cancel the running job."""
+        job = self.worker.job
+        if job is not None:
+            self._interrupt()
+            self.error = f'{described(job)} was cancelled'
+            self.version += 1
+
+    def learn(self, choice: Choice) -> None:
+        """Fit a new model."""
+        def learn() -> None:
+            self.choice, self.to_learn, self.warning = choice, True, ''
+        self._change(learn)
+
+    def evaluate(self, choice: Choice) -> None:
+        """Evaluate the current model on other samples."""
+        def evaluate() -> None:
+            model = self._current().model
+            if model.joints != choice.joints:
+                raise DataError(f'the joints of the model are {", ".join(model.joints)}: fit a '
+                                f'model of the selected joints, or select those')
+            self.choice = replace(choice, formulation=self.choice.formulation)
+        self._change(evaluate)
+
+    def add(self, effects: tuple[str, ...]) -> None:
+        """Add effects, in the notation of `gravity_comp add`, to the current model."""
+        self._submit(lambda read, stage: Add(read, self.choice, stage.model, effects))
+
+    def request_plan(self, effects: tuple[str, ...] | None) -> None:
+        """Plan a motion that resolves these effects, or all open findings (None)."""
+        self._submit(lambda read, stage: PlanMotion(read, self.choice, stage.model,
+                                                    self.diagnosis, effects))
+
+    def select_stage(self, number: int) -> None:
+        """Undo, or redo, up to a stage."""
+        if not 0 <= number < len(self.stages) or number == self.at:
+            return
+
+        def select() -> None:
+            stage = self.stages[number]
+            self.at, self.to_learn, self.choice = number, False, stage.choice
+            self.done = f'back at {number + 1}. {stage.name}'
+        self._change(select)
+
+    def rename(self, name: str) -> None:
+        """Set the name of the current stage."""
+        if self.at is not None and name.strip():
+            self.stages[self.at] = replace(self._current(), name=name.strip())
+            self._save()
+            self.version += 1
+
+    def add_recording(self, path: Path) -> None:
+        """Add a recording, which is read next."""
+        def add() -> None:
+            self.paths = (*self.paths, path)
+        self._change(add)
+
+    # Events of the worker.
+
+    def poll(self) -> None:
+        """Process the events of the worker since the last call."""
+        for event in self.worker.poll():
+            if isinstance(event, Progress):
+                self.progress = event
+                continue
+            self.progress = None
+            self.version += 1
+            try:
+                if isinstance(event, Failed):
+                    self._failed(event)
+                else:
+                    self._finished(event)
+            except GravityCompError as problem:
+                self.error = str(problem)
+            self.start()
+        if self.page is None and self.worker.job is None:
+            self.worker.rest()
+
+    def _failed(self, event: Failed) -> None:
+        self.error = event.reason
+        n_read = len(self.read.reports) if self.read else len(self.paths)
+        if isinstance(event.job, Read) and len(self.paths) > n_read:
+            # Continue without the new recording. The message omits its internal folder.
+            new = self.paths[-1]
+            self.warning = f'not added: {self.error}'.replace(f'{new.parent}/', '')
+            self.paths, self.error = self.paths[:n_read], ''
+            new.unlink(missing_ok=True)
+
+    def _finished(self, event: Finished) -> None:
+        job, answer = event.job, event.answer
+        if isinstance(job, Read) and isinstance(answer, ReadResult):
+            self._accept_recordings(job, answer)
+        elif isinstance(job, Learn) and isinstance(answer, Learned):
+            self._learned(job, answer)
+        elif isinstance(job, Add) and isinstance(answer, Refit):
+            self._append(Stage(added_name(answer.added), answer.model, job.choice, answer.added,
+                               warnings=tuple(answer.warnings())))
+        elif isinstance(job, PlanMotion) and isinstance(answer, Plan):
+            self._plan = job, answer
+        elif isinstance(job, Diagnose) and isinstance(answer, Diagnosis) and self.at is not None:
+            self.stages[self.at] = replace(self._current(), diagnosis=answer,
+                                           diagnosed_with=job.choice)
+        if isinstance(job, (Read, Learn, Add)):
+            self._save()
+
+    def _accept_recordings(self, job: Read, read: ReadResult) -> None:
         """
-        Return the errors of a model on the chosen samples, equal to those of `compare`.
+        Set the recordings; new ones are selected.
 
-        The latest are cached.
-
-        :raises DataError: if no recording was read.
-        :raises ModelMismatchError: if a joint of the model is missing.
+        :raises ModelMismatchError: if a given model is of another robot.
         """
-        choice = replace(self.choice, joints=model.joints)
-        key = CacheKey(choice, self.read, model)
-        errors = next((errors for known, errors in self._errors if known == key), None)
-        if errors is None:
-            same = choice == self.choice
-            recording = self.recording if same or self.read is None else choice.recording(
-                self.read.samples, self.read.reports)
-            errors = compare_model(model, recording, predicted)
-            self._errors = ((key, errors), *self._errors)[:_MAX_CACHED]
-        return errors
+        names, n_runs = read.samples.names, read.samples.n_runs
+        is_first = self.read is None and not self.stages
+        if self.given and is_first:
+            missing = set(self.given[0].model.joints) - set(names)
+            if missing:
+                raise ModelMismatchError(
+                    f'the model {self.given[0].name} is of another robot: the recordings have the '
+                    f'joints {", ".join(names)}, without {", ".join(sorted(missing))}')
+        n_before = len(self.read.reports) if self.read else n_runs
+        runs = (*self.choice.runs, *range(n_before, n_runs)) if self.choice.runs else tuple(
+            range(n_runs))
+        self.choice = replace(self.choice, joints=self.choice.joints or names, runs=runs)
+        self.joints = self.joints or (*names, *read.left_out)
+        self.read, self.read_as = read, job.of_joints(names)
+        hashes = self._hashes()
+        changed = [Path(path).name for path, old in self.hashes.items()
+                   if hashes.get(path, old) != old]
+        if changed:
+            self.warning = (f'{", ".join(changed)} changed since this session was saved: its '
+                            f'models were fitted to the previous content')
+        if is_first and self.given:
+            first = self.given[0]
+            self._append(Stage(first.name, first.model, self.choice, given=first.path,
+                               warnings=report_of(first.model).warnings))
+        elif is_first:
+            # All samples of a fast recording, as `fit` does.
+            recording = Recording(read.samples, self.choice.gate(), read.reports)
+            self.ungated = with_enough_motion(recording).ungated
+            if self.ungated:
+                self.choice = replace(self.choice, all_samples=True)
 
-    def arm(self, joints: tuple[str, ...]) -> Arm | None:
-        """Return the arm of these joints; None without a description."""
-        return self.cached('arm', (self.paths, joints),
-                           lambda: find_arm(self.paths, joints, self.urdf))
+    def _learned(self, job: Learn, answer: Learned) -> None:
+        """Append a fitted model; its joints are in the order of the arm."""
+        joints = answer.model.joints
+        self.choice, self.to_learn = replace(job.choice, joints=joints), False
+        self.joints = (*joints, *(name for name in self.joints if name not in joints))
+        self._append(Stage('gravity', answer.model, self.choice,
+                           warnings=warnings_of_fit(answer)))
 
-    def preview(self) -> Contents:
-        """
-        Return the contents of the views before the first fit, with a constant torque as model.
+    def _reading(self) -> Read:
+        return Read(self.paths, self.choice.reading(self.topic),
+                    self.given[0].name if self.given else '', self.choice.urdf)
 
-        :raises DataError: if no recording was read or selected.
-        """
-        return self.cached('preview', CacheKey(self.choice, self.read), self._constant)
+    def _append(self, stage: Stage) -> None:
+        self.stages = [*self.stages[:0 if self.at is None else self.at + 1], stage]
+        self.at = len(self.stages) - 1
 
-    def _constant(self) -> Contents:
-        recording = self.recording
-        samples = recording.samples
-        if not samples.n_samples:
-            raise DataError('the recordings are empty')
-        mean, spread = samples.tau.mean(axis=0), samples.tau.std(axis=0)
-        torques = tuple(Expansion(np.zeros(1, dtype=np.int64), mean[n:n + 1])
-                        for n in range(samples.n_joints))
-        model = GravityModel(samples.names, 'per_joint', torques, None, spread, Coverage(
-            samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
-        return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
-                        f'all {samples.n_samples} samples, against a constant torque',
-                        recording.reports, Origin('\n'.join(self.commands()), now()),
-                        arm=self.arm(samples.names))
+    def _current(self) -> Stage:
+        if self.stage is None:
+            raise DataError('there is no model yet: fit one')
+        return self.stage
 
-    def slow_warning(self) -> str:
-        """Return a warning if almost no sample is slow, otherwise an empty string."""
-        return self.cached('few', CacheKey(self.choice, self.read), self._count_slow)
-
-    def _count_slow(self) -> str:
-        if self.read is None or not self.choice.runs:
-            return ''
-        if self.choice.all_samples:
-            return self.ungated
-        recording = self.recording
+    def _submit(self, job: Callable[[Read, Stage], Job]) -> None:
+        self._interrupt()
         try:
-            n_slow = len(recording.slow)
-        except DataError:
-            n_slow = 0
-        if n_slow >= MIN_SLOW:
-            return ''
-        return (f'Only {n_slow} of {len(recording)} samples are slow: the recordings contain fast '
-                f'motion. Use all samples, or raise the speed limit, under "Samples".')
+            stage = self._current()
+            if self.read_as is None:
+                raise DataError('no recording has been read')
+            self.worker.start(job(self.read_as, stage))
+        except GravityCompError as problem:
+            self.error = str(problem)
+        self.version += 1
 
-    def findings(self) -> list[tuple[Finding, str]]:
-        """Return findings with the target of their Add button, '' for no button."""
-        stage, diagnosis = self.stage, self.diagnosis
-        if stage is None or diagnosis is None:
-            return []
-        return [(f, target(f.effect, f.joint) if f.effect and f.verdict in ADDABLE
-                 and not stage.model.applied.has(f.effect, f.joint) else '')
-                for f in diagnosis.findings]
+    def _change(self, action: Callable[[], None]) -> None:
+        self._interrupt()
+        try:
+            action()
+        except GravityCompError as problem:
+            self.error = str(problem)
+        else:
+            self._save()
+            self.start()
+        self.version += 1
 
-    def commands(self) -> list[str]:
-        """Return command lines that reproduce the model and its evaluation."""
-        if self.at is None or not self.paths:
-            return []
-        return [*tree.command_lines(self.stages, self.at, self.paths, self.topic),
-                *tree.reports(self.choice, self.paths, self.topic)]
+    def _interrupt(self) -> None:
+        # The running job concerns the state before the change; its result is not required.
+        self.worker.cancel()
+        self.error, self.done, self.progress = '', '', None
 
-    def _next_command(self) -> str:
-        """Return the command line that adds the established and likely effects."""
-        targets = [t for f, t in self.findings() if t and f.verdict in FOUND]
-        if not targets:
-            return ''
-        return tree.add_command(tuple(targets), self.choice, self.paths, self.topic)
+    def _hashes(self) -> dict[str, str]:
+        """Return the SHA-256 of the recordings by their absolute path."""
+        return {str(path.resolve()): report.sha256 for path, report in
+                zip(self.paths, self.read.reports)} if self.read else self.hashes
 
-    def residual(self, model: GravityModel) -> FloatArray:
-        """
-        Return the residual of a model on all chosen samples, (M, N) in N·m, for its joints.
-
-        :raises ModelMismatchError: if a joint of the model is missing.
-        """
-        samples = self.recording.samples.joints(model.joints)
-        return np.asarray(samples.tau - predict_torque(model, samples))
-
-    def facts(self, key: str) -> dict[str, str]:
-        """Return formulation, note, recordings and axes of a model of `models`."""
-        model = next(model for name, _, model in self.models() if name == key)
-        terms = sum(len(torque.weights) for torque in model.torques)
-        facts = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
-                 'fitted to': '',
-                 'axes': _short(model.geometry.source) if model.geometry else 'not known'}
-        if key.startswith('stage '):
-            stage = self.stages[int(key.split()[1])]
-            facts['note'] = stage.note
-            facts['fitted to'] = str(stage.given) if stage.given else self._fitted_to(stage)
-        return facts
-
-    def _fitted_to(self, stage: Stage) -> str:
-        runs = ', '.join(self.paths[run].name for run in stage.choice.runs)
-        gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
-        return f'{runs}; {gate}'
-
-    def models(self) -> list[tuple[str, str, GravityModel]]:
-        """Return key, name and model of all models that can be compared."""
-        own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
-        return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
-
-
-def _short(source: str) -> str:
-    """Return the name of a file without its folder; other sources unchanged."""
-    return source if ' in ' in source else Path(source).name
+    def _save(self) -> None:
+        if self.place is None or not self.stages:
+            return
+        try:
+            store.save(self.place, self.id, Saved(
+                Start(self.paths, self.choice, self.given, self.topic, self.urdf), self.joints,
+                tuple(self.stages), self.at, self.to_learn, self._hashes()))
+            self.save_error = ''
+        except GravityCompError as problem:
+            self.save_error = str(problem)

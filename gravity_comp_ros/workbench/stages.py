@@ -1,9 +1,9 @@
-"""Stages of the model: a tree of all its states, with the command lines that reproduce them."""
+"""Stages of the model, one after another, with the command lines that reproduce them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from gravity_comp_ros.api.learn import Learned
@@ -12,54 +12,68 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.workbench.choice import Choice, line
 
 MODEL_FILE = 'arm.json'
+# Maximum number of added effects in the name of a stage.
+_MAX_NAMED = 2
+
+
+@dataclass(frozen=True)
+class GivenModel:
+    """A model file named on the command line."""
+
+    path: Path
+    model: GravityModel
+
+    @property
+    def name(self) -> str:
+        """Return the name on the page."""
+        return self.path.name
+
+
+@dataclass(frozen=True)
+class Start:
+    """Initial state of a new session: the arguments of the command."""
+
+    paths: tuple[Path, ...]
+    choice: Choice = Choice()
+    given: tuple[GivenModel, ...] = ()
+    topic: str | None = None
+    urdf: Path | None = None
 
 
 @dataclass(frozen=True)
 class Stage:
     """
-    One state of the model, with its held-out RMSE by joint in N·m and its origin.
+    One state of the model.
 
-    A stage is a fit, or a model read from the file `given`, or the stage number `parent` with
-    added `effects`, or with its last addition removed (no effects). `choice` has the settings of
-    that step. `warnings` are about the model. `name` and `note` are set by the user. `diagnosis`
-    was made with the settings `diagnosed_with`.
+    A stage is a fit, or a model read from the file `given`, or the stage before it with added
+    `effects`. `choice` has the settings of that step. `warnings` are about the model. The user
+    can change `name`. `diagnosis` was made with the settings `diagnosed_with`.
     """
 
     name: str
     model: GravityModel
     choice: Choice
-    parent: int | None = None
     effects: tuple[str, ...] = ()
     given: Path | None = None
-    held_out: Mapping[str, float] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
     diagnosed_with: Choice | None = None
-    note: str = ''
     warnings: tuple[str, ...] = ()
 
 
-def path_to(stages: list[Stage], number: int) -> list[int]:
-    """Return the numbers of the stages from the root to this one."""
-    path, parent = [number], stages[number].parent
-    while parent is not None:
-        path.append(parent)
-        parent = stages[parent].parent
-    return path[::-1]
+def branch(stages: Sequence[Stage], number: int) -> list[Stage]:
+    """Return the stages from the last fit or file up to this one."""
+    start = max(k for k in range(number + 1) if not stages[k].effects)
+    return list(stages[start:number + 1])
 
 
-def depth(stages: list[Stage], number: int) -> int:
-    """Return the number of stages before this one on its branch."""
-    return len(path_to(stages, number)) - 1
-
-
-def command_lines(stages: list[Stage], number: int, bags: tuple[Path, ...],
+def command_lines(stages: Sequence[Stage], number: int, bags: tuple[Path, ...],
                   topic: str | None) -> list[str]:
     """
     Return command lines that reproduce the model exactly.
 
     :param bags: all recordings; the choice of each stage selects among them.
     """
-    return [_command(stages[k], bags, topic) for k in path_to(stages, number)]
+    return [_command(stage, bags, topic) for stage in branch(stages, number)]
 
 
 def reports(choice: Choice, bags: tuple[Path, ...], topic: str | None) -> list[str]:
@@ -80,21 +94,11 @@ def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...]
                 *choice.gate_options())
 
 
-def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
-    if stage.given is not None:
-        return line('cp', str(stage.given.resolve()), MODEL_FILE)
-    if stage.parent is None:
-        choice = stage.choice
-        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
-                    *choice.reading_options(topic), *choice.gate_options(), '-o', MODEL_FILE)
-    if not stage.effects:
-        return line('gravity_comp', 'add', '--undo', '--model', MODEL_FILE)
-    return add_command(stage.effects, stage.choice, bags, topic)
-
-
-def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
-    # Absolute paths, so that the command lines run in any folder.
-    return [str(bags[run].resolve()) for run in choice.runs]
+def added_name(effects: tuple[str, ...]) -> str:
+    """Return the name of a stage with added effects."""
+    if len(effects) <= _MAX_NAMED:
+        return '+ ' + ', '.join(effects)
+    return f'+ {effects[0]} and {len(effects) - 1} more'
 
 
 def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
@@ -106,3 +110,18 @@ def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
     if axes.left_out:
         warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
     return tuple(warnings)
+
+
+def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
+    if stage.given is not None:
+        return line('cp', str(stage.given.resolve()), MODEL_FILE)
+    if stage.effects:
+        return add_command(stage.effects, stage.choice, bags, topic)
+    choice = stage.choice
+    return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
+                *choice.reading_options(topic), *choice.gate_options(), '-o', MODEL_FILE)
+
+
+def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
+    # Absolute paths, so that the command lines run in any folder.
+    return [str(bags[run].resolve()) for run in choice.runs]

@@ -1,4 +1,4 @@
-"""Upload of recordings by the browser: one file at a time, streamed to disk, of limited size."""
+"""Upload of recordings by the browser: streamed to disk, one at a time, of limited size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import urllib.parse
 from gravity_comp_ros.workbench.sessions import Sessions
 from tornado.web import RequestHandler, stream_request_body
 
-MAX_BYTES = 2 * 2 ** 30
+# Maximum size in bytes of a recording, and of all uploaded recordings that are kept.
+MAX_BYTES, MAX_TOTAL = 2 * 2 ** 30, 16 * 2 ** 30
 _MAGIC = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\x00'}
 _MAX_NAME = 60
 _PARTIAL = '.partial'
@@ -27,13 +28,20 @@ def safe_name(name: str) -> str | None:
     return f'{safe or "recording"}{suffix}'
 
 
+def total_size(folder: Path) -> int:
+    """Return the size in bytes of all files in a folder and its folders."""
+    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+
+
 @stream_request_body
 class UploadHandler(RequestHandler):
     """
-    Receives a file for a session with an open page: PUT /upload?session=ID&name=FILE.
+    Receives a file for a session with an open page: PUT /upload?token=TOKEN&session=ID&name=FILE.
 
     Only pages of this server may upload: the browser's `Origin` header must name this server.
     """
+
+    _running: UploadHandler | None = None
 
     def initialize(self, sessions: Sessions) -> None:
         """Store the sessions."""
@@ -45,26 +53,32 @@ class UploadHandler(RequestHandler):
         """Refuse invalid uploads before any data is read."""
         origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
         name = safe_name(self.get_query_argument('name', ''))
-        opened = self._sessions.open.get(self.get_query_argument('session', ''))
+        session = self._sessions.open.get(self.get_query_argument('session', ''))
         size = self.request.headers.get('Content-Length', '')
         if self.request.method != 'PUT' or origin != self.request.host:
             self._refuse(403, 'only this page may upload a recording')
-        elif opened is None or opened.page is None or opened.session.read is None:
+        elif session is None or session.page is None or session.read is None:
             self._refuse(409, 'wait until the recordings have been read')
+        elif UploadHandler._running is not None:
+            self._refuse(409, 'wait until the other upload has ended')
         elif name is None:
             self._refuse(415, 'upload one file that ends in .mcap or .db3')
         elif not size.isdecimal() or int(size) > MAX_BYTES:
             self._refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
                          f'command line of the workbench')
         else:
-            self._opened = opened
+            folder = self._sessions.upload_folder(session.id)
+            if total_size(folder.parent) + int(size) > MAX_TOTAL:
+                self._refuse(507, f'all uploaded recordings together would be larger than '
+                             f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
+                return
             # The default limit of tornado is smaller.
             self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
-            folder = self._sessions.upload_folder(opened.id)
-            self._path = folder / f'{secrets.token_hex(3)}_{name}'
+            self._session, self._path = session, folder / f'{secrets.token_hex(3)}_{name}'
             try:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._file = self._path.with_suffix(_PARTIAL).open('xb')
+                UploadHandler._running = self
             except OSError as problem:
                 self._refuse(507, f'cannot save the file: {problem.strerror}')
 
@@ -92,8 +106,8 @@ class UploadHandler(RequestHandler):
             return
         self._file.close()
         self._path.with_suffix(_PARTIAL).rename(self._path)
-        self._file = None
-        self._opened.add_recording(self._path)
+        self._file = UploadHandler._running = None
+        self._session.add_recording(self._path)
         self.set_status(204)
 
     def on_connection_close(self) -> None:
@@ -110,6 +124,7 @@ class UploadHandler(RequestHandler):
         if self._file is not None and self._path is not None:
             self._file.close()
             self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
+            UploadHandler._running = None
         self._file = None
 
 
@@ -120,9 +135,9 @@ const upload = async (files) => {
     status.textContent = 'One file at a time.'
     return
   }
-  const file = files[0], session = new URL(location.href).searchParams.get('session') || ''
+  const file = files[0], url = new URL('upload' + location.search, location)
+  url.searchParams.set('name', file.name)
   status.textContent = `uploading ${file.name} …`
-  const url = `upload?session=${session}&name=${encodeURIComponent(file.name)}`
   const answer = file.size > MAX_BYTES ? null :
     await fetch(url, {method: 'PUT', body: file}).catch(() => null)
   status.textContent = !answer ? `${file.name} was not uploaded: it is a folder or too large.`

@@ -1,20 +1,59 @@
 """
 Worker process for long jobs, so that the page stays responsive and can cancel them.
 
-The process starts with the first job and persists between jobs. Cancelling kills it; the next
-job starts a new process, which reads the recordings again. `job_state` is its state machine.
+The process starts with the first job and runs one at a time. Cancelling kills it; the next job
+starts a new process, which reads the recordings again.
 """
 
 from __future__ import annotations
 
-from gravity_comp_ros.workbench import job_state
-from gravity_comp_ros.workbench.job_state import Event, Jobs, State, Transition
-from gravity_comp_ros.workbench.jobs import Job, JobRunner
-from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
+from dataclasses import dataclass
+from typing import Protocol
+
+from gravity_comp_ros.workbench.jobs import Answer, Job, JobRunner
+from gravity_comp_ros.worker.messages import Done, Failed as NotDone, Lost, Progress
 from gravity_comp_ros.worker.serve import Work
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess
 
+PROCESS_ENDED = 'the worker process ended unexpectedly (out of memory?)'
 _NICENESS = 5
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A job and its answer."""
+
+    job: Job
+    answer: Answer
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job without an answer, and the reason in one line."""
+
+    job: Job
+    reason: str
+
+
+Event = Progress | Finished | Failed
+
+
+class Works(Protocol):
+    """Interface of a worker; no method blocks."""
+
+    job: Job | None
+
+    def start(self, job: Job) -> None:
+        """Start a job; `poll` returns its events."""
+
+    def cancel(self) -> None:
+        """End the running job without an event."""
+
+    def poll(self) -> list[Event]:
+        """Return the events since the last call."""
+
+    def rest(self) -> None:
+        """End the process; the next job starts a new one."""
 
 
 def job_runner() -> Work:
@@ -23,78 +62,51 @@ def job_runner() -> Work:
 
 
 class Worker:
-    """Runs jobs one after another in a separate process; no method blocks."""
+    """Runs jobs in a separate process."""
 
-    def __init__(self, warm: bool = False) -> None:
-        self.jobs = Jobs()
+    def __init__(self) -> None:
+        self.job: Job | None = None
         self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
-        self._events: list[Event] = []
-        if warm:
-            self._process.start()
-
-    @property
-    def running(self) -> Job | None:
-        """Return the running job, or else the first waiting job."""
-        return self.jobs.current
-
-    @property
-    def busy(self) -> bool:
-        """Return whether a job is running or waiting."""
-        return self.running is not None
-
-    @property
-    def alive(self) -> bool:
-        """Return whether the process exists."""
-        return self.pid is not None
+        self._failed: list[Event] = []
 
     @property
     def pid(self) -> int | None:
         """The process id; None without a process."""
         return self._process.pid
 
-    def ask(self, job: Job) -> None:
-        """Submit a job; `poll` returns its events."""
-        self._events += self._do(job_state.submitted(self.jobs, job))
+    def start(self, job: Job) -> None:
+        """Start a job; `poll` returns its events."""
+        self.job = job
+        try:
+            if self.pid is None:
+                self._process.start()
+        except OSError as problem:
+            # Not enough memory, or too many processes.
+            self.job, reason = None, problem.strerror or 'unknown'
+            self._failed.append(Failed(job, f'no worker process can be started: {reason}'))
+            return
+        self._process.send(job)
 
-    def cancel(self) -> list[Event]:
-        """Cancel the running and all waiting jobs."""
-        return self._do(job_state.cancelled(self.jobs))
+    def cancel(self) -> None:
+        """End the running job without an event."""
+        if self.job is not None:
+            self.rest()
 
     def rest(self) -> None:
-        """End the process if no job is running; the next job starts a new one."""
-        if self.jobs.state is State.IDLE and self.alive:
-            self._process.end()
-            self._do(job_state.process_ended(self.jobs))
+        """End the process; the next job starts a new one."""
+        self.job, self._failed = None, []
+        self._process.end()
 
     def poll(self) -> list[Event]:
         """Return the events since the last call."""
-        events, self._events = self._events, []
+        events, self._failed = self._failed, []
         for message in self._process.messages():
-            if isinstance(message, Lost):
-                events += self._do(job_state.process_ended(self.jobs))
-            elif isinstance(message, Progress):
+            job = self.job
+            if isinstance(message, Progress):
                 events.append(message)
-            elif isinstance(message, Done):
-                events += self._do(job_state.answered(self.jobs, message.answer))
-            elif isinstance(message, Failed):
-                events += self._do(job_state.answered(self.jobs, None, message.reason))
+            elif job is not None and isinstance(message, (Done, NotDone, Lost)):
+                self.job = None
+                events.append(Finished(job, message.answer) if isinstance(message, Done) else
+                              Failed(job, message.reason if isinstance(message, NotDone)
+                                     else PROCESS_ENDED))
         return events
-
-    def close(self) -> None:
-        """End the process."""
-        self._do(job_state.closed(self.jobs))
-
-    def _do(self, move: Transition) -> list[Event]:
-        self.jobs = move.jobs
-        if move.end:
-            self._process.end()
-        if move.send is None:
-            return list(move.events)
-        try:
-            if not self.alive:
-                self._process.start()
-        except OSError:
-            # Not enough memory, or too many processes.
-            return [*move.events, *self._do(job_state.process_ended(self.jobs))]
-        self._process.send(move.send)
-        return list(move.events)

@@ -4,12 +4,12 @@ from dataclasses import replace
 import json
 
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAISTED
+from bench.shared.workbench_session import session_of, worked
 import gravity_comp_ros as gc
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.workbench.jobs import JobRunner, Learn, Read
-from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.results import Results
 import numpy as np
 import pytest
 
@@ -27,18 +27,9 @@ def folder(tmp_path_factory):
     return folder
 
 
-def on_the_bench(path, urdf=None):
+def on_the_bench(path):
     """Return the workbench's session once it has learned a model."""
-    session, runner = Session((path,), urdf=urdf), JobRunner()
-    for _ in range(2):
-        job = session.next_job()
-        answer = runner.work(job, lambda word, share: None)
-        if isinstance(job, Read):
-            session.accept_recordings(answer, job.options)
-        else:
-            assert isinstance(job, Learn)
-            session.learned(answer, job.choice)
-    return session
+    return worked(session_of(path), until='Diagnose')
 
 
 def poses():
@@ -56,12 +47,13 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
     assert data.joints == JOINTS
     notebook, session = gc.fit(data).gravity, on_the_bench(bag)
     assert session.stage.choice.joints == JOINTS == session.joints[:len(JOINTS)]
-    assert session.facts('stage 0')['axes'] == f'/robot_description in {bag.name}'
+    results = Results(session)
+    assert results.facts(results.models()[0])['axes'] == f'/robot_description in {bag.name}'
     for other in (notebook, session.stage.model):
         assert other.joints == JOINTS
         np.testing.assert_array_equal(other.predict(poses()), fitted.predict(poses()))
     # The command line shown on the page gives the same model.
-    again = session.commands()[0].split()[1:]
+    again = results.commands()[0].split()[1:]
     assert main([*again[:-1], str(file)]) == 0
     np.testing.assert_array_equal(load_model(file).predict(poses()), fitted.predict(poses()))
 
@@ -80,13 +72,10 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
 def test_the_workbench_can_ignore_the_description(folder):
     session = on_the_bench(folder / 'robots' / 'one' / 'run')
     session.learn(replace(session.choice, urdf='none'))
-    runner = JobRunner()
-    runner.work(Read(session.paths, session.choice.reading(None)), lambda word, share: None)
-    job = session.next_job()
-    session.learned(runner.work(job, lambda word, share: None), job.choice)
+    results = Results(worked(session, until='Diagnose'))
     assert session.stage.model.geometry is None
-    assert ' --urdf none ' in session.commands()[0]
-    assert session.facts('stage 1')['axes'] == 'not known'
+    assert ' --urdf none ' in results.commands()[0]
+    assert results.facts(results.models()[1])['axes'] == 'not known'
 
 
 def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, capsys):

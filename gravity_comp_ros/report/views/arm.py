@@ -16,8 +16,8 @@ from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.arm import Arm, unvisited_poses
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.report.style import BEFORE, FAINT, HEAT, MARKED, plot, TEXT, UP
+from gravity_comp_ros.report.table import Table
 import numpy as np
 
 _DRAW = Path(__file__).parents[1].joinpath('arm.js').read_text()
@@ -33,7 +33,7 @@ _POSES = 6
 _MIDDLE = 0.45
 
 
-def section(contents: Contents, table: Table, style: Style) -> Section | None:
+def section(contents: Contents, table: Table) -> Section | None:
     """Return the section; None without a robot description."""
     arm = contents.arm
     if arm is None or not set(arm.geometry.joints) <= set(contents.joints):
@@ -43,42 +43,36 @@ def section(contents: Contents, table: Table, style: Style) -> Section | None:
         'time in the plots over time. Drag to rotate the view. Dots are tool positions. The arc '
         'about each axis is the joint range: the thick part was visited, the thin part was not. '
         'The thin arm is a pose far from all visited poses, where the model extrapolates.',
-        'quiet') + markup.key([(style.up, 'visited'), (style.before, 'not visited'),
-                               (style.marked, 'selected')])
-    return Section('arm', 'The arm', lead, _view(contents, arm, table, style),
+        'quiet') + markup.key([(UP, 'visited'), (BEFORE, 'not visited'), (MARKED, 'selected')])
+    return Section('arm', 'The arm', lead, _view(contents, arm, table),
                    markup.folded('Joint ranges that were not visited',
                                  markup.bullets(_unvisited_ranges(contents, arm))))
 
 
-def _view(contents: Contents, arm: Arm, table: Table, style: Style) -> UIElement:
+def _view(contents: Contents, arm: Arm, table: Table) -> UIElement:
     drawn = ColumnDataSource({name: [] for name in (
         'x0', 'y0', 'x1', 'y1', 'colour', 'alpha', 'width')})
-    fig = plot(style, '', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
+    fig = plot('', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
     fig.segment('x0', 'y0', 'x1', 'y1', source=drawn, line_color='colour', line_alpha='alpha',
                 line_width='width', line_cap='round')
     fig.axis.visible = fig.grid.visible = False
     fig.toolbar_location = None
     numbers = [contents.model.joints.index(name) for name in arm.geometry.joints]
     rmse = np.sqrt((contents.residual[:, numbers] ** 2).mean(axis=0))
-    colours = LinearColorMapper(palette=style.heat, low=0.0, high=max(2.0 * rmse.max(), 1e-9))
-    fig.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m',
-                            title_text_color=style.text, major_label_text_color=style.text,
-                            background_fill_color=style.background), 'right')
+    colours = LinearColorMapper(palette=HEAT, low=0.0, high=max(2.0 * rmse.max(), 1e-9))
+    fig.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m'), 'right')
     pose_text = Div(disable_math=True, sizing_mode='stretch_width', stylesheets=[css.CONTENT],
                     styles={'color': 'var(--text)'})
-    slider = _slider('time, s', 0.0, float(table.time.max()), 0.0, 0.01)
+    slider = _slider('time, s', 0.0, table.end, 0.0, 0.01)
     azimuth = _slider('azimuth of the view, rad', -3.14, 3.14, 0.6, 0.02)
     elevation = _slider('elevation of the view, rad', -0.5, 1.57, 0.35, 0.02)
     ghost = Select(title='unvisited pose', value='0', stylesheets=[css.CONTROL],
                    sizing_mode='stretch_width',
                    options=[(str(k), f'{k + 1}') for k in range(_POSES)] + [('-1', 'none')])
-    # A mapper, because the page replaces palettes in its dark style.
-    line_colours = LinearColorMapper(palette=[style.faint, style.text, style.up, style.before,
-                                              style.marked])
     draw = CustomJS(code=_DRAW, args={
         'samples': table.source, 'drawn': drawn, 'plot': fig, 'slider': slider,
         'pose_text': pose_text, 'azimuth': azimuth, 'elevation': elevation, 'ghost': ghost,
-        'colours': colours, 'line_colours': line_colours, 'cursor': table.cursor,
+        'colours': colours, 'palette': [FAINT, TEXT, UP, BEFORE, MARKED], 'cursor': table.cursor,
         'arm': _arm_data(contents, arm, numbers, rmse)})
     for model in (slider, azimuth, elevation, ghost):
         model.js_on_change('value', draw)

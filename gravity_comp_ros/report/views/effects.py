@@ -10,22 +10,21 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
-from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
 from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import plot, short, Style
-from gravity_comp_ros.report.tiles import in_rows, tiles
+from gravity_comp_ros.report.section import Section, tiles
+from gravity_comp_ros.report.style import (
+    AFTER, BEFORE, MARKED, plot, PREDICTED, RESIDUAL, short, TEXT)
+from gravity_comp_ros.report.table import Table
 
-_MAX_PLOTS, _COLUMNS = 9, 3
+_MAX_PLOTS = 9
 _MAX_BARS, _MAX_NAME = 15, 48
 _MAX_COEFFICIENTS = 4
 
 
-def section(contents: Contents, table: Table, style: Style) -> Section:
+def section(contents: Contents, table: Table) -> Section:
     """Return the findings of the diagnosis, or a text without plots if there are none."""
     title = 'Missing effects'
     diagnosis = contents.diagnosis
@@ -41,11 +40,11 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
         'it, relative to the range of the measured torque.', 'quiet')
     bars = findings[:_MAX_BARS]
-    lead += findings_table(findings) + bar_key(_bars(bars, style))
+    lead += findings_table(findings) + bar_key(_bars(bars))
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
-    parts: list[UIElement] = [gridplot([[_bar_plot(bars, style)]],
+    parts: list[UIElement] = [gridplot([[_bar_plot(bars)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
-    plots = _added_variable_plots(contents, table, style)
+    plots = _added_variable_plots(contents, table)
     explanation = ''
     if plots is not None:
         parts.append(plots)
@@ -80,17 +79,17 @@ def coefficients(finding: Finding, max_count: int = _MAX_COEFFICIENTS) -> str:
     return markup.units(results.coefficients(finding, max_count))
 
 
-def _bars(findings: tuple[Finding, ...], style: Style) -> list[Bars]:
+def _bars(findings: tuple[Finding, ...]) -> list[Bars]:
     """Return the bars of the held-out errors without and with each finding."""
-    return [Bars('without it', [100.0 * f.nrmse_before for f in findings], style.before),
-            Bars('with it', [100.0 * f.nrmse_after for f in findings], style.after)]
+    return [Bars('without it', [100.0 * f.nrmse_before for f in findings], BEFORE),
+            Bars('with it', [100.0 * f.nrmse_after for f in findings], AFTER)]
 
 
-def _bar_plot(findings: tuple[Finding, ...], style: Style) -> figure:
+def _bar_plot(findings: tuple[Finding, ...]) -> figure:
     names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
              for k, f in enumerate(findings)]
-    return bar_plot(style, 'Held-out error without and with each', '% of the range of the torque',
-                    72 + 38 * len(names), names, _bars(findings, style), '0.00', _MAX_NAME)
+    return bar_plot('held-out error, % of the range of the torque', names, _bars(findings),
+                    '0.00', _MAX_NAME)
 
 
 def details(findings: tuple[Finding, ...]) -> str:
@@ -119,7 +118,7 @@ def summaries(diagnosis: Diagnosis) -> str:
     return table + untestable
 
 
-def _added_variable_plots(contents: Contents, table: Table, style: Style) -> UIElement | None:
+def _added_variable_plots(contents: Contents, table: Table) -> UIElement | None:
     findings = contents.diagnosis.findings if contents.diagnosis else ()
     motion = motion_of(contents.model, contents.samples)
     variables = [(k, variable) for k, finding in enumerate(findings[:_MAX_PLOTS])
@@ -128,19 +127,17 @@ def _added_variable_plots(contents: Contents, table: Table, style: Style) -> UIE
         return None
     table.add({f'ax{k}': table.spread(variable.x) for k, variable in variables}
               | {f'ay{k}': table.spread(variable.y) for k, variable in variables})
-    return tiles(in_rows([_plot(variable, table, style, k) for k, variable in variables],
-                         _COLUMNS), 300)
+    return tiles([_plot(variable, table, k) for k, variable in variables], 300)
 
 
-def added(contents: Contents, table: Table, style: Style, finding: Finding) -> figure | None:
+def added(contents: Contents, table: Table, finding: Finding) -> figure | None:
     """Return the added-variable plot of one finding."""
     motion = motion_of(contents.model, contents.samples)
     variable = _variable(contents, table, motion, finding)
     if variable is None or contents.diagnosis is None:
         return None
     table.add({'ax_first': table.spread(variable.x), 'ay_first': table.spread(variable.y)})
-    return _plot(variable, table, style, contents.diagnosis.findings.index(finding),
-                 '_first')
+    return _plot(variable, table, contents.diagnosis.findings.index(finding), '_first')
 
 
 def _variable(contents: Contents, table: Table, motion: Motion,
@@ -150,15 +147,14 @@ def _variable(contents: Contents, table: Table, motion: Motion,
     return added_variable(motion, contents.model, finding, others, table.drawn)
 
 
-def _plot(variable: AddedVariable, table: Table, style: Style, k: int,
-          column_name: str = '') -> figure:
+def _plot(variable: AddedVariable, table: Table, k: int, column_name: str = '') -> figure:
     name = column_name or str(k)
     x = 'angle, rad' if variable.is_angle else 'explained by the effect, N·m'
-    fig = plot(style, printable(f'{k + 1}  {label(variable.finding)} · {variable.joint}'), x,
+    fig = plot(f'{k + 1}  {label(variable.finding)} · {variable.joint}', x,
                'measured, N·m', 250,
                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
     fig.scatter(f'ax{name}', f'ay{name}', source=table.source, size=3, line_color=None,
-                fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
+                fill_color=RESIDUAL, fill_alpha=0.4, selection_fill_color=MARKED,
                 selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
                 nonselection_line_color=None, selection_line_color=None)
     fig.xaxis.ticker.desired_num_ticks = 4
@@ -166,11 +162,11 @@ def _plot(variable: AddedVariable, table: Table, style: Style, k: int,
                           ('measured', f'@ay{name}{{0.000}}'),
                           ('time', '@t{0.00} s')]
     if not variable.is_angle:
-        fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=style.predicted,
+        fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=PREDICTED,
                              line_width=2))
         fig.add_layout(Label(x=6, y=4, x_units='screen', y_units='screen',
                              text=f'explains {100 * max(variable.share, 0.0):.0f} %',
-                             text_color=style.text, text_font_size='12px',
-                             background_fill_color=style.background,
+                             text_color=TEXT, text_font_size='12px',
+                             background_fill_color='white',
                              background_fill_alpha=0.8))
     return fig

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from bokeh.models import BasicTickFormatter, ColumnDataSource, UIElement
+from bokeh.models import BasicTickFormatter, ColumnDataSource
 from bokeh.plotting import figure
 from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import padded, plot, Style
-from gravity_comp_ros.report.tiles import in_rows, tiles
+from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.style import padded, plot, RESIDUAL, short
 import numpy as np
 
 _SHOWN, _MAX_TERMS = 8, 300
-_MAX_STEMS, _COLUMNS = 1000, 4
+_MAX_STEMS = 1000
 
 
-def section(contents: Contents, style: Style) -> Section:
+def section(contents: Contents, selector: JointSelector) -> Section:
     """Return equations, effects and weights."""
     model = contents.model
     lead = markup.paragraph(
@@ -33,11 +32,11 @@ def section(contents: Contents, style: Style) -> Section:
             [[e.name, e.joint or 'the whole arm', numbers(e),
               ', '.join(f'{k} {x:.3g}' for k, x in e.setting.items()) or '–'] for e in applied],
             left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
-    plots = _weights(contents, style)
     after = markup.paragraph(
         'The x axis is the index of the feature among the 3^N products of the dictionary. A '
         'sparse model has few weights, with a clear gap between large and small ones (compare '
-        'Yu 2022, Figs. 8 and 11).', 'quiet') if plots else ''
+        'Yu 2022, Figs. 8 and 11).', 'quiet')
+    plots = selector.place(lambda k: [_stems(contents, contents.numbers[k])], 200)
     return Section('model', 'The model', lead, plots, after)
 
 
@@ -79,24 +78,18 @@ def _sum(weighted: list[tuple[float, str]]) -> str:
     return html
 
 
-def _weights(contents: Contents, style: Style) -> UIElement | None:
-    plots = [_stems(contents, n, style) for n in contents.numbers
-             if len(contents.model.torques[n].weights)]
-    return tiles(in_rows(plots, _COLUMNS), 200) if plots else None
-
-
-def _stems(contents: Contents, n: int, style: Style) -> figure:
+def _stems(contents: Contents, n: int) -> figure:
     torque, count = contents.model.torques[n], contents.model.n_joints
     largest = np.sort(np.argsort(-np.abs(torque.weights))[:_MAX_STEMS])
     indices, weights = torque.indices[largest], torque.weights[largest]
     source = ColumnDataSource({
         'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),
         'name': [dictionary.feature_name(int(k), count) for k in indices]})
-    fig = plot(style, f'{contents.model.joints[n]}: {len(torque.weights)} of {3 ** count}',
+    fig = plot(f'{short(contents.model.joints[n])}: {len(torque.weights)} of {3 ** count}',
                'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
                x_range=padded(0.0, 3.0 ** count, 0.03))
-    fig.segment('x', 'zero', 'x', 'y', source=source, color=style.residual, line_width=1.5)
-    dots = fig.scatter('x', 'y', source=source, size=5, color=style.residual)
+    fig.segment('x', 'zero', 'x', 'y', source=source, color=RESIDUAL, line_width=1.5)
+    dots = fig.scatter('x', 'y', source=source, size=5, color=RESIDUAL)
     fig.hover.renderers = [dots]
     fig.hover.tooltips = [('feature', '@name'), ('weight', '@y{0.0000} N·m')]
     fig.xaxis.ticker.desired_num_ticks = 3

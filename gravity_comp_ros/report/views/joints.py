@@ -21,7 +21,7 @@ def section(contents: Contents) -> Section:
     rows = []
     for name in contents.joints:
         joint = errors[name]
-        row = [name, joint.n, f'{joint.rmse:.4f}', percent(joint.nrmse), f'{joint.std:.4f}',
+        row = [name, joint.n, contents.error(name), percent(joint.nrmse), f'{joint.std:.4f}',
                f'{joint.max_abs:.3f}',
                f'{contents.model.noise[contents.model.joints.index(name)]:.4f}']
         if contents.previous:
@@ -34,7 +34,7 @@ def section(contents: Contents) -> Section:
         'The last columns are for comparison: the training error'
         + (f', the error of {contents.previous_name},' if contents.previous else '')
         + ' and the error of a constant torque.', 'quiet')
-    lead += markup.paragraph(f'Errors in the table: {contents.compared}. Plots show all samples.',
+    lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
                              'quiet')
     table = markup.table(columns, rows, strong=contents.joints.index(named_joint(contents)))
     return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))

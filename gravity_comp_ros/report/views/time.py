@@ -1,28 +1,25 @@
-"""Measured and predicted torque and residual of all joints over time."""
+"""Measured and predicted torque and residual of a joint over time."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from bokeh.layouts import column
-from bokeh.models import CustomJS, Div, HoverTool, Label, Range1d, Span
+from bokeh.models import CustomJS, Div, HoverTool, Label, Span
 from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
-from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, plot, short, Style
-from gravity_comp_ros.report.tiles import tiles
+from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.style import (
+    FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short)
+from gravity_comp_ros.report.table import Table
 
-# Text on the selection: number of samples, time range, RMSE of each joint. A zoomed plot may have
-# more selected samples than the shared table.
+# Text on the selection: number of samples, time range, RMSE of each joint.
 _SELECTION_TEXT = """
-const table = lines.selected.indices.length > samples.selected.indices.length ? lines : samples
-const rows = table.selected.indices
+const rows = samples.selected.indices
 if (!rows.length) { selection.text = ''; return }
-const t = table.get_column('t'), w = table.get_column('w')
+const t = samples.get_column('t'), w = samples.get_column('w')
 let low = Infinity, high = -Infinity, count = 0
 for (const row of rows) {
   low = Math.min(low, t[row])
@@ -38,120 +35,98 @@ const [first, from] = place(low), [last, to] = place(high)
 const where = first == last ? `${runs[first]}, ${from} to ${to} s`
   : `${runs[first]} at ${from} s to ${runs[last]} at ${to} s`
 const errors = joints.map((name, k) => {
-  const r = table.get_column('r' + numbers[k])
+  const r = samples.get_column('r' + numbers[k])
   let sum = 0
   for (const row of rows) sum += w[row] * r[row] * r[row]
-  return `${name} ${Math.sqrt(sum / count).toFixed(3)}`
+  return `${name} ${Math.sqrt(sum / count).toFixed(4)}`
 })
 const about = rows.some(row => w[row] != 1) ? 'about ' : ''
 selection.text = `<p><b>${about}${Math.round(count)} selected</b>: ${where}. ` +
   `RMSE, N·m: ${errors.join(', ')}</p>`
 """
-_TALL, _LOW, _AXIS = 150, 112, 42
+_TALL, _LOW = 190, 150
 # Width of the y labels, equal in all plots so that their time axes are aligned.
 _LEFT = 72
 _MAX_LABELS = 12
 
 
-def section(contents: Contents, table: Table, style: Style) -> Section:
+def section(contents: Contents, table: Table, selector: JointSelector) -> Section:
     """Return two plots per joint with a common time axis."""
-    time = table.range
-    plots: list[figure] = []
-    last = contents.numbers[-1]
-    for n in contents.numbers:
-        plots.append(_torque(contents, table, style, n, time, n == contents.numbers[0]))
-        plots.append(_residual(table, style, n, time, n == last))
+    def plots(k: int) -> list[figure]:
+        n = contents.numbers[k]
+        return [_torque(contents, table, n), _residual(contents, table, n)]
+
     runs = contents.samples.n_runs
-    lead = markup.key([(style.measured, 'measured'), (style.predicted, 'predicted'),
-                       (style.residual, 'residual: measured minus predicted'),
-                       (style.marked, 'selected')])
-    grid = tiles([[p] for p in plots])
     more = ', one after another' if runs > 1 else ''
     text = (f'{contents.samples.n_samples} samples of {runs} run{"s" if runs > 1 else ""}{more}. '
-            'Drag to select samples; they are marked in every plot of this page. All joints share '
-            'the zoom.')
-    if table.is_thinned:
+            'Drag to select samples; they are marked in every plot of this page.')
+    if len(table.drawn) < contents.samples.n_samples:
         text += (f' {len(table.drawn)} samples are drawn, including the minimum and maximum of '
-                 'every time interval; zooming in draws more.')
-    return Section('time', 'Over time', markup.paragraph(text, 'quiet') + lead,
-                   column(_selection_text(contents, table), grid, sizing_mode='stretch_width'))
+                 'every time interval.')
+    lead = markup.paragraph(text, 'quiet') + markup.key(
+        [(MEASURED, 'measured'), (PREDICTED, 'predicted'),
+         (RESIDUAL, 'residual: measured minus predicted'), (MARKED, 'selected')])
+    return Section('time', 'Over time', lead, column(
+        _selection_text(contents, table), selector.place(plots, 900), sizing_mode='stretch_width'))
 
 
 def _selection_text(contents: Contents, table: Table) -> Div:
     """Return a line on the selected samples."""
     line = Div(text='', disable_math=True, sizing_mode='stretch_width', name='selection',
                styles={'color': 'var(--text)', 'font-size': '14px'})
-    args = {'samples': table.source, 'lines': table.lines, 'selection': line,
-            'runs': [markup.text(short(name, 40)) for _, name in table.starts],
-            'starts': [start for start, _ in table.starts], 'numbers': contents.numbers,
-            'joints': [markup.text(name) for name in contents.joints]}
-    for source in (table.source, table.lines):
-        source.selected.js_on_change('indices', CustomJS(args=args, code=_SELECTION_TEXT))
+    table.source.selected.js_on_change('indices', CustomJS(code=_SELECTION_TEXT, args={
+        'samples': table.source, 'selection': line, 'numbers': contents.numbers,
+        'runs': [markup.text(short(name, 40)) for _, name in table.starts],
+        'starts': [start for start, _ in table.starts],
+        'joints': [markup.text(name) for name in contents.joints]}))
     return line
 
 
-def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1d,
-            first: bool) -> figure:
+def _torque(contents: Contents, table: Table, n: int) -> figure:
+    fig = plot(contents.model.joints[n], '', 'N·m', _TALL, x_range=table.range,
+               min_border_left=_LEFT)
+    _line(fig, table, f'm{n}', color=MEASURED, line_width=1.2)
+    _line(fig, table, f'p{n}', color=PREDICTED, line_width=1.4, line_dash=[6, 3])
+    _complete(fig, table, f'm{n}', [('measured', f'@m{n}{{0.000}} N·m'),
+                                    ('predicted', f'@p{n}{{0.000}} N·m'),
+                                    ('residual', f'@r{n}{{0.000}} N·m')])
+    for start, name in table.starts if 1 < len(table.starts) <= _MAX_LABELS else ():
+        fig.add_layout(Label(
+            x=start, y=_TALL - 90, y_units='screen', x_offset=3, text_font_size='11px',
+            text_color=FAINT, text=label(name, max(110 // len(table.starts), 4)),
+            background_fill_color='white', background_fill_alpha=0.75))
+    return fig
+
+
+def _residual(contents: Contents, table: Table, n: int) -> figure:
     name = contents.model.joints[n]
-    fig = plot(style, name, '', 'N·m', _TALL, x_range=time, min_border_left=_LEFT)
-    _line(fig, table, f'm{n}', color=style.measured, line_width=1.2)
-    _line(fig, table, f'p{n}', color=style.predicted, line_width=1.4, line_dash=[6, 3])
-    _marks(fig, table, style, f'm{n}')
-    fig.add_tools(_cursor(fig, [('measured', f'@m{n}{{0.000}} N·m'),
-                                ('predicted', f'@p{n}{{0.000}} N·m'),
-                                ('residual', f'@r{n}{{0.000}} N·m')]))
-    fig.xaxis.visible = False
-    fig.add_layout(table.cursor)
-    _runs(fig, table, style, labelled=first)
-    return fig
-
-
-def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> figure:
-    fig = plot(style, '', 'time in s' if last else '', 'residual, N·m', _LOW + _AXIS * last,
-               x_range=time, min_border_left=_LEFT)
-    _line(fig, table, f'r{n}', color=style.residual, line_width=1.0)
-    _marks(fig, table, style, f'r{n}')
-    fig.add_tools(_cursor(fig, [('residual', f'@r{n}{{0.000}} N·m')]))
-    fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
-    fig.xaxis.visible = last
+    fig = plot(f'{short(name, 20)}, RMSE {contents.error(name)} N·m', 'time, s',
+               'residual, N·m', _LOW, x_range=table.range, min_border_left=_LEFT)
+    _line(fig, table, f'r{n}', color=RESIDUAL, line_width=1.0)
+    _complete(fig, table, f'r{n}', [('residual', f'@r{n}{{0.000}} N·m')])
+    fig.add_layout(Span(location=0.0, dimension='width', line_color=FAINT, line_width=1))
     fig.yaxis.ticker.desired_num_ticks = 4
-    fig.yaxis.axis_label_text_font_size = '11px'
-    fig.add_layout(table.cursor)
-    _runs(fig, table, style, labelled=False)
     return fig
-
-
-def _cursor(fig: figure, values: list[tuple[str, str]]) -> HoverTool:
-    """Return a tool that shows the values under the cursor."""
-    return HoverTool(renderers=fig.renderers[:1], mode='vline',
-                     tooltips=[('time', '@t{0.00} s'), *values])
 
 
 def _line(fig: figure, table: Table, column: str, **looks: Any) -> None:
     """Draw a line whose style does not depend on the selection."""
-    drawn = fig.line('t', column, source=table.lines, **looks)
+    drawn = fig.line('t', column, source=table.source, **looks)
     drawn.selection_glyph = drawn.nonselection_glyph = None
 
 
-def _marks(fig: figure, table: Table, style: Style, column: str) -> None:
-    """Draw points that are visible only if selected, because a box selects no lines."""
-    marks = fig.scatter('t', column, source=table.lines, size=5, line_color=None,
-                        fill_color=style.marked, fill_alpha=0.0, selection_fill_alpha=0.9,
+def _complete(fig: figure, table: Table, column: str, values: list[tuple[str, str]]) -> None:
+    """Add what plots over time have in common: values under the cursor, selection, runs."""
+    fig.add_tools(HoverTool(renderers=fig.renderers[:1], mode='vline',
+                            tooltips=[('time', '@t{0.00} s'), *values]))
+    # Points that are visible only if selected, because a box selects no lines.
+    marks = fig.scatter('t', column, source=table.source, size=5, line_color=None,
+                        fill_color=MARKED, fill_alpha=0.0, selection_fill_alpha=0.9,
                         nonselection_fill_alpha=0.0, selection_line_color=None,
                         nonselection_line_color=None)
     for tool in fig.select({'type': SelectTool}):
         tool.renderers = [marks]
-
-
-def _runs(fig: figure, table: Table, style: Style, labelled: bool) -> None:
-    for number, (start, name) in enumerate(table.starts):
-        if number:
-            fig.add_layout(Span(location=start, dimension='height', line_color=style.faint,
-                                line_dash='dotted'))
-        if labelled and 1 < len(table.starts) <= _MAX_LABELS:
-            room = 110 // len(table.starts)
-            label = name if len(name) <= room else f'{name[:max(room - 1, 3)]}…'
-            fig.add_layout(Label(
-                x=start, y=_TALL - 42, y_units='screen', text=canvas_text(printable(label)),
-                text_font_size='11px', text_color=style.faint, x_offset=3,
-                background_fill_color=style.background, background_fill_alpha=0.75))
+    fig.add_layout(table.cursor)
+    for start, _ in table.starts[1:]:
+        fig.add_layout(Span(location=start, dimension='height', line_color=FAINT,
+                            line_dash='dotted'))

@@ -29,7 +29,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp('files')
     model = str(folder / 'arm.json')
     good = bag(folder / 'good.mcap')
-    assert main(['fit', good, '-o', model, '--formulation', 'potential']) == 0
+    assert main(['fit', good, '-o', model]) == 0
     (folder / 'log.csv').write_text('t,q_1,tau_1\n0,0,1\n1,1,2\n')
     return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
 

@@ -13,9 +13,6 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
 import pytest
 
-# The formulation of the shortest fit.
-QUICK = ('--formulation', 'potential')
-
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
@@ -144,7 +141,7 @@ def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
 
 def test_held_out_data_stays_held_out(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
-    run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', *QUICK, '-o', path)
+    run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
     result = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
     # The second bag was held out.
     assert result['n_samples'] == 1200 and result['on_holdout'] is None
@@ -152,7 +149,7 @@ def test_held_out_data_stays_held_out(bags, tmp_path, capsys):
 
 def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
-    run_json(capsys, 'fit', *both, '--holdout', *QUICK, '-o', path)
+    run_json(capsys, 'fit', *both, '--holdout', '-o', path)
     before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
     result = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
     after = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
@@ -169,7 +166,7 @@ def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
 
 def test_holdout_of_a_fit_of_all_samples_compares_all_samples(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
-    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', *QUICK, '-o', path)
+    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
     result = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
     assert result['gate']['all_samples'] and result['joints']['shoulder']['n'] == 1200
 

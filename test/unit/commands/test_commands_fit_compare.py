@@ -14,8 +14,6 @@ import pytest
 
 NOISE = 0.05
 JOINTS = ('shoulder', 'elbow')
-# The formulation of the shortest fit.
-QUICK = ('--formulation', 'potential')
 
 
 def double_pendulum(count=400, seed=0, start=0.0, load=0.0, speed=0.1, names=JOINTS):
@@ -54,7 +52,7 @@ def bags(tmp_path_factory):
 @pytest.fixture(scope='module')
 def model(bags, tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'arm.json'
-    assert main(['fit', bags['train'], *QUICK, '-o', str(path)]) == 0
+    assert main(['fit', bags['train'], '--formulation', 'potential', '-o', str(path)]) == 0
     return str(path)
 
 
@@ -88,7 +86,7 @@ def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
 
 
 def test_fit_json_contains_report_and_data(bags, capsys, tmp_path):
-    result = run_json(capsys, 'fit', bags['train'], *QUICK, '-o',
+    result = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
                       tmp_path / 'm.json')
     assert result['converged'] and result['report']['solver'][0]['gap'] < 1e-6
     assert result['bags'][0]['name'] == 'train.mcap' and result['gate']['kept'] == 400
@@ -126,7 +124,7 @@ def test_compare_warns_of_fitted_data(bags, model, capsys):
 
 def test_held_out_errors_of_fit_and_compare_agree(bags, capsys, tmp_path):
     path = tmp_path / 'm.json'
-    fitted = run_json(capsys, 'fit', bags['train'], '--holdout', '0.25', *QUICK, '-o', path)
+    fitted = run_json(capsys, 'fit', bags['train'], '--holdout', '0.25', '-o', path)
     assert fitted['holdout']['n_samples'] == pytest.approx(100, abs=4)
     assert fitted['report']['n_samples'] <= 300
     compared = run_json(capsys, 'compare', bags['train'], '--model', path, '--holdout')
@@ -137,7 +135,7 @@ def test_held_out_errors_of_fit_and_compare_agree(bags, capsys, tmp_path):
 
 
 def test_of_two_bags_the_last_is_held_out(bags, capsys):
-    result = run_json(capsys, 'fit', bags['train'], bags['later'], '--holdout', *QUICK)
+    result = run_json(capsys, 'fit', bags['train'], bags['later'], '--holdout')
     assert [block['name'] for block in result['holdout']['blocks']] == ['later.mcap']
     assert result['report']['n_samples'] == 400
 
@@ -155,7 +153,7 @@ def test_effort_scale_and_joints_apply_to_the_model(bags, tmp_path):
 
 def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, capsys, tmp_path):
     path, scale = str(tmp_path / 'm.json'), ['--effort-scale', 'elbow=-2']
-    assert main(['fit', bags['train'], *scale, *QUICK, '-o', path]) == 0
+    assert main(['fit', bags['train'], *scale, '-o', path]) == 0
     (provenance,) = load_model(path).provenance['bags']
     assert provenance['effort_scale'] == {'elbow': -2.0}
 

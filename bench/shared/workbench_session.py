@@ -1,0 +1,52 @@
+"""A session of the workbench whose jobs run in this process."""
+
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.workbench.jobs import JobRunner
+from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.stages import Start
+from gravity_comp_ros.workbench.worker import Failed, Finished
+
+
+class InProcess:
+    """A worker that runs a job when it is polled; `done` lists the jobs."""
+
+    def __init__(self):
+        self.job, self.done, self._runner = None, [], JobRunner()
+
+    def start(self, job):
+        self.job = job
+
+    def cancel(self):
+        self.job = None
+
+    def rest(self):
+        self.job = None
+
+    def poll(self):
+        job, self.job = self.job, None
+        if job is None:
+            return []
+        self.done.append(type(job).__name__)
+        try:
+            return [Finished(job, self._runner.work(job, lambda stage, share: None))]
+        except GravityCompError as problem:
+            return [Failed(job, str(problem))]
+
+
+def session_of(*paths, place=None, **start):
+    """Return a session of recordings with no job done."""
+    session = Session(Start(paths, **start), InProcess(), '0123456789abcdef', place)
+    session.page = session
+    return session
+
+
+def worked(session, until=None):
+    """
+    Return the session after all its jobs.
+
+    :param until: name of the first job that is not done any more.
+    """
+    session.start()
+    while session.worker.job is not None and type(session.worker.job).__name__ != until:
+        session.poll()
+    return session

@@ -1,0 +1,89 @@
+"""Data table shared by all plots, so that a selection in one is marked in all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bokeh.models import ColumnDataSource, Span
+from gravity_comp_ros.data.samples import IntArray
+from gravity_comp_ros.report.contents import Contents, plot_time, REST_SPEED
+from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.report.style import padded, PURPLE
+import numpy as np
+from numpy.typing import NDArray
+
+# Minimum gap that breaks a line, in median steps and in s.
+_BREAK_STEPS, _BREAK_SECONDS = 20.0, 2.0
+
+
+class Table:
+    """
+    Decimated samples for all plots, with breaks between runs and in long gaps.
+
+    Columns, for the model's joint n: `q{n}` rad, `v{n}` rad/s, `m{n}`, `p{n}` and `r{n}` N·m
+    (measured, predicted, residual), `d{n}` the direction of motion as -1, 0, 1; `t` in s with
+    runs one after another; `w` the number of samples that a row represents. `rows` (R,) are
+    sample indices, -1 for a break. `range` is the common range of plots over time; `cursor` marks
+    the time of the drawn pose.
+    """
+
+    def __init__(self, contents: Contents) -> None:
+        samples = contents.samples
+        self.contents = contents
+        time, self.starts = plot_time(samples)
+        self.end = float(time.max())
+        kept, weights = keep_extremes(samples.runs, contents.extent)
+        breaks = _breaks(contents, kept)
+        self.rows = np.insert(kept, breaks, -1)
+        self.range = padded(0.0, self.end, 0.01)
+        self.cursor = Span(dimension='height', visible=False, line_width=1.5, line_color=PURPLE)
+        data: dict[str, NDArray[Any]] = {
+            't': self.column(time), 'w': np.insert(weights, breaks, 0.0).astype(np.float32)}
+        for n in contents.numbers:
+            speed = samples.qd[:, n]
+            direction = np.where(np.abs(speed) <= REST_SPEED, 0.0, np.sign(speed))
+            data |= {f'q{n}': self.column(samples.q[:, n]), f'v{n}': self.column(speed),
+                     f'd{n}': self.column(direction), f'm{n}': self.column(samples.tau[:, n]),
+                     f'p{n}': self.column(contents.predicted[:, n]),
+                     f'r{n}': self.column(contents.residual[:, n])}
+        self.source = ColumnDataSource(data)
+
+    @property
+    def drawn(self) -> IntArray:
+        """Return the drawn sample indices without breaks."""
+        return self.rows[self.rows >= 0]
+
+    def column(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Return values of all samples (M,) at the drawn rows; NaN at breaks."""
+        return self.spread(values[self.drawn])
+
+    def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Return a column of values of the drawn samples; NaN at breaks."""
+        column = np.full(len(self.rows), np.nan, dtype=np.float32)
+        column[self.rows >= 0] = values
+        return column
+
+    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Add columns in one update, because each update sends the whole table to the page."""
+        self.source.data = {**self.source.data, **columns}
+
+    @property
+    def selected(self) -> list[int]:
+        """Return the indices of the selected samples."""
+        return [int(row) for row in self.rows[self.source.selected.indices] if row >= 0]
+
+    def select(self, numbers: list[int]) -> None:
+        """Select samples by index, as far as they are drawn."""
+        self.source.selected.indices = np.flatnonzero(np.isin(self.rows, numbers)).tolist()
+
+
+def _breaks(contents: Contents, rows: IntArray) -> IntArray:
+    samples = contents.samples
+    new_run = np.diff(samples.runs[rows]) > 0
+    steps = np.diff(samples.t)
+    median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    # Gaps of the recording, not gaps from decimation.
+    gaps = np.flatnonzero((steps > _BREAK_STEPS * median) & (steps > _BREAK_SECONDS))
+    gap = np.diff(np.searchsorted(gaps, rows)) > 0
+    return np.flatnonzero(new_run | gap) + 1

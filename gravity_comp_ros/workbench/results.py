@@ -1,0 +1,220 @@
+"""Results of a session for the page: errors, report contents, findings and command lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.wording import FOUND
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.report.arm import Arm, find_arm
+from gravity_comp_ros.report.contents import Contents, Origin
+from gravity_comp_ros.workbench import stages
+from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.stages import Stage
+import numpy as np
+
+# Verdicts with an Add button.
+ADDABLE = (*FOUND, 'ambiguous', 'weak')
+# Minimum number of slow samples for a reliable error.
+_MIN_SLOW = 50
+# Maximum number of cached results; a comparison or a residual has all samples.
+_MAX_CACHED = 16
+Value = TypeVar('Value')
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A stage, or a model file named on the command line, that can be compared."""
+
+    name: str
+    model: GravityModel
+    stage: Stage | None = None
+
+
+class Results:
+    """Derived results of one session, cached until their inputs change."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self._cache: list[tuple[tuple[object, ...], Any]] = []
+
+    def _cached(self, make: Callable[[], Value], *inputs: object) -> Value:
+        """Return the cached value of identical inputs, computed if there is none."""
+        for known, known_value in self._cache:
+            if len(known) == len(inputs) and all(a is b for a, b in zip(known, inputs)):
+                return known_value  # type: ignore[no-any-return]
+        value = make()
+        self._cache = [(inputs, value), *self._cache][:_MAX_CACHED]
+        return value
+
+    @property
+    def recording(self) -> Recording:
+        """
+        Return the chosen runs and joints.
+
+        :raises DataError: if no recording was read or selected.
+        """
+        choice, read = self.session.choice, self.session.read
+        if read is None:
+            raise DataError('no recording has been read')
+        return self._cached(lambda: choice.recording(read.samples, read.reports), choice, read)
+
+    def contents(self) -> Contents:
+        """
+        Return the contents of the views: of the current model, or a constant torque without one.
+
+        :raises DataError: if the recordings have not been read, or no sample passes the gate.
+        """
+        session, stage = self.session, self.session.stage
+        if not session.is_read:
+            raise DataError('the recordings are being read')
+        if stage is None:
+            return self._cached(self._constant, 'constant', session.choice, session.read)
+        base = self._cached(lambda: self._contents(stage), 'base', session.choice, session.read,
+                            stage.model)
+        # A new diagnosis does not change the errors.
+        diagnosis = session.diagnosis
+        return self._cached(lambda: replace(base, diagnosis=diagnosis,
+                                            next_command=self._next_command()), base, diagnosis)
+
+    def _contents(self, stage: Stage) -> Contents:
+        session = self.session
+        recording = self.recording.select_joints(stage.model.joints)
+        before = session.stages[session.at - 1] if session.at and stage.effects else None
+        return Contents(
+            recording.samples, predict_torque(stage.model, recording.samples), stage.model,
+            self.compared(stage.model), recording.gated.sentence(), recording.reports,
+            Origin('\n'.join(self.commands()), now()),
+            previous=self.errors(before) if before else {},
+            previous_name=before.name if before else '', arm=self._arm(stage.model.joints))
+
+    def compared(self, model: GravityModel) -> Comparison:
+        """
+        Return the errors of a model on the chosen samples, equal to those of `compare`.
+
+        :raises DataError: if no recording was read.
+        :raises ModelMismatchError: if a joint of the model is missing.
+        """
+        return self._cached(lambda: compare_model(model, self.recording.select_joints(
+            model.joints)), 'compared', self.session.choice, self.session.read, model)
+
+    def errors(self, stage: Stage) -> dict[str, float]:
+        """Return the RMSE by joint in N·m of a stage on the chosen samples; {} without joints."""
+        try:
+            return {name: x.rmse for name, x in self.compared(stage.model).joints.items()}
+        except GravityCompError:
+            return {}
+
+    def residual(self, model: GravityModel) -> FloatArray:
+        """
+        Return the residual of a model on all chosen samples, (M, N) in N·m, for its joints.
+
+        :raises ModelMismatchError: if a joint of the model is missing.
+        """
+        def residual() -> FloatArray:
+            samples = self.recording.samples.joints(model.joints)
+            return np.asarray(samples.tau - predict_torque(model, samples))
+        return self._cached(residual, 'residual', self.session.choice, self.session.read, model)
+
+    def _arm(self, joints: tuple[str, ...]) -> Arm | None:
+        session = self.session
+        try:
+            return self._cached(lambda: find_arm(session.paths, joints, session.urdf), 'arm',
+                                session.paths, joints)
+        except GravityCompError as problem:
+            session.warning = str(problem)
+            return None
+
+    def _constant(self) -> Contents:
+        """Return the contents before the first fit, with a constant torque as model."""
+        recording = self.recording
+        samples = recording.samples
+        if not samples.n_samples:
+            raise DataError('the recordings are empty')
+        mean, spread = samples.tau.mean(axis=0), samples.tau.std(axis=0)
+        torques = tuple(Expansion(np.zeros(1, dtype=np.int64), mean[n:n + 1])
+                        for n in range(samples.n_joints))
+        model = GravityModel(samples.names, 'per_joint', torques, None, spread, Coverage(
+            samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
+        return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
+                        f'all {samples.n_samples} samples, against a constant torque',
+                        recording.reports, Origin('\n'.join(self.commands()), now()),
+                        arm=self._arm(samples.names))
+
+    def slow_warning(self) -> str:
+        """Return a warning if almost no sample is slow, otherwise an empty string."""
+        session = self.session
+        if session.read is None or not session.choice.runs:
+            return ''
+        if session.choice.all_samples:
+            return session.ungated
+        return self._cached(self._count_slow, 'slow', session.choice, session.read)
+
+    def _count_slow(self) -> str:
+        recording = self.recording
+        try:
+            n_slow = len(recording.slow)
+        except DataError:
+            n_slow = 0
+        if n_slow >= _MIN_SLOW:
+            return ''
+        return (f'Only {n_slow} of {len(recording)} samples are slow: the recordings contain fast '
+                f'motion. Use all samples, or raise the speed limit, under "Samples".')
+
+    def findings(self) -> list[tuple[Finding, str]]:
+        """Return findings with the target of their Add button, '' for no button."""
+        stage, diagnosis = self.session.stage, self.session.diagnosis
+        if stage is None or diagnosis is None:
+            return []
+        return [(f, target(f.effect, f.joint) if f.effect and f.verdict in ADDABLE
+                 and not stage.model.applied.has(f.effect, f.joint) else '')
+                for f in diagnosis.findings]
+
+    def commands(self) -> list[str]:
+        """Return command lines that reproduce the model and its evaluation."""
+        session = self.session
+        if session.at is None:
+            return []
+        return [*stages.command_lines(session.stages, session.at, session.paths, session.topic),
+                *stages.reports(session.choice, session.paths, session.topic)]
+
+    def _next_command(self) -> str:
+        """Return the command line that adds the established and likely effects."""
+        targets = tuple(t for f, t in self.findings() if t and f.verdict in FOUND)
+        session = self.session
+        return stages.add_command(targets, session.choice, session.paths,
+                                  session.topic) if targets else ''
+
+    def models(self) -> list[NamedModel]:
+        """Return all models that can be compared: stages, and further model files."""
+        own = [NamedModel(f'{k + 1}. {stage.name}', stage.model, stage)
+               for k, stage in enumerate(self.session.stages)]
+        return own + [NamedModel(given.name, given.model) for given in self.session.given[1:]]
+
+    def facts(self, named: NamedModel) -> dict[str, str]:
+        """Return formulation, recordings and axes of a model."""
+        model, stage = named.model, named.stage
+        terms = sum(len(torque.weights) for torque in model.torques)
+        source = model.geometry.source if model.geometry else 'not known'
+        facts = {'formulation': f'{model.formulation}, {terms} terms',
+                 'axes': source if ' in ' in source else Path(source).name, 'fitted to': ''}
+        if stage is not None and stage.given:
+            facts['fitted to'] = str(stage.given)
+        elif stage is not None:
+            runs = ', '.join(self.session.paths[run].name for run in stage.choice.runs)
+            gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
+            facts['fitted to'] = f'{runs}; {gate}'
+        return facts
