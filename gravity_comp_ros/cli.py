@@ -54,7 +54,7 @@ PACKAGES = {
     'lz4': 'pip install lz4 (in a ROS workspace: python3-lz4)',
     'dask': 'pip install distributed',
     'distributed': 'pip install distributed',
-    'mcap': 'pip install mcap zstandard (README.md, In a ROS workspace)',
+    'mcap': 'pip install mcap zstandard lz4 (in a ROS workspace: README.md, On the robot)',
     'mujoco': 'pip install mujoco',
     'pinocchio': 'pip install pin (in a ROS workspace: ros-jazzy-pinocchio)',
     'rclpy': 'source ROS 2 Jazzy, or use the .venv that `make venv` makes',

@@ -55,21 +55,10 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
     """
     try:
         with path.open(encoding='utf-8-sig', newline='') as stream:
-            rows = _Rows(path, stream, delimiter)
-            first = next(rows, None)
-            if first is None:
-                raise BagError(f'{path} is empty')
-            if header is None:
-                header = not any(_is_number(cell, not rows.comma) for cell in first[1])
-            names = [c.strip() for c in first[1]] if header else [
-                str(k + 1) for k in range(len(first[1]))]
-            check_columns(path, names)
-            table = _TableBuilder(path, names, not rows.comma, skip_bad_rows)
-            if not header:
-                table.add(*first)
-            for number, cells in rows:
-                table.add(number, cells)
-            return table.finish()
+            start = next(stream, '').removeprefix('#')  # header mark of numpy.savetxt
+            delimiter = delimiter or _delimiter(start)
+            rows = _rows(path, chain([start], stream), delimiter)
+            return _csv_table(path, rows, delimiter != ',', header, skip_bad_rows)
     except UnicodeDecodeError:
         raise BagError(f'{path} is not a text file in UTF-8') from None
     except OSError as error:
@@ -135,78 +124,51 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
     return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
 
 
-class _TableBuilder:
-    """Builder of a table from rows of text cells; empty cells and text become NaN."""
-
-    def __init__(self, path: Path, columns: list[str], decimal_comma: bool,
-                 skip_bad_rows: bool) -> None:
-        self._path, self._columns = path, columns
-        self._decimal_comma, self._skip = decimal_comma, skip_bad_rows
-        self._values, self._lines = array('d'), array('q')
-        self._text: dict[int, tuple[int, str]] = {}
-        self._other_text: dict[int, tuple[int, str]] = {}
-
-    def add(self, line: int, cells: list[str]) -> None:
-        if len(cells) == len(self._columns):
-            self._values.extend(self._numbers(line, cells))
-        elif self._skip:
-            self._values.extend([np.nan] * len(self._columns))
-        else:
-            raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
-                           f'{len(self._columns)} columns (--skip-bad-rows skips such rows)')
-        self._lines.append(line)
-
-    def _numbers(self, line: int, cells: list[str]) -> list[float]:
-        try:
-            return [_number(cell, self._decimal_comma) if cell.strip() else np.nan
-                    for cell in cells]
-        except ValueError:
-            return [self._number_or_text(line, k, cell) for k, cell in enumerate(cells)]
-
-    def _number_or_text(self, line: int, column: int, cell: str) -> float:
-        if not cell.strip():
-            return np.nan
-        try:
-            return _number(cell, self._decimal_comma)
-        except ValueError:
+def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma: bool,
+               header: bool | None, skip_bad_rows: bool) -> Table:
+    """Return the table of rows of text cells; empty cells and text become NaN."""
+    first = next(rows, None)
+    if first is None:
+        raise BagError(f'{path} is empty')
+    if header is None:
+        header = all(_number(cell, decimal_comma) is None for cell in first[1])
+    names = [cell.strip() for cell in first[1]] if header else [
+        str(k + 1) for k in range(len(first[1]))]
+    check_columns(path, names)
+    values, lines = array('d'), array('q')
+    text: dict[int, tuple[int, str]] = {}
+    other_text: dict[int, tuple[int, str]] = {}
+    for line, cells in rows if header else chain([first], rows):
+        if len(cells) != len(names) and not skip_bad_rows:
+            raise BagError(f'{path}, line {line}: {len(cells)} cells; the table has '
+                           f'{len(names)} columns (--skip-bad-rows skips such rows)')
+        if len(cells) != len(names):
+            cells = [''] * len(names)
+        for column, cell in enumerate(cells):
+            number = _number(cell, decimal_comma)
+            values.append(np.nan if number is None else number)
             # Text is an error only in a used column.
-            if self._text.setdefault(column, (line, cell))[1] != cell:
-                self._other_text.setdefault(column, (line, cell))
-            return np.nan
-
-    def finish(self) -> Table:
-        if not self._values:
-            raise BagError(f'{self._path} has no rows')
-        values = np.frombuffer(self._values).reshape(-1, len(self._columns)).copy()
-        return Table(self._path, tuple(self._columns), values, self._lines, None, self._text,
-                     self._other_text)
+            if number is None and cell.strip() and \
+                    text.setdefault(column, (line, cell))[1] != cell:
+                other_text.setdefault(column, (line, cell))
+        lines.append(line)
+    if not lines:
+        raise BagError(f'{path} has no rows')
+    return Table(path, tuple(names), np.frombuffer(values).reshape(-1, len(names)).copy(), lines,
+                 None, text, other_text)
 
 
-class _Rows:
-    """Line number and cells of each line that is not blank; `comma`: commas separate cells."""
-
-    def __init__(self, path: Path, stream: Iterator[str], delimiter: str | None) -> None:
-        first = next(stream, '')
-        first = first.removeprefix('#')  # header mark of numpy.savetxt
-        self._delimiter = delimiter or _delimiter(first)
-        self.comma = self._delimiter == ','
-        self._path = path
-        self._reader = csv.reader(chain([first], stream), delimiter=self._delimiter,
-                                  skipinitialspace=True)
-
-    def __iter__(self) -> Iterator[tuple[int, list[str]]]:
-        return self
-
-    def __next__(self) -> tuple[int, list[str]]:
-        try:
-            for cells in self._reader:
-                if self._delimiter == ' ':
-                    cells = [cell for cell in cells if cell]
-                if cells:
-                    return self._reader.line_num, cells
-        except csv.Error as error:
-            raise BagError(f'{self._path}, line {self._reader.line_num}: {error}') from None
-        raise StopIteration
+def _rows(path: Path, stream: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of each line that is not blank."""
+    reader = csv.reader(stream, delimiter=delimiter, skipinitialspace=True)
+    try:
+        for cells in reader:
+            if delimiter == ' ':
+                cells = [cell for cell in cells if cell]
+            if cells:
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise BagError(f'{path}, line {reader.line_num}: {error}') from None
 
 
 def check_columns(path: Path, names: list[str]) -> None:
@@ -221,25 +183,24 @@ def _delimiter(line: str) -> str:
     delimiter = next((character for character in ';\t,' if character in line), ' ')
     words = line.split()
     if delimiter == ',' and len(words) > 1 and all(
-            _is_number(word, True) and not word.endswith(',') for word in words):
+            _number(word, True) is not None and not word.endswith(',') for word in words):
         return ' '
     return delimiter
 
 
-def _number(cell: str, decimal_comma: bool) -> float:
-    """Return the number in a cell; a date with time gives s since 1970, by default in UTC."""
+def _number(cell: str, decimal_comma: bool) -> float | None:
+    """
+    Return the number in a cell, None for text and an empty cell.
+
+    A date with a time of day gives s since 1970, by default in UTC.
+    """
     try:
         return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
     except ValueError:
         if ':' not in cell:
-            raise
-    date = datetime.fromisoformat(cell.strip())
-    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-
-
-def _is_number(cell: str, decimal_comma: bool) -> bool:
+            return None
     try:
-        _number(cell, decimal_comma)
+        date = datetime.fromisoformat(cell.strip())
     except ValueError:
-        return False
-    return True
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
