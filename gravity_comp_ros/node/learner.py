@@ -159,7 +159,7 @@ class Learner:
         if job.kind == FIT and not isinstance(answer, FitResult) or job.is_outdated:
             arm.epoch.fit_ended(False)
         if isinstance(answer, Failure):
-            self._failed(job, answer.reason)
+            self._failed(job, answer)
         elif job.is_outdated and not isinstance(answer, str):
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
                       'was discarded')
@@ -170,14 +170,19 @@ class Learner:
         else:
             job.reply(True, str(answer))
 
-    def _failed(self, job: Running, reason: str) -> None:
-        """Report a job without a result; only a failed fit is a state of learning."""
-        text = f'{reason}; {self._kept("there is no model yet")}'
+    def _failed(self, job: Running, failure: Failure) -> None:
+        """
+        Report a job without a result.
+
+        A state of learning is a lost fit, and a failed one that no call waits for.
+        """
+        text = f'{failure.reason}; {self._kept("there is no model yet")}'
+        if job.kind == FIT:
+            self.last_fit = f'failed: {failure.reason}'
+            if failure.lost or job.request is None:
+                self.state, self.report = FAULTY, text
         job.reply(False, text)
         self._log_lines.append((True, text))
-        if job.kind == FIT:
-            self.last_fit = f'failed: {reason}'
-            self.state, self.report = FAULTY, text
 
     def _kept(self, none: str = 'no model yet') -> str:
         """Return the model in use after a refusal, as text."""

@@ -15,13 +15,10 @@ import os
 from queue import SimpleQueue
 import subprocess
 import sys
-from threading import Condition, Lock, Thread
+from threading import Lock, Thread
 from typing import Any
 
 from gravity_comp_ros.worker.messages import Failed, Lost, Message
-
-# Notified after each message of any worker.
-_news = Condition()
 
 
 def command(task: str, niceness: int) -> tuple[str, ...]:
@@ -53,11 +50,6 @@ class WorkerProcess:
     def pid(self) -> int | None:
         """The process id, None while there is no process."""
         return self._process.pid if self._process else None
-
-    @property
-    def has_messages(self) -> bool:
-        """Return whether `messages` would return any."""
-        return not self._received.empty()
 
     def start(self) -> None:
         """
@@ -116,26 +108,13 @@ class WorkerProcess:
         self._received = SimpleQueue()
 
 
-def wait_for_messages(workers: Sequence[WorkerProcess]) -> list[WorkerProcess]:
-    """Return the workers with messages; wait until there is one."""
-    with _news:
-        _news.wait_for(lambda: any(worker.has_messages for worker in workers))
-    return [worker for worker in workers if worker.has_messages]
-
-
-def _put(received: SimpleQueue[Message], message: Message) -> None:
-    received.put(message)
-    with _news:
-        _news.notify_all()
-
-
 def _read(process: subprocess.Popen[bytes], connection: Connection, sending: Lock,
           received: SimpleQueue[Message]) -> None:
     """Pass on the messages of a process until it ends."""
     # A message cut off by the end of its process is lost with it.
     with suppress(Exception):
         while True:
-            _put(received, connection.recv())
+            received.put(connection.recv())
     # A job that is being sent fails as soon as the other end is closed.
     with sending:
         connection.close()
@@ -145,7 +124,7 @@ def _read(process: subprocess.Popen[bytes], connection: Connection, sending: Loc
         how = f'signal {-code}' if code < 0 else f'exit code {code}'
     except subprocess.TimeoutExpired:
         how = 'it closed its pipe'
-    _put(received, Lost(how))
+    received.put(Lost(how))
     process.wait()
 
 
@@ -159,7 +138,7 @@ def _send(connection: Connection, sending: Lock, received: SimpleQueue[Message],
         # The process has ended, which its reading thread reports.
         pass
     except Exception as problem:
-        _put(received, Failed(f'the job cannot be sent: {type(problem).__name__}: {problem}'))
+        received.put(Failed(f'the job cannot be sent: {type(problem).__name__}: {problem}'))
 
 
 @contextmanager

@@ -160,8 +160,8 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         whole = np.abs(probe.torques[-1].effort).max()
         assert whole > 1.0 and probe.enable(False).success
         probe.stream(part(later, 20, 22))
-        until_last(probe, part(later, 20, 21))
-        assert not np.any(probe.torques[-1].effort)
+        # Zero is published once; the newest of waiting messages is answered.
+        probe.until(lambda: not np.any(probe.torques[-1].effort), 60, 'zero torque')
         count = len(probe.torques)
         probe.stream(part(later, 22, 26))
         probe.report('feed-forward')
@@ -219,7 +219,7 @@ def test_parameters_and_storms_of_calls(iiwa_model_file, bags, tmp_path):
                             ('compensate', ['coulomb_friction'])):
             assert set_parameter(probe, name, value).successful
         for name in ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model'):
-            storm = [probe.call_async(name) for _ in range(CALLS)]
+            storm = [probe.call_async(name) for _ in range(CALLS if name == 'refit' else 20)]
             probe.until(lambda calls=storm: all(call.done() for call in calls), 60,
                         f'all answers of {name}')
             assert all(call.result().message for call in storm)

@@ -78,18 +78,6 @@ def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
     assert not clean.outliers
 
 
-def test_a_transient_does_not_prevent_a_first_model():
-    # A controller transient causes several N·m on a joint without gravity.
-    samples = recorded('eq17', 0, 60.0, 0.0, None, '', np.random.default_rng(3)).samples
-    tau = samples.tau + np.tanh(samples.qd / 0.01)
-    tau[100:104, 0] += [9.0, -9.0, 7.0, -7.0]
-    samples = replace(samples, tau=tau)
-    job = job_of(bench.Case('', samples, samples.q, tau), None)
-    result = run_fit(job)
-    assert result.accepted, result.reason
-    assert set(result.outliers) == {ARM.joints[0]} and sum(result.outliers.values()) <= 4
-
-
 def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
     samples = recorded('eq17', 0, 20.0, 80.0, Payload(2.0), '', np.random.default_rng(2)).samples
     tau = samples.tau.copy()

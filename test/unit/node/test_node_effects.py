@@ -93,6 +93,8 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     change(node, effects=('coulomb_friction:a',))
     success, text = refit(node)
     assert not success and 'coulomb_friction:a requires 100: keep moving' in text
+    # The caller has the reply, and learning goes on.
+    assert {s.name: s for s in node.statuses(t)}['learning'].level == OK
     t, _ = feed(node, t, 190)
     success, text = refit(node)
     assert success, text

@@ -317,7 +317,7 @@ def test_friction_in_transition_has_the_direction_of_the_motion():
 
 @given(st.lists(st.sampled_from(['other', 'none', 'far', 'near', 'no speed', 'pause']),
                 max_size=40))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 def test_effects_never_step(events):
     """Whatever happens, the torque changes by at most 2 % of its largest change in 10 ms."""
     feed = FeedForward(1, replace(FREE, extrapolation='hold', extrapolation_margin=0.5))
