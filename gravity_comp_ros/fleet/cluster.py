@@ -15,6 +15,8 @@ import importlib.util
 from itertools import islice
 import logging
 from pathlib import Path
+import signal
+import threading
 from typing import TypeVar
 
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
@@ -111,11 +113,7 @@ def _reason(error: BaseException) -> str:
 @contextmanager
 def _client(options: ClusterOptions) -> Iterator[Client]:
     if options.scheduler is None:
-        # No limit of memory: a worker could not go on with less than its recordings need.
-        with LocalCluster(n_workers=options.workers, threads_per_worker=1,
-                          processes=options.workers > 1, memory_limit=0, dashboard_address=None,
-                          security=Security.temporary() if _can_encrypt() else None,
-                          silence_logs=logging.CRITICAL) as cluster, \
+        with _local_cluster(options) as cluster, \
                 Client(cluster, set_as_default=False) as client:
             yield client
         return
@@ -132,6 +130,22 @@ def _client(options: ClusterOptions) -> Iterator[Client]:
                         f'{" ".join(str(error).split())}') from None
     with client:
         yield client
+
+
+def _local_cluster(options: ClusterOptions) -> LocalCluster:
+    """Return a started cluster; an interrupt ends this process alone, which ends the others."""
+    in_main = threading.current_thread() is threading.main_thread()
+    # Processes inherit an ignored signal.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None
+    try:
+        # No limit of memory: a worker could not go on with less than its recordings need.
+        return LocalCluster(
+            n_workers=options.workers, threads_per_worker=1, processes=options.workers > 1,
+            memory_limit=0, dashboard_address=None, silence_logs=logging.CRITICAL,
+            security=Security.temporary() if _can_encrypt() else None)
+    finally:
+        if in_main:
+            signal.signal(signal.SIGINT, before)
 
 
 def _can_encrypt() -> bool:

@@ -171,6 +171,26 @@ def test_a_cluster_with_tls_gives_equal_models_and_refuses_others(
     assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
 
 
+def test_ctrl_c_ends_all_processes_with_one_line(fleet, tmp_path):
+    robots = tmp_path / 'robots'
+    for number in range(16):
+        shutil.copytree(fleet / 'anna', robots / f'r{number}')
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'gravity_comp_ros.cli', 'fleet', 'fit', str(robots), '-o',
+         str(tmp_path / 'out'), '--workers', '2', '--formulation', 'potential'],
+        stderr=subprocess.PIPE, text=True, start_new_session=True)
+    with process:
+        lines = []
+        for line in process.stderr:
+            lines.append(line)
+            if line.startswith('... fit'):
+                os.killpg(process.pid, signal.SIGINT)   # as a terminal does
+                break
+        lines += process.stderr.readlines()   # until every process has closed it
+    assert process.returncode == 130 and lines[-1] == 'gravity_comp fleet: interrupted\n'
+    assert not any('Traceback' in line for line in lines)
+
+
 def test_options_of_tls(tmp_path):
     missing = (tmp_path / 'ca.pem',) * 3
     for options in ({'scheduler': 'tls://10.0.0.5:8786'}, {'tls': missing},
