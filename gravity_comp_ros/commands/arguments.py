@@ -201,9 +201,14 @@ def axes_options(args: argparse.Namespace) -> AxesOptions:
 
 def add_html(parser: argparse.ArgumentParser, description: str = DRAWN) -> None:
     """Add --html FILE and --urdf; `description` is the help text of --urdf."""
-    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
-                        help='write a report with plots, one self-contained file')
+    add_page(parser, 'a report with plots')
     add_drawn_arm(parser, description)
+
+
+def add_page(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add --html FILE; `what` is on the page."""
+    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
+                        help=f'write {what}, one self-contained file')
 
 
 def add_drawn_arm(parser: argparse.ArgumentParser, use: str) -> None:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import argparse
 
 from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import reading, terminal
-from gravity_comp_ros.description.links import urdf_inertials
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.links import DescribedArm, urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.report.check_page import check_html
 from rich.table import Table
 
 EXIT_FAULTS = 3
@@ -21,9 +25,14 @@ def run(args: argparse.Namespace) -> int:
         recording = reading.load(args, report)
         text, source = reading.description_of(args, recording.reports)
         report('check', 0.5)
-        result, faults = _checked(args, recording, text, source)
+        arm = reading.described_arm_of(args, text, source, recording.joints)
+        slow = recording.select_joints(arm.geometry.joints).slow
+        result, faults = _checked(slow, arm, text, source)
         report('check', 1.0)
     unchecked = unchecked_sentences(result)
+    if args.html is not None:
+        page = check_html(source, result, faults, unchecked, arm, slow.q[len(slow) // 2])
+        write_atomically(args.html, page.encode(), error=GravityCompError)
     document = {
         'description': source, 'faults': [one.to_json() for one in faults],
         'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
@@ -35,11 +44,10 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_FAULTS if faults else 0
 
 
-def _checked(args: argparse.Namespace, recording: Recording, text: bytes | str,
+def _checked(slow: JointSamples, arm: DescribedArm, text: bytes | str,
              source: str) -> tuple[DescriptionCheck, list[Finding]]:
-    arm = reading.described_arm_of(args, text, source, recording.joints)
     inertials = urdf_inertials(text, arm, source)
-    result = check_description(recording.select_joints(arm.geometry.joints).slow, arm, inertials)
+    result = check_description(slow, arm, inertials)
     return result, findings(result, arm, parse_tree(text, source), inertials)
 
 

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 def with_error_page(verb: Callable[[argparse.Namespace], int]
                     ) -> Callable[[argparse.Namespace], int]:
     """
-    Wrap a verb: with --html, import Bokeh first, and write a page with the error if it fails.
+    Wrap a verb: with --html, write a page with the error if it fails.
 
-    The wrapped verb raises ImportError if Bokeh is not installed.
+    Its drawing libraries are imported first, so that it does not compute in vain: the wrapped
+    verb raises ImportError without them.
     """
     @wraps(verb)
     def run(args: argparse.Namespace) -> int:

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import secrets
-
 from bokeh.core.json_encoder import serialize_json
 from bokeh.document import Document
 from bokeh.resources import Resources
-from gravity_comp_ros.report import css, markup
+from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import headline
+from gravity_comp_ros.report.html_page import html_page
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.table import Table
 
-# The page loads nothing. Only scripts with the nonce of the page run, so that a name from a
-# recording is never executed. Bokeh compiles its callbacks, which requires 'unsafe-eval'.
-_POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
- script-src 'nonce-{nonce}' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:;
- font-src data:"""
 # MathJax is omitted: it would turn \href in a joint's name into a link.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
 _DRAW = """
@@ -57,7 +51,7 @@ def report_html(contents: Contents) -> str:
             f'{"".join(map(_section, sections))}'
             f'<script type="application/json" id="data">{_embedded(document)}</script>')
     bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
-    return _page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY])
+    return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY])
 
 
 def selector_of(contents: Contents, chosen: str = '', served: bool = False) -> JointSelector:
@@ -68,7 +62,7 @@ def selector_of(contents: Contents, chosen: str = '', served: bool = False) -> J
 
 def message_html(title: str, message: str) -> str:
     """Return a page with an error message."""
-    return _page(title, f'<h1 id="verdict">{markup.text(message)}</h1>', [])
+    return html_page(title, f'<h1 id="verdict">{markup.text(message)}</h1>', [])
 
 
 def _embedded(document: Document) -> str:
@@ -80,19 +74,3 @@ def _section(section: Section) -> str:
     plots = '<div class="plots"></div>' if section.plots is not None else ''
     return (f'<section id="{section.key}"><h2>{markup.text(section.title)}</h2>{section.lead}'
             f'{plots}{section.after}</section>\n')
-
-
-def _page(title: str, body: str, scripts: list[str]) -> str:
-    nonce = secrets.token_urlsafe(16)
-    run = '\n'.join(f'<script nonce="{nonce}">{script}</script>'
-                    for script in [css.PREFER_DARK, *scripts])
-    no_script = markup.paragraph('The plots require JavaScript, which is disabled in this '
-                                 'browser. Tables and numbers are shown.')
-    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-            f'<meta http-equiv="Content-Security-Policy" content="'
-            f'{_POLICY.format(nonce=nonce)}">\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f'<link rel="icon" href="data:,">\n'
-            f'<title>{markup.text(title)}</title>\n<style>{css.REPORT}</style>\n{run}\n'
-            f'</head><body><main>{"<noscript>" + no_script + "</noscript>" if scripts else ""}'
-            f'{body}</main></body></html>\n')

@@ -18,7 +18,7 @@ which recordings: slow motion of all joints over tens of degrees, without contac
 
 examples:
   gravity_comp check run1.mcap run2.mcap --urdf robot.urdf
-  gravity_comp check run1.mcap --urdf robot.urdf --json check.json
+  gravity_comp check run1.mcap --urdf robot.urdf --html check.html    with a drawing of the arm
 
 exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2 wrong usage.
 """
@@ -29,6 +29,7 @@ def check(parser: argparse.ArgumentParser) -> None:
     arguments.add_bags(parser)
     arguments.add_description(parser, 'description to check (default: /robot_description in the '
                               'recording)')
+    arguments.add_page(parser, 'the faults with a drawing of the arm')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)

@@ -1,6 +1,7 @@
 """`check`: each fault of a description is found, named, and its correction corrects it."""
 
 from dataclasses import replace
+from html import escape
 import json
 from pathlib import Path
 import re
@@ -172,13 +173,19 @@ def test_the_command(tmp_path, capsys):
     assert 'no fault found' in capsys.readouterr().out
     (tmp_path / 'arm.urdf').write_text(CASES['axis_reversed'][0]())
     assert main(['check', bag, '--urdf', str(tmp_path / 'arm.urdf'), '--json',
-                 str(tmp_path / 'r.json')]) == 3
+                 str(tmp_path / 'r.json'), '--html', str(tmp_path / 'r.html')]) == 3
     out = capsys.readouterr().out
     assert '1. the axis of iiwa_joint_4 is reversed' in out and '<axis xyz="0 0 1"/>' in out
     result = json.loads((tmp_path / 'r.json').read_text())
     assert {one['kind'] for one in result['faults']} <= set(KINDS)
     assert result['joints']['iiwa_joint_2']['rmse'] > 2 * result['joints']['iiwa_joint_2'][
         'rmse_corrected']
+    page = (tmp_path / 'r.html').read_text()
+    assert all(escape(one['sentence']) in page for one in result['faults'])
+    drawing = ElementTree.fromstring(re.search('<svg.*?</svg>', page, re.DOTALL)[0])
+    labels = {text.text: text.get('class') for text in drawing.iter('text')}
+    assert len(labels) == 8 and labels['1: iiwa_joint_4'] == 'fault'
+    assert len(drawing.findall('circle[@class="fault"]')) == len(result['faults'])
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
