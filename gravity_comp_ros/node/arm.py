@@ -36,7 +36,7 @@ class Arm:
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described: ArmDescription | None = None
-        self._allowed = settings.enabled
+        self.is_allowed = settings.enabled
         self.gate = _gate(len(joints), settings)
         self.gate_counts: Counter[str] = Counter()
         self.sent = SentTorqueHistory(len(joints))
@@ -71,7 +71,7 @@ class Arm:
 
     def enable(self, enabled: bool) -> None:
         """Allow or forbid torque; it ramps either way."""
-        self._allowed = enabled
+        self.is_allowed = enabled
         self._limit()
 
     @property
@@ -93,7 +93,7 @@ class Arm:
         if source == SOURCE and self.described is not None:
             settings = replace(settings, max_torque=self.described.max_effort)
         self.feed.set_options(settings)
-        self.feed.enable(self._allowed and source != 'none')
+        self.feed.enable(self.is_allowed and source != 'none')
 
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on."""

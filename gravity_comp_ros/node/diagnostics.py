@@ -90,9 +90,14 @@ def unnamed_status(topic: str, unusable: int) -> Status:
     return Status('input', STALE, f'no message on {topic}', {'topic': topic, 'messages': '0'})
 
 
-def model_status(models: ModelHistory, now: float) -> Status:
-    """Return the state of the model, and of loading or saving its file."""
-    values, entry, problem = {'earlier models': str(models.n_past)}, models.entry, models.problem
+def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
+    """
+    Return the state of the model, and of loading or saving its file.
+
+    :param no_arm: the reason why messages name no arm, empty if there is none.
+    """
+    values, entry = {'earlier models': str(models.n_past)}, models.entry
+    problem = models.problem or no_arm
     if entry is None:
         return Status('model', ERROR if problem else WARN, problem or
                       'no model yet: no torque is published', values)
@@ -113,7 +118,7 @@ def learning_status(learner: Learner, arm: Arm) -> Status:
     for check in learner.last_checks:
         values[f'check {check.name}'] = check.describe()
     if fits.last_loss and fits.state not in (READY, BUSY):
-        level, report = ERROR, f'{fits.last_loss}; the old model stays in use'
+        level, report = ERROR, f'{fits.last_loss}; {learner.kept}'
     else:
         level, report = {FINE: OK, REFUSED: WARN, FAULTY: ERROR}[learner.state], learner.report
     text = f'{report}; {epoch.describe()}' if report else epoch.describe()

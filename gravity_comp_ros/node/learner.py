@@ -176,7 +176,7 @@ class Learner:
 
         A state of learning is a lost fit, and a failed one that no call waits for.
         """
-        text = f'{failure.reason}; {self._kept("there is no model yet")}'
+        text = f'{failure.reason}; {self.kept}'
         if job.kind == FIT:
             self.last_fit = f'failed: {failure.reason}'
             if failure.lost or job.request is None:
@@ -184,9 +184,10 @@ class Learner:
         job.reply(False, text)
         self._log_lines.append((True, text))
 
-    def _kept(self, none: str = 'no model yet') -> str:
-        """Return the model in use after a refusal, as text."""
-        return none if self.models.model is None else 'the old model stays in use'
+    @property
+    def kept(self) -> str:
+        """The model in use after a refusal, as text."""
+        return 'no model yet' if self.models.model is None else 'the old model stays in use'
 
     def _payload_tested(self, arm: Arm, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
@@ -221,7 +222,7 @@ class Learner:
                                        ) if outliers else (FINE, '')
             self._use(arm, result, now)
         else:
-            text = f'{self._kept()}: {self.last_fit}'
+            text = f'{self.kept}: {self.last_fit}'
             self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
             if result.is_compensated:
                 self.report = self.last_fit
@@ -301,7 +302,7 @@ class Learner:
         if was_open and not dropped:
             return True, f'{arm.epoch.describe()}; it was open already'
         return True, (f'epoch {arm.epoch.number} open, {dropped} old samples dropped; '
-                      f'{self._kept()} until a better one is learned: move the arm slowly '
+                      f'{self.kept} until a better one is learned: move the arm slowly '
                       'through its range')
 
     def roll_back(self, arm: Arm, now: float) -> tuple[bool, str]:

@@ -47,7 +47,7 @@ class ModelHistory:
     def __init__(self, path: str, depth: int) -> None:
         self.path = path
         self.entry: Entry | None = None
-        # Error of loading or saving the file, or reason why nothing can be learned.
+        # Error of loading the file, or of the last save.
         self.problem = ''
         self._depth = depth
         self._past: list[Entry] = []

@@ -45,8 +45,8 @@ class NodeCore:
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.
         self._guessed = False
-        # Messages that name no arm.
-        self._unusable = 0
+        # Messages that name no arm, and the reason.
+        self._unusable, self._no_arm = 0, ''
         joints = settings.joints
         try:
             entry = self.models.load(joints, now)
@@ -66,8 +66,11 @@ class NodeCore:
     def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
         self.settings.check(joints)
         check_effects(self.settings, joints)
+        # Torque that a call has disabled stays disabled where the arm replaces a gripper.
+        is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
         self.arm = Arm(joints, self.settings, is_open=entry is None,
                        has_base=entry is not None and can_change(entry.model))
+        self.arm.enable(is_allowed)
         if entry is not None:
             self.arm.use(entry.model, None, 0)
             self.learner.base = entry.model
@@ -176,10 +179,10 @@ class NodeCore:
             self._guessed = True
             self._check_order(names)
         except OptionError as problem:
-            self.models.problem = str(problem)
+            self._no_arm = str(problem)
             self._unusable += 1
             return None
-        self.models.problem = ''
+        self._no_arm = ''
         return self.arm
 
     def _check_order(self, names: tuple[str, ...]) -> None:
@@ -254,7 +257,8 @@ class NodeCore:
 
     def statuses(self, now: float) -> list[diagnostics.Status]:
         """Return the statuses for /diagnostics, and restart their counts."""
-        arm, model = self.arm, diagnostics.model_status(self.models, now)
+        arm, model = self.arm, diagnostics.model_status(
+            self.models, now, self._no_arm)
         if arm is None:
             return [diagnostics.unnamed_status(self._topic, self._unusable), model]
         replaced, self._replaced = self._replaced, 0

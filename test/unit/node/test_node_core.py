@@ -90,6 +90,8 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     answers = []
     node.save(0.0, lambda *answer: answers.append(answer))
     assert not answers[0][0] and path.read_bytes() == content
+    # The first message does not end the report.
+    assert status(node, 'model').level == ERROR and 'model.json' in status(node, 'model').message
 
 
 def test_a_model_of_other_joints_is_not_used(live, model_file):
@@ -142,7 +144,7 @@ def test_a_first_message_that_names_no_arm(live):
     assert send_message(node, large, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
     assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
-    assert node.arm.joints == ('a', 'b') and node.models.problem == ''
+    assert node.arm.joints == ('a', 'b') and status(node, 'model').level == WARN
 
 
 def test_levels_of_the_input(live):
@@ -304,8 +306,9 @@ def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     node = live()
     send_message(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
     assert node.arm.joints == ('finger',)
+    assert node.enable(False)[0]
     send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
-    assert node.arm.joints == ('a', 'b')
+    assert node.arm.joints == ('a', 'b') and not node.arm.feed.enabled
     send_message(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
     assert node.arm.joints == ('a', 'b')
 
@@ -363,6 +366,16 @@ def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
     until(node, lambda: node.learner.fits.state == 'ready')
     assert status(node, 'learning').level == OK
     assert any(answers[0][1] in text for _, text in node.log_lines)
+
+
+def test_a_lost_fit_process_without_a_model_keeps_no_model(live):
+    node = live()
+    feed(node, 3)
+    until(node, lambda: node.learner.fits.state == 'ready')
+    os.kill(node.learner.fits.pid, signal.SIGKILL)
+    until(node, lambda: node.learner.fits.state == 'down')
+    report = status(node, 'learning')
+    assert report.level == ERROR and 'died (signal 9); no model yet; epoch 0' in report.message
 
 
 @pytest.mark.parametrize('number, reason', [

@@ -7,6 +7,7 @@ import sys
 from docs.make_parameters import markdown
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.node import checks, messages
 from gravity_comp_ros.node.parameters import BY_NAME, Parameters, TABLE
 import pytest
 import yaml
@@ -16,6 +17,14 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def test_the_documentation_is_current():
     assert (ROOT / 'docs' / 'parameters.md').read_text() == markdown()
+
+
+def test_every_check_and_every_fault_of_the_input_is_documented():
+    page = (ROOT / 'docs' / 'node.md').read_text()
+    names = [value for name, value in vars(checks).items() if name.isupper()]
+    assert len(names) == 17 and all(f'| {name} |' in page for name in names)
+    assert all(f'`{reason}`' in page
+               for reason in (*messages.FAULTS, *messages.REPLACED, *messages.HANDLED))
 
 
 def test_the_documentation_needs_no_ros():
