@@ -1,7 +1,7 @@
 """
 Make the pictures of docs/report.md and docs/workbench.md, in headless Chromium.
 
-    python3 docs/make_pictures.py
+    python3 -m docs.make_pictures
 
 A simulated arm with unmodelled friction is recorded, and shown in a report and the workbench.
 """

@@ -12,9 +12,10 @@ from bokeh.themes import Theme
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import css
 
-# Okabe and Ito's colours, distinguishable with any common colour blindness.
-BLUE, SKY, GREEN, ORANGE = '#0072b2', '#56b4e9', '#009e73', '#e69f00'
-VERMILION, PURPLE, YELLOW = '#d55e00', '#cc79a7', '#b8a800'
+# Okabe and Ito's hues, distinguishable with any common colour blindness. They have a contrast to
+# white that remains when the dark style inverts them.
+BLUE, SKY, GREEN, ORANGE = '#0072b2', '#2f8fce', '#00875f', '#b87d00'
+VERMILION, PURPLE, YELLOW = '#d55e00', '#b0588a', '#8a7d00'
 TEXT, FAINT, GRID = '#1b1f24', '#59636e', '#e3e6ea'
 MEASURED, PREDICTED, RESIDUAL, MARKED = TEXT, VERMILION, BLUE, '#c4007a'
 UP, DOWN, STILL = BLUE, VERMILION, '#8a8f98'

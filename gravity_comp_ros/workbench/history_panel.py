@@ -70,7 +70,7 @@ def chart(stages: Errors) -> UIElement:
     joints = list(stages[-1][1])
     fig = plot('error by stage, on the selected samples', '', 'RMSE, N·m',
                max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
-               x_range=(-0.3, len(stages) - 0.7))
+               x_range=(-0.5, len(stages) - 0.5))
     entries = []
     for n, joint in enumerate(joints):
         source = ColumnDataSource({
@@ -84,7 +84,7 @@ def chart(stages: Errors) -> UIElement:
         entries.append((label(joint, 15), [line, dot]))
     fig.y_range.start = 0.0
     fig.xaxis.ticker = FixedTicker(ticks=list(range(len(stages))))
-    fig.xaxis.major_label_overrides = {k: label(name, 16) for k, (name, _) in enumerate(stages)}
+    fig.xaxis.major_label_overrides = {k: label(name, 12) for k, (name, _) in enumerate(stages)}
     fig.xaxis.major_label_orientation = 0.5 if len(stages) > 2 else 'horizontal'
     fig.hover.tooltips = [('joint', '@joint'), ('RMSE', '@y{0.0000} N·m')]
     fig.add_layout(Legend(items=entries), 'right')

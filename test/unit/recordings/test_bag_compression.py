@@ -3,6 +3,7 @@
 import io
 import sqlite3
 import struct
+import tracemalloc
 
 from bench.shared.recordings import messages, motion, NAMES, write_folder
 from gravity_comp_ros.errors import BagError
@@ -65,8 +66,15 @@ def bomb(kind, size=60_000_000):
 
 @pytest.mark.parametrize('kind', ['zstd', 'lz4'])
 def test_nothing_is_expanded_beyond_the_limit(kind):
-    with pytest.raises(CompressionError, match='expands to more than 1000 bytes'):
-        decompressed(bomb(kind), kind, 1000)
+    data = bomb(kind)
+    tracemalloc.start()
+    try:
+        with pytest.raises(CompressionError, match='expands to more than 1000 bytes'):
+            decompressed(data, kind, 1000)
+        # Nor is memory used for it.
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
     assert decompressed(bomb(kind, 1000), kind, 1000) == bytes(1000)
 
 
