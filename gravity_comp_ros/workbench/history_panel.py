@@ -18,6 +18,8 @@ _DASHES = ('solid', 'dashed')
 _MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex',
             'star')
 _HEIGHT, _LEGEND_ROW = 180, 19
+# Maximum number of stages in the chart; each compares its model on all samples.
+_MAX_STAGES = 8
 # Name of a stage, and its errors by joint in N·m.
 Errors = Sequence[tuple[str, dict[str, float]]]
 
@@ -33,7 +35,7 @@ class HistoryPanel:
         """Return the panel of a session."""
         session, stage, at = results.session, results.session.stage, results.session.at
         errors = [] if at is None or not session.is_read else [
-            (stage.name, known) for stage in session.stages[:at + 1]
+            (stage.name, known) for stage in session.stages[:at + 1][-_MAX_STAGES:]
             if (known := results.errors(stage))]
         elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(errors))]
         if len(errors) > 1:

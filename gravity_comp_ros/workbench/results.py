@@ -53,11 +53,15 @@ class Results:
 
     def _cached(self, make: Callable[[], Value], *inputs: object) -> Value:
         """Return the cached value of identical inputs, computed if there is none."""
-        for known, known_value in self._cache:
-            if len(known) == len(inputs) and all(a is b for a, b in zip(known, inputs)):
-                return known_value  # type: ignore[no-any-return]
-        value = make()
-        self._cache = [(inputs, value), *self._cache][:_MAX_CACHED]
+        for k, entry in enumerate(self._cache):
+            if len(entry[0]) == len(inputs) and all(a is b for a, b in zip(entry[0], inputs)):
+                del self._cache[k]
+                break
+        else:
+            entry = inputs, make()
+        # The latest used come first.
+        self._cache = [entry, *self._cache][:_MAX_CACHED]
+        value: Value = entry[1]
         return value
 
     @property
