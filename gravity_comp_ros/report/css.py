@@ -39,6 +39,7 @@ thead th { color: var(--faint); font-weight: 500; white-space: normal }
 tbody th { font-weight: 500; white-space: nowrap; max-width: 24em; overflow: hidden;
   text-overflow: ellipsis }
 .number { text-align: right }
+td.number { white-space: nowrap }
 tr.strong th, tr.strong td { font-weight: 700 }
 .key { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem }
 .key i { display: inline-block; width: .85em; height: .85em; border-radius: 2px;

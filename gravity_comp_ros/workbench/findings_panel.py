@@ -50,8 +50,8 @@ def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]
     adding = isinstance(results.session.worker.job, AddJob)
     rows = [_row(number, finding, target, add, adding, plans)
             for number, (finding, target) in enumerate(findings)]
-    elements = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
-                             'range of the torque.</p>'), *rows[:_AT_FIRST]]
+    elements = [widgets.html('<p class="finding quiet">Held-out errors are relative to the range '
+                             'of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
     accepted = tuple(target for finding, target in findings
                      if target and finding.verdict in wording.FOUND)
@@ -87,7 +87,7 @@ def _finding_html(number: int, finding: Finding) -> str:
     values = coefficients(finding, _MAX_COEFFICIENTS)
     return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
-            f'<span class="quiet">{markup.text(values)}; error '
+            f'<span class="quiet">{markup.text(values)}; held-out error '
             f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
 
 
