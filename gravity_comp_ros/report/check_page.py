@@ -39,12 +39,12 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
     headline = (f'{title}: no fault found' if not count else
                 f'{title}: {count} fault{"s" if count > 1 else ""} found')
     places = [_joints_of(fault, arm) for fault in faults]
-    found = ''.join(_fault(number, fault) for number, fault in enumerate(faults, start=1))
+    items = ''.join(_fault(number, fault) for number, fault in enumerate(faults, start=1))
     rows = [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
             after in zip(check.joints, check.torque, check.before, check.after)]
     table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
                           'RMSE corrected, N·m'), rows)
-    body = (f'<h1 id="verdict">{markup.text(headline)}</h1>{found}'
+    body = (f'<h1 id="verdict">{markup.text(headline)}</h1>{items}'
             f'{_drawing(arm.geometry, pose, places)}'
             f'{markup.paragraph(_LEAD, "quiet")}'
             f'<h2>Error by joint</h2>{table}{markup.bullets(unchecked)}')
