@@ -25,8 +25,8 @@ compared, and the best is used.
 - **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s within one run.
 - **Time**: warm-up and drift continue over recordings with stamps on one clock, from the time
   `origin` on; otherwise they start again with every run, as presliding friction always does.
-- **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at a
-  `clock` time. Gravity is that of the end of the recording, and absorbs an error that is there
+- **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at
+  a `clock` time. Gravity is that of the end of the recording, and absorbs an error that is there
   throughout.
 
 An effect that the motion does not excite is *untestable*, with the reason. The literature of each

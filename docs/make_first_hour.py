@@ -4,8 +4,8 @@ Run the commands of docs/first_hour.md again, and write their output into the pa
     python3 docs/make_first_hour.py [--recordings FOLDER]
 
 The commands are those of the page, in an empty folder. FOLDER contains the public recordings of
-real arms; without it their part of the page is kept, with its note on an earlier estimator, which a
-run with FOLDER makes obsolete. `...` replaces the sections of an output that are not shown.
+real arms; without it their part of the page is kept, with its note on an earlier estimator, which
+a run with FOLDER makes obsolete. `...` replaces the sections of an output that are not shown.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from gravity_comp_ros.api.axes import AxesOptions, known_axes
 from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
+from gravity_comp_ros.api.results import Diagnosis, MotionPlan
 from gravity_comp_ros.api.steps import add_to_model, compare_model, update_on_axes
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Finding
@@ -115,7 +115,7 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
     :raises OptionError: if an effect or joint is unknown, or named twice.
     """
     targets = [effect if isinstance(effect, str) else target(str(effect.effect), effect.joint)
-               for effect in effects if isinstance(effect, str) or is_found(effect)]
+               for effect in effects if isinstance(effect, str) or effect.is_missing]
     if not targets:
         return model
     return Model(add_to_model(model.gravity, recording, targets,

@@ -43,7 +43,7 @@ class Diagnosis(Displayable):
     @property
     def found(self) -> tuple[Finding, ...]:
         """Return the established and likely findings."""
-        return tuple(finding for finding in self.raw.findings if is_found(finding))
+        return tuple(finding for finding in self.raw.findings if finding.is_missing)
 
     @property
     def joints(self) -> Mapping[str, JointReport]:
@@ -131,11 +131,6 @@ def expected_row(one: Expectation) -> tuple[str, ...]:
         for symbol, (width, unit) in one.half_width.items())
     return (one.target.name, f'{100 * one.chance_before:.0f} %', f'{100 * one.chance:.0f} %',
             widths, one.closest_alternative or '–')
-
-
-def is_found(finding: Finding) -> bool:
-    """Return whether a finding names an effect and is established or likely."""
-    return finding.effect is not None and finding.verdict in wording.FOUND
 
 
 def coefficients(finding: Finding, limit: int = 3) -> str:

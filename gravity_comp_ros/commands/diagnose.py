@@ -184,7 +184,7 @@ def _table(diagnosis: Diagnosis) -> Table:
 def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
     """Show the next commands, with this call's file names, and the open findings."""
     accepted = wording.targets(diagnosis.findings)
-    open_ = [f for f in diagnosis.findings if f.verdict not in wording.FOUND]
+    open_ = [f for f in diagnosis.findings if not (f.is_missing or f.is_predicted)]
     if accepted:
         effects = 'the effect' if len(accepted) == 1 else \
             f'all {len(accepted)} established or likely effects together'

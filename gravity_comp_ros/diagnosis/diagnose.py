@@ -8,7 +8,7 @@ that the model does not predict, with its evidence, its alternatives and its hel
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
@@ -71,10 +71,15 @@ def conclude(estimated: Estimate, model: GravityModel | None,
 
 @dataclass(frozen=True, eq=False)
 class _Conclusion:
-    """Data that all findings share; `given` are the targets that the model predicts."""
+    """
+    Data that all findings share.
+
+    `predicted` are the targets that the model predicts, `given` those that are no findings.
+    """
 
     estimated: Estimate
     evidence: Evidence
+    predicted: frozenset[str]
     given: frozenset[str]
     options: DiagnosisOptions
 
@@ -89,7 +94,7 @@ class _Conclusion:
         rows = regression.problem.rows.n_rows
         evidence = Evidence(estimated, held_out_torques(estimated), given | absorbed,
                             rows / correlation_times(regression.posterior), options)
-        return cls(estimated, evidence, given - absorbed, options)
+        return cls(estimated, evidence, given, given - absorbed, options)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +102,9 @@ class _Conclusion:
 
     def findings(self) -> list[Finding]:
         """Return one finding for each term that the model does not predict, and for the rest."""
-        findings = [finding_of(self.evidence, term) for term in self.estimated.regression.terms
+        findings = [replace(finding_of(self.evidence, term),
+                            is_predicted=target_of(term, self.names) in self.predicted)
+                    for term in self.estimated.regression.terms
                     if target_of(term, self.names) not in self.given]
         dynamics = finding_of_dynamics(self.evidence, self.given)
         findings += [] if dynamics is None else [dynamics]

@@ -43,7 +43,8 @@ class Finding:
     and the other terms absorb, `runs_better` the share of runs that it improves, `gain` its log
     evidence in nats. `rivals` are alternative explanations. `next_step` is the motion that
     resolves an open finding, '' for an effect to add. `verdict` is a `Verdict`, which compares
-    and prints as its text.
+    and prints as its text. `is_predicted` is true if the model predicts it already, together with
+    gravity, from which this motion hardly separates it.
 
     Of an unexplained residual `nrmse_before` is the held-out error with all effects;
     `nrmse_after` is that error without the part of the fitted residual that repeats with the
@@ -64,9 +65,15 @@ class Finding:
     gain: float = 0.0
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
+    is_predicted: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'verdict', Verdict(self.verdict))
+
+    @property
+    def is_missing(self) -> bool:
+        """Return whether it is an effect, established or likely, that the model can be given."""
+        return self.effect is not None and self.verdict in FOUND and not self.is_predicted
 
     def to_json(self) -> dict[str, Any]:
         """Return the finding as `diagnose --json` prints it."""
@@ -75,7 +82,7 @@ class Finding:
             'rivals': list(self.rivals),
             'coefficients': {symbol: {'value': e.value, 'unit': e.unit, 'ci95': list(e.ci95)}
                              for symbol, e in self.coefficients.items()},
-            'setting': dict(self.setting),
+            'setting': dict(self.setting), 'predicted': self.is_predicted,
             'nrmse_before': self.nrmse_before, 'nrmse_after': self.nrmse_after,
             'base_absorbed': self.base_absorbed, 'runs_better': self.runs_better,
             'gain': self.gain, 'p': self.p, 'why': self.why, 'next_step': self.next_step}

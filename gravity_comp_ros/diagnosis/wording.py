@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import math
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, FOUND
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.applied_effects import target
 
@@ -14,7 +14,7 @@ _MAX_COEFFICIENTS = 2
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the diagnosis in one sentence."""
-    findings = [f for f in diagnosis.findings if f.verdict in FOUND]
+    findings = [f for f in diagnosis.findings if f.is_missing]
     if findings:
         if len(findings) == 1:
             return f'Missing: {sentence(findings[0])}.'
@@ -48,6 +48,8 @@ def sentence(finding: Finding) -> str:
         if alternatives:
             return f'{what} cannot be distinguished from {alternatives} in this motion'
         return f'{what} cannot be tested with this motion'
+    if finding.is_predicted:
+        return f'{what}, predicted together with gravity already; {change}'
     if finding.verdict == 'ambiguous':
         return f'{what}, explained equally well by {alternatives}; {change}'
     if finding.verdict == 'weak':
@@ -123,7 +125,7 @@ def change(finding: Finding) -> str:
 def targets(findings: Sequence[Finding]) -> list[str]:
     """Return the arguments of `add` for established and likely findings."""
     return [target(f.effect, f.joint) for f in findings
-            if f.verdict in FOUND and f.effect is not None]
+            if f.effect is not None and f.is_missing]
 
 
 def _capital(text: str) -> str:

@@ -47,7 +47,7 @@ class Switches:
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
-    limit = regression.problem.options.min_unabsorbed
+    limit = regression.problem.options.min_separate
     return term.effect.is_static and regression.unabsorbed[term.key] < limit
 
 

@@ -41,6 +41,8 @@ class EngineOptions:
       rounding.
     - `min_unabsorbed`: share of a term's torque (RMS) that all other columns must leave; below it
       the coefficient is not identified and is not published.
+    - `min_separate`: the same share, below which a static term is predicted with gravity: both
+      alone would be wrong by many times their sum.
 
     Search:
 
@@ -69,7 +71,8 @@ class EngineOptions:
     min_gain: float = 3.0
     margin: float = 3.0
     significant: float = 1.0
-    min_unabsorbed: float = 0.05
+    min_unabsorbed: float = 0.02
+    min_separate: float = 0.05
     max_rounds: int = 20
     passes: int = 3
     steps: int = 10

@@ -34,7 +34,7 @@ def headline(contents: Contents) -> str:
 def main_finding(contents: Contents) -> Finding | None:
     """Return the finding of the headline, if it reduces the error visibly."""
     findings = contents.diagnosis.findings if contents.diagnosis else ()
-    accepted = [f for f in findings if f.verdict in wording.FOUND] or list(findings)
+    accepted = [f for f in findings if f.is_missing] or list(findings)
     return accepted[0] if accepted and _visible(accepted[0]) else None
 
 
@@ -48,7 +48,7 @@ def named_joint(contents: Contents) -> str:
 
 def _missing(diagnosis: Diagnosis) -> str:
     """Return the missing effects; those that do not reduce the error are not missing."""
-    accepted = [f for f in diagnosis.findings if f.verdict in wording.FOUND]
+    accepted = [f for f in diagnosis.findings if f.is_missing]
     visible = [f for f in accepted if _visible(f)]
     if visible:
         return f'Missing: {"; ".join(map(_named, visible))}.'

@@ -54,7 +54,7 @@ def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]
                              'of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
     accepted = tuple(target for finding, target in findings
-                     if target and finding.verdict in wording.FOUND)
+                     if target and finding.is_missing)
     if len(accepted) > 1:
         below.append(widgets.button(f'Add all {len(accepted)} established or likely',
                                     lambda: add(accepted), 'primary', disabled=adding,

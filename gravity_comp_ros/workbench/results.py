@@ -12,7 +12,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.diagnosis.wording import FOUND
+from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import compare, Comparison
@@ -197,7 +197,7 @@ class Results:
 
     def _next_command(self) -> str:
         """Return the command line that adds the established and likely effects."""
-        targets = tuple(t for f, t in self.findings() if t and f.verdict in FOUND)
+        targets = tuple(t for f, t in self.findings() if t and f.is_missing)
         session = self.session
         return stages.add_command(targets, session.choice, session.paths,
                                   session.topic) if targets else ''

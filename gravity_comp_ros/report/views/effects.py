@@ -143,7 +143,7 @@ def added(contents: Contents, table: Table, finding: Finding) -> figure | None:
 def _variable(contents: Contents, table: Table, motion: Motion,
               finding: Finding) -> AddedVariable | None:
     findings = contents.diagnosis.findings if contents.diagnosis else ()
-    others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
+    others = [f for f in findings if f is not finding and f.is_missing]
     return added_variable(motion, contents.model, finding, others, table.drawn)
 
 
