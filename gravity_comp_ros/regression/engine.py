@@ -92,7 +92,9 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         if number and not changed:
             break
         fit = fit.weighted(_weights(fit))
-    fit = _with_exact_angles(fit).centred()
+    exact = _with_exact_angles(fit)
+    fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
+        exact.centred(), search, log)
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
@@ -121,6 +123,28 @@ def _with_exact_angles(fit: Linear) -> Linear:
                                   fit.weights, fit.posterior.precision))[0]
 
 
+def _without_turned_axes(fit: Linear, search: Search, log: Callable[[str], None]
+                         ) -> tuple[Linear, Search]:
+    """
+    Return fit and search with terms selected at exact angles, also those that are only near.
+
+    The axes are estimated before static effects are selected, so that a small tilt of an axis may
+    explain an offset or a spring. The more probable of both is returned.
+    """
+    problem, shared = fit.problem, fit.shared.at_near_angles()
+    factory = problem.factory(shared)
+    other = gauss_newton(Linear.at(problem, shared, factory, tuple(
+        map(factory.again, fit.posterior.terms)), fit.weights))[0]
+    again = _search(other, search.effects, search.forced, log)
+    again.run()
+    other = gauss_newton(other.selected(again.posterior))[0].centred()
+    precision = precision_of(fit.posterior, problem.scale, problem.options)
+    evidences = [solve(each.posterior.design, each.posterior.terms, precision).log_evidence
+                 for each in (fit, other)]
+    log(f'exact angles: {evidences[1] - evidences[0]:.1f} nats')
+    return (other, again) if evidences[1] > evidences[0] else (fit, search)
+
+
 def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
             log: Callable[[str], None]) -> Search:
     """Return a search at the present estimate of the shared part."""
@@ -131,7 +155,7 @@ def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
     posterior = solve(design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, problem.options))
     return Search(design, candidates, pools, fit.factory, problem.scale, problem.white_noise,
-                  problem.options, posterior, forced, log)
+                  problem.options, posterior, effects, forced, log)
 
 
 def _weights(fit: Linear) -> FloatArray:

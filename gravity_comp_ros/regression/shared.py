@@ -76,6 +76,10 @@ class Shared(ABC):
         """
         return self
 
+    def at_near_angles(self) -> Shared:
+        """Return the same at the exact angles that are near, the same object without any."""
+        return self
+
     def torque(self, state: State) -> FloatArray:
         """Return the torque (B, N) in N·m at the point."""
         return np.asarray(self.columns(state) @ self.point)

@@ -19,6 +19,7 @@ angle by their evidence (the ratio of Savage and Dickey).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
@@ -47,15 +48,17 @@ class LengthPriors:
     angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link;
     `inertia` in m, times the largest torque over g: the inertia about a joint of the mass beyond
     it, at the reach of the arm. `exact` is the log evidence in nats at which an angle is exact.
-    That of an axis that the torque does not determine is near 0.
+    That of an axis that the torque does not determine is near 0. `near` in rad is the distance
+    from an exact angle up to which an effect may have turned the axis.
     """
 
     tilt: float = 1.0
-    right: float = 1e-3
+    right: float = 1e-7
     moment: float = 2.0
     length: float = 0.5
     inertia: float = 0.7
     exact: float = 1.0
+    near: float = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +168,18 @@ class UnknownLengths(Shared):
                        inertias=parameters[7 * n - 3:].reshape(n, 6))
 
     def with_exact_angles(self, covariance: FloatArray) -> UnknownLengths:
+        return self._exact_where(lambda step, here: self._gain(
+            step, covariance[here, here]) > self.priors.exact)
+
+    def at_near_angles(self) -> UnknownLengths:
+        return self._exact_where(lambda step, here: bool(np.abs(step).max() < self.priors.near))
+
+    def _exact_where(self, is_exact: Callable[[FloatArray, slice], bool]) -> UnknownLengths:
+        """
+        Return the same with exact angles.
+
+        :param is_exact: decides on the step (K,) in rad to an exact angle, and its parameters.
+        """
         axes, is_right = self.chain.axes.copy(), self.is_right.copy()
         for i, turn in enumerate(_turns(self.chain)):
             cosine, sine = axes[i, 2, 2], float(np.hypot(axes[i, 2, 0], axes[i, 2, 1]))
@@ -173,8 +188,8 @@ class UnknownLengths(Shared):
             # The tilt along `turn` that makes the axis parallel, or perpendicular.
             step = np.arctan2(np.sign(cosine) * sine, abs(cosine)) if parallel \
                 else -np.arctan2(cosine, sine)
-            if self._gain(np.array([step, 0.0])[:here.stop - here.start], covariance[here, here]
-                          ) > self.priors.exact and not is_right[here].any():
+            if not is_right[here].any() and is_exact(
+                    np.array([step, 0.0])[:here.stop - here.start], here):
                 axes[i], is_right[here] = axes[i] @ tilt((turn[:, 0] * step)[None])[0], True
             before = np.hypot(axes[i - 1, 2, 0], axes[i - 1, 2, 1]) if i else 0.0
             if parallel or before < _MIN_SINE:
@@ -183,9 +198,10 @@ class UnknownLengths(Shared):
                 axes[i - 1, 2, 1], axes[i - 1, 2, 0])
             step = np.round(azimuth / (0.5 * np.pi)) * 0.5 * np.pi - azimuth
             across = slice(2 * i + 1, 2 * i + 2)
-            if self._gain(np.array([step * sine]), covariance[across, across]
-                          ) > self.priors.exact and not is_right[across].any():
+            if not is_right[across].any() and is_exact(np.array([step * sine]), across):
                 axes[i], is_right[across] = about_z(step) @ axes[i], True
+        if np.array_equal(is_right, self.is_right):
+            return self
         return replace(self, chain=Chain(axes, self.chain.moments), is_right=is_right)
 
     def _gain(self, step: FloatArray, covariance: FloatArray) -> float:
