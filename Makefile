@@ -9,7 +9,8 @@ CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 PYTEST_JOBS ?= -n $(shell expr $(CORES) + 2) --maxprocesses 4 --max-worker-restart 8
 # Each test has a time limit (pyproject.toml). This limit ends a run in which pytest itself hangs.
 TEST_LIMIT ?= 45m
-PYTEST = timeout --kill-after 30s $(TEST_LIMIT)
+# As nice as the processes that fit: those would starve where tests fill all cores.
+PYTEST = timeout --kill-after 30s $(TEST_LIMIT) nice -n 10
 export PYTHON
 # Numerical libraries gain nothing from threads on problems of this size, and are much slower with
 # threads when tests, node and fit share two cores.

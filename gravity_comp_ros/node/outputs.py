@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
+import math
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.numbers import Parameters
-from gravity_comp_ros.export.payload_lines import Payload
+from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
 from gravity_comp_ros.node.watch import Suspicion
@@ -44,10 +46,18 @@ def model_message(parameters: Parameters) -> Float64MultiArray:
     return message
 
 
-def payload_message(payload: Payload, stamp: Time) -> InertiaStamped:
-    """Return mass and centre of mass in the frame of the payload; inertias, unknown, are 0."""
+def payload_message(payload: Payload | None, stamp: Time) -> InertiaStamped:
+    """
+    Return mass and centre of mass in the frame of the payload; inertias, unknown, are 0.
+
+    :param payload: None for an unknown one: its mass is NaN.
+    """
     message = InertiaStamped()
-    message.header.stamp, message.header.frame_id = stamp, payload.frame
+    message.header.stamp = stamp
+    if payload is None:
+        message.inertia.m = math.nan
+        return message
+    message.header.frame_id = payload.frame
     message.inertia.m = payload.mass.value
     for axis, x in payload.centre.items():
         setattr(message.inertia.com, axis, x.value)
@@ -76,6 +86,7 @@ class Outputs:
         # Not managed, so that an inactive node publishes diagnostics and its model.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._model = node.create_publisher(Float64MultiArray, '~/model', LATCHED)
+        self._payload = node.create_publisher(InertiaStamped, '~/payload', LATCHED)
         self._torque, self._predicted = JointState(), JointState()
         self._difference, self._outside = JointState(), JointState()
         self._command = Float64MultiArray()
@@ -128,8 +139,13 @@ class Outputs:
         self._diagnostics.publish(self._array(statuses))
 
     def model(self, model: GravityModel) -> None:
-        """Publish the numbers of the model in use (`export.c_source.parameters_of`)."""
+        """Publish the numbers of the model in use (`export.c_source`), and its payload."""
         self._model.publish(model_message(parameters_of(model)))
+        try:
+            payload = payload_of(model)
+        except DataError:
+            payload = None
+        self._payload.publish(payload_message(payload, self._node.get_clock().now().to_msg()))
 
     def checks(self, decision: str) -> None:
         """Publish the checks of a decision, as JSON."""
@@ -157,8 +173,8 @@ class Outputs:
         for publisher in (self._torques, self._commands, self._prediction, self._residual,
                           self._extrapolation, self._suspected, self._checks):
             self._node.destroy_lifecycle_publisher(publisher)
-        self._node.destroy_publisher(self._diagnostics)
-        self._node.destroy_publisher(self._model)
+        for each in (self._diagnostics, self._model, self._payload):
+            self._node.destroy_publisher(each)
 
     @staticmethod
     def _fill(message: JointState, stamp: Time, q: FloatArray, tau: FloatArray) -> None:

@@ -68,7 +68,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
     task, niceness, descriptor = sys.argv[1:]
-    os.nice(int(niceness))
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    os.setpriority(os.PRIO_PROCESS, 0, max(own, int(niceness)))
     module, _, factory = task.partition(':')
     try:
         serve(Connection(int(descriptor)), getattr(import_module(module), factory)())

@@ -26,7 +26,7 @@ def command(task: str, niceness: int) -> tuple[str, ...]:
     Return the command line of a worker process, without the pipe's descriptor.
 
     :param task: 'MODULE:FACTORY'; the factory returns the job function (`serve.Work`).
-    :param niceness: increment of the process's nice value.
+    :param niceness: minimum nice value of the process.
     """
     return sys.executable, '-m', 'gravity_comp_ros.worker.serve', task, str(niceness)
 

@@ -56,6 +56,7 @@ def test_inertia_is_not_part_of_a_tool(tmp_path):
     assert error(static.model, arm, poses) > 1.3 * updated
 
 
+@pytest.mark.campaign
 def test_friction_and_offset_absorb_no_gravity_of_a_short_motion(recordings):
     bare = recordings[0]
     arm = MujocoArm(BUILD)

@@ -2,6 +2,7 @@
 
 from bench.shared.broken_effort import KINDS
 from bench.shared.ros_harness import NodeProcess, ROOT, running, set_parameter
+from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
@@ -42,7 +43,9 @@ def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):
                'diagnostics_rate': 20.0, 'max_torqe': '[9.0]', 'formulation': 'chain',
                'stale_after': 3.0}
     with running(options) as (_, probe):
-        log = NodeLog(probe)
+        log, payloads = NodeLog(probe), []
+        probe.create_subscription(InertiaStamped, '/gravity_comp/payload', payloads.append,
+                                  LATCHED)
         log.until('parameter max_torqe', 'did you mean max_torque?', level=Log.WARN)
         log.until('arm of 7 joints', 'iiwa_joint_7', 'chain model', 'formulation of fits: chain',
                   'torque limits: none set')
@@ -56,6 +59,7 @@ def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):
         assert 'epoch 1 open' in probe.report('learning').message
         probe.stream(loaded.select(np.arange(60)))
         log.until('new model in use', 'held-out RMSE', 'N·m')
+        probe.until(lambda: any(p.inertia.m > 1.0 for p in payloads), 60, 'the payload')
         log.until('nothing was changed', level=Log.WARN)
         probe.call('payload_changed')
         log.until('epoch 2 open')
@@ -67,6 +71,12 @@ def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):
         log.until('the old model stays in use: ', 'unit or sign', 'N·m', level=Log.WARN)
         log.until('learning: broken effort', level=Log.WARN)
         log.until('input: input is stale', level=Log.WARN)
+    # The model of the file has none.
+    assert np.isnan(payloads[0].inertia.m)
+    payload = payloads[-1]
+    assert payload.header.frame_id == 'iiwa_link_7'
+    assert payload.inertia.m == pytest.approx(2.0, abs=0.2)
+    assert payload.inertia.com.z == pytest.approx(0.1, abs=0.05)
 
 
 def test_a_second_node_a_second_driver_and_a_gripper_are_detected(iiwa_model_file):

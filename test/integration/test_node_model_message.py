@@ -69,6 +69,7 @@ def test_a_payload_as_a_message():
         axis: Quantity(value, 'm', (value, value)) for axis, value in zip('xyz', (0.1, 0.2, 0.3))})
     message = payload_message(payload, Time(sec=3))
     assert message.header.frame_id == 'tool0' and message.header.stamp.sec == 3
+    assert np.isnan(payload_message(None, Time()).inertia.m)
     assert message.inertia.m == 2.0 and message.inertia.ixx == 0.0
     assert (message.inertia.com.x, message.inertia.com.y, message.inertia.com.z) == (0.1, 0.2, 0.3)
 

@@ -92,7 +92,7 @@ sys.exit(pytest.main(['-q', '--collect-only', '-p', 'no:xdist', *sys.argv[1:]]))
 def test_files_whose_modules_are_not_installed_are_skipped():
     """As by `colcon test` in a workspace with the packages of rosdep alone."""
     def collect(names):
-        files = ('test/unit/workbench/test_workbench_guard.py', 'test/integration/test_fleet.py')
+        files = ('test/unit/workbench/test_workbench_access.py', 'test/integration/test_fleet.py')
         return subprocess.run([sys.executable, '-c', WITHOUT.format(names=names), *files],
                               cwd=ROOT, capture_output=True, text=True, timeout=120)
     done = collect(['bokeh', 'distributed'])

@@ -8,8 +8,8 @@ from bench.cases.case_list import case
 from bench.cases.cases import recordings
 from bench.planning.scenes import Scene
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
-from gravity_comp_ros.diagnosis.wording import FOUND
 import numpy as np
 import pytest
 

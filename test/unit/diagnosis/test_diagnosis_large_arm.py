@@ -5,7 +5,7 @@ from dataclasses import replace
 from bench.cases.generated import generated_arm
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.wording import FOUND
+from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.applied_effects import Applied

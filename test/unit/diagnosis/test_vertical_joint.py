@@ -22,5 +22,5 @@ def test_an_effect_on_it_is_named(seed, effect, torque):
     tau = gravity_torque(arm, motion.q) + NOISE * rng.normal(size=motion.q.shape)
     tau[:, 0] += torque(motion.q[:, 0])
     samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    found = {(f.effect, f.joint) for f in diagnose(samples).findings if f.verdict in FOUND}
-    assert found == {(effect, arm.joints[0])}
+    named = {(f.effect, f.joint) for f in diagnose(samples).findings if f.verdict in FOUND}
+    assert named == {(effect, arm.joints[0])}

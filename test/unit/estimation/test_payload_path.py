@@ -53,6 +53,7 @@ def test_the_path_has_the_torque_of_the_payload(learned):
     assert np.sqrt(((change - true) ** 2).mean(axis=0)).max() < 0.2
 
 
+@pytest.mark.campaign
 def test_the_next_payload_requires_less_motion():
     with_path, without = [], []
     for seed in range(6):

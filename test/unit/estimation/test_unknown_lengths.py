@@ -34,6 +34,7 @@ def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     assert (error < 0.1 * truth.std(axis=0).max()).all(), (error, truth.std(axis=0))
 
 
+@pytest.mark.campaign
 def test_fast_motion_of_an_arm_without_a_description_is_explained():
     arm = generated_arm(22, 4)
     runs = concatenate([recording(arm, k, 15.0, 50.0) for k in range(2)])
