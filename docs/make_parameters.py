@@ -9,9 +9,9 @@ def markdown() -> str:
     """Return docs/parameters.md."""
     lines = [
         '# Parameters of the node', '',
-        'To configure the [node](node.md): `--ros-args --params-file my.yaml`, or `ros2 param set` '
-        'for those that are not marked *at start*. A value out of range or of the wrong type is '
-        'refused with the reason. Generated from `gravity_comp_ros/node/parameters.py` by '
+        'To configure the [node](node.md): `--ros-args --params-file my.yaml`, or `ros2 param '
+        'set` for those that are not marked *at start*. A value out of range or of the wrong type '
+        'is refused with the reason. Generated from `gravity_comp_ros/node/parameters.py` by '
         '`python3 docs/make_parameters.py > docs/parameters.md`.', '',
         '| parameter | type | default | range | unit | | meaning |',
         '|---|---|---|---|---|---|---|']
