@@ -11,7 +11,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import DescribedArm, urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
-from gravity_comp_ros.description_check.sentences import Finding, findings, unchecked_sentences
+from gravity_comp_ros.description_check.sentences import (
+    error_rows, Finding, findings, unchecked_sentences)
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report.check_page import check_html
 from rich.table import Table
@@ -66,6 +67,5 @@ def _show(recording: Recording, source: str, result: DescriptionCheck, faults: l
 
 
 def _table(result: DescriptionCheck) -> Table:
-    rows = [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
-            after in zip(result.joints, result.torque, result.before, result.after)]
-    return terminal.table('', ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected'), rows)
+    return terminal.table('', ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected'),
+                          error_rows(result))

@@ -19,7 +19,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
@@ -184,7 +184,7 @@ def _table(diagnosis: Diagnosis) -> Table:
 def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
     """Show the next commands, with this call's file names, and the open findings."""
     accepted = wording.targets(diagnosis.findings)
-    open_ = [f for f in diagnosis.findings if not (f.is_missing or f.is_predicted)]
+    open_ = [f for f in diagnosis.findings if f.verdict not in FOUND]
     if accepted:
         effects = 'the effect' if len(accepted) == 1 else \
             f'all {len(accepted)} established or likely effects together'

@@ -53,6 +53,12 @@ def findings(check: DescriptionCheck, arm: DescribedArm, tree: RobotTree,
     return [writer.finding(fit) for fit in check.faults]
 
 
+def error_rows(check: DescriptionCheck) -> list[tuple[str, str, str, str]]:
+    """Return for each joint its name, torque (RMS), and errors as described and corrected."""
+    return [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
+            after in zip(check.joints, check.torque, check.before, check.after)]
+
+
 def unchecked_sentences(check: DescriptionCheck) -> list[str]:
     """Return a sentence for each kind of fault that the recording does not show on some joints."""
     return [f'not checked: {_WORDS[kind]} of {", ".join(subjects)} (this motion does not show it)'

@@ -48,12 +48,12 @@ def sentence(finding: Finding) -> str:
         if alternatives:
             return f'{what} cannot be distinguished from {alternatives} in this motion'
         return f'{what} cannot be tested with this motion'
-    if finding.is_predicted:
-        return f'{what}, predicted together with gravity already; {change}'
     if finding.verdict == 'ambiguous':
         return f'{what}, explained equally well by {alternatives}; {change}'
     if finding.verdict == 'weak':
         return f'possibly {what}, with weak evidence; {change}'
+    if finding.is_predicted:
+        return f'{what}, predicted together with gravity already; {change}'
     return f'{what}; {change}'
 
 

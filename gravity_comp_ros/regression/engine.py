@@ -94,7 +94,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         fit = fit.weighted(_weights(fit))
     exact = _with_exact_angles(fit)
     fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
-        exact.centred(), search, log)
+        exact.centred(), search, effects)
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
@@ -123,7 +123,7 @@ def _with_exact_angles(fit: Linear) -> Linear:
                                   fit.weights, fit.posterior.precision))[0]
 
 
-def _without_turned_axes(fit: Linear, search: Search, log: Callable[[str], None]
+def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
                          ) -> tuple[Linear, Search]:
     """
     Return fit and search with terms selected at exact angles, also those that are only near.
@@ -135,13 +135,13 @@ def _without_turned_axes(fit: Linear, search: Search, log: Callable[[str], None]
     factory = problem.factory(shared)
     other = gauss_newton(Linear.at(problem, shared, factory, tuple(
         map(factory.again, fit.posterior.terms)), fit.weights))[0]
-    again = _search(other, search.effects, search.forced, log)
+    again = _search(other, effects, search.forced, search.log)
     again.run()
     other = gauss_newton(other.selected(again.posterior))[0].centred()
     precision = precision_of(fit.posterior, problem.scale, problem.options)
     evidences = [solve(each.posterior.design, each.posterior.terms, precision).log_evidence
                  for each in (fit, other)]
-    log(f'exact angles: {evidences[1] - evidences[0]:.1f} nats')
+    search.log(f'exact angles: {evidences[1] - evidences[0]:.1f} nats')
     return (other, again) if evidences[1] > evidences[0] else (fit, search)
 
 
@@ -155,7 +155,7 @@ def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
     posterior = solve(design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, problem.options))
     return Search(design, candidates, pools, fit.factory, problem.scale, problem.white_noise,
-                  problem.options, posterior, effects, forced, log)
+                  problem.options, posterior, forced, log)
 
 
 def _weights(fit: Linear) -> FloatArray:

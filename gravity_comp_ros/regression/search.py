@@ -7,11 +7,10 @@ whose own gain is too small, which is then not added again. So the search ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
@@ -50,7 +49,6 @@ class Search:
     white_noise: FloatArray  # (N,) standard deviation of a row, N·m
     options: EngineOptions
     posterior: Posterior
-    effects: Sequence[Effect] = ()  # those of the candidates
     forced: frozenset[Key] = frozenset()
     log: Callable[[str], None] = lambda text: None
     _tabu: set[Key] = field(default_factory=set)

@@ -8,7 +8,7 @@ from html import escape
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import DescribedArm
 from gravity_comp_ros.description_check.check import DescriptionCheck
-from gravity_comp_ros.description_check.sentences import Finding
+from gravity_comp_ros.description_check.sentences import error_rows, Finding
 from gravity_comp_ros.models.kinematic.chain import about_z
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.printable import printable
@@ -40,10 +40,8 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
                 f'{title}: {count} fault{"s" if count > 1 else ""} found')
     places = [_joints_of(fault, arm) for fault in faults]
     items = ''.join(_fault(number, fault) for number, fault in enumerate(faults, start=1))
-    rows = [(joint, f'{torque:.3f}', f'{before:.4f}', f'{after:.4f}') for joint, torque, before,
-            after in zip(check.joints, check.torque, check.before, check.after)]
     table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
-                          'RMSE corrected, N·m'), rows)
+                          'RMSE corrected, N·m'), error_rows(check))
     body = (f'<h1 id="verdict">{markup.text(headline)}</h1>{items}'
             f'{_drawing(arm.geometry, pose, places)}'
             f'{markup.paragraph(_LEAD, "quiet")}'

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from bench.shared.browser import browsing, expect, INJECT, LIVELY
+from bench.shared.browser import expect, INJECT, LIVELY
 from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
@@ -44,12 +44,6 @@ def folder(tmp_path_factory):
     assert main(['fit', str(folder / 'run1.mcap'), str(folder / 'run2.mcap'), '-o',
                  str(folder / 'arm.json')]) == 0
     return folder
-
-
-@pytest.fixture(scope='module')
-def watched():
-    with browsing() as page:
-        yield page
 
 
 @pytest.fixture(scope='module')

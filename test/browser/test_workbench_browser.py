@@ -11,7 +11,7 @@ import sys
 import time
 import urllib.request
 
-from bench.shared.browser import browsing, expect, heap, INJECT, LIVELY, ROOT, SELECTED
+from bench.shared.browser import expect, heap, INJECT, LIVELY, ROOT, SELECTED
 from bench.shared.rough_links import COULOMB, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
@@ -51,12 +51,6 @@ def folder(tmp_path_factory):
     write_bag(folder / EVIL_BAG, [joint_states(two_links(1, 600, names=EVIL),
                                                f'/$${LINK}$$<img src=x>')])
     return folder
-
-
-@pytest.fixture(scope='module')
-def watched():
-    with browsing() as page:
-        yield page
 
 
 @pytest.fixture(scope='module')
