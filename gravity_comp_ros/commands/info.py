@@ -1,21 +1,23 @@
-"""`gravity_comp info`: joints, speeds and coverage of recordings, and the facts about them."""
+"""`gravity_comp info`: joints, speeds and coverage of recordings, facts, and missing motion."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from dataclasses import replace
 
-from gravity_comp_ros.api.learn import known_arm, LearnOptions
-from gravity_comp_ros.api.read import read_each
+from gravity_comp_ros.api.learn import known_arm, KnownArm, LearnOptions
+from gravity_comp_ros.api.read import joined, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step, reading
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.commands.terminal import answer, progress, safe, show, table
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
 from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.units import TORQUE_UNITS
@@ -37,17 +39,32 @@ def run(args: argparse.Namespace) -> int:
             more = reading.arm_facts(data, arm)
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
                           describe(each.samples, slow)))
-    # Reports bags of different robots, which a fit would reject.
-    concatenate(recording.samples for recording in recordings)
-    refusals = [fact for each, _ in facts for fact in refused(each.facts)]
+        # Reports bags of different robots, which a fit would reject.
+        together = arm.of(joined(recordings, slow))
+        refusals = [fact for each, _ in facts for fact in refused(each.facts)]
+        enough = _enough(together, arm, refusals)
 
     def show_all() -> None:
         for each in facts:
             _show(*each)
+        if enough is not None and (missing := enough.facts()):
+            _show_facts(missing)
+            show('')
         _show_next_step(args, facts, refusals)
 
-    answer(args, {'recordings': [_to_json(*each) for each in facts]}, show_all)
+    answer(args, {'recordings': [_to_json(*each) for each in facts],
+                  'motion': None if enough is None else enough.to_json()}, show_all)
     return 0
+
+
+def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough | None:
+    """Return the sufficiency of the motion; None if the effort is no torque, or no joint moves."""
+    if any(fact.kind is not Kind.EFFORT_SIGN for fact in refusals):
+        return None
+    try:
+        return enough_motion(recording.samples, arm.axes.geometry)
+    except FitError:
+        return None
 
 
 def _to_json(report: ReadReport, facts: RecordingFacts) -> dict[str, object]:
@@ -93,11 +110,15 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
     for line in report.file_notes:
         show(f'  [yellow]•[/yellow] {safe(line)}')
-    for fact in (*report.facts, *facts.motion):
+    _show_facts((*report.facts, *facts.motion))
+    show('')
+
+
+def _show_facts(facts: Iterable[Fact]) -> None:
+    for fact in facts:
         word = 'refused: ' * (fact.action is Action.REFUSED)
         colour = _COLOURS[fact.action]
         show(f'  [{colour}]•[/{colour}] {word}{safe(fact.sentence)}')
-    show('')
 
 
 def _row(name: str, joint: JointFacts) -> tuple[str, ...]:

@@ -1,0 +1,320 @@
+"""
+Whether recordings have enough motion for gravity, and which slow motion they lack.
+
+The posterior of axes and moments of a rough fit, with offset, friction and inertia of each joint,
+gives the standard deviation of gravity at poses within the recorded ranges, in any combination.
+The precision of slow motion adds to it (`planning.sums`): sweeps of one joint at several poses of
+the others, and tours of all joints, are added until every joint is certain enough. A joint that
+hardly moves is uncertain at other angles, so that its range is at least `min_range`.
+
+A rough fit is one of several where joints follow others: its posterior does not contain the rest.
+Joints whose angle is a linear function of the other angles are named for themselves.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, fields
+from typing import Any
+
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
+from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
+from gravity_comp_ros.models.sparse.identifiability import at_rest
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.start import generic_poses
+from gravity_comp_ros.regression.unknown_lengths import LengthPriors
+import numpy as np
+
+# Samples, rows of the fit, poses of the standard deviation, and rows of a planned motion.
+_SAMPLES, _ROWS, _POSES, _PLANNED = 20000, 400, 200, 40
+_STARTS, _MIN_SAMPLES = 12, 30
+# Poses of the other joints at which a joint is swept; tours of all joints, and their postures.
+_BASES, _TOURS, _POSTURES = 3, 6, 6
+# Angle in rad of an axis that a description gives.
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class EnoughOptions:
+    """
+    Limits of sufficient motion.
+
+    - `max_std`: standard deviation of gravity as a share of a joint's torque; twice this share is
+      the 95 % band, and a payload of a tenth of the arm changes the torque by as much.
+    - `min_range`, rad: range of a joint for which a model is useful; the sine of half of it on
+      either side differs from a line.
+    - `min_scale`: smallest torque scale of a joint as a share of the largest; a vertical joint has
+      the torque of friction alone.
+    - `speed`, rad/s: of the motion to add; below the limit of the slow-motion gate.
+    - `max_seconds`: longest motion that is proposed, s.
+    - `min_share`: share of the standard deviation of a joint's angle that the angles of the other
+      joints must leave.
+
+    :raises OptionError: if a value is not positive.
+    """
+
+    max_std: float = 0.05
+    min_range: float = 1.0
+    min_scale: float = 0.2
+    speed: float = 0.1
+    max_seconds: float = 600.0
+    min_share: float = 0.05
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not np.isfinite(value) or value <= 0:
+                raise OptionError(f'motion: {field.name} is {value}; it must be positive')
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Slow motion of a joint from `low` to `high` and back, in rad, for `seconds`."""
+
+    joint: str
+    low: float
+    high: float
+    seconds: float
+
+    def __str__(self) -> str:
+        return f'{self.joint} from {self.low:.2f} to {self.high:.2f} rad for {self.seconds:.0f} s'
+
+
+@dataclass(frozen=True)
+class Enough:
+    """
+    Sufficiency of motion.
+
+    `std` by joint is the standard deviation of gravity as a share of the joint's torque scale,
+    `after` that with the motion to add: `sweeps` of single joints, and `together` s of all joints
+    at once between poses of their ranges. `dependent` are joints that follow the others; the
+    angles span `directions` dimensions of `moving` joints.
+    """
+
+    std: dict[str, float]
+    after: dict[str, float]
+    sweeps: tuple[Sweep, ...]
+    together: float
+    dependent: tuple[str, ...]
+    directions: int
+    moving: int
+    options: EnoughOptions = EnoughOptions()
+
+    @property
+    def seconds(self) -> float:
+        """Return the duration of the motion to add, s."""
+        return self.together + sum(sweep.seconds for sweep in self.sweeps)
+
+    def facts(self) -> list[Fact]:
+        """Return the facts on motion that is missing."""
+        facts, limit = [], self.options.max_std
+        if self.dependent:
+            facts.append(Fact(
+                Kind.MOTION, self.dependent,
+                f'{", ".join(self.dependent)} follow the other joints: the poses of {self.moving} '
+                f'moving joints span {self.directions} directions', Action.NOTED,
+                'a model may be wrong at other poses; move these joints on their own as well, or '
+                'all joints with different periods'))
+        uncertain = {name: share for name, share in self.std.items() if share > limit}
+        if uncertain:
+            words = ', '.join(f'{_percent(share)} on {name}' for name, share in sorted(
+                uncertain.items(), key=lambda each: -each[1]))
+            facts.append(Fact(
+                Kind.MOTION, tuple(uncertain), f'too little motion for a model: the standard '
+                f'deviation of gravity within the ranges, as a share of the torque, is {words}',
+                Action.NOTED, self._advice, values=uncertain))
+        return facts
+
+    @property
+    def _advice(self) -> str:
+        parts = [str(sweep) for sweep in self.sweeps]
+        if self.together:
+            parts.append(f'all joints at once, each over its range and at least '
+                         f'{self.options.min_range:g} rad, for {self.together:.0f} s')
+        motion = (f'record {self.seconds:.0f} s more at about {self.options.speed:g} rad/s: '
+                  f'{"; ".join(parts)}')
+        worst = max(self.after.values())
+        if worst <= self.options.max_std:
+            return motion
+        if self.seconds == 0:
+            return 'slow motion within these ranges does not reduce it'
+        return f'{motion}; {_percent(worst)} remain'
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry `motion` of `info --json`."""
+        return {'std': self.std, 'std_after': self.after, 'max_std': self.options.max_std,
+                'seconds': self.seconds, 'together_s': self.together,
+                'sweeps': [{'joint': s.joint, 'low': s.low, 'high': s.high, 'seconds': s.seconds}
+                           for s in self.sweeps],
+                'dependent': list(self.dependent), 'directions': self.directions,
+                'moving': self.moving}
+
+
+def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
+                  options: EnoughOptions = EnoughOptions()) -> Enough:
+    """
+    Return the sufficiency of the motion of one or several recordings.
+
+    :param geometry: axes of the samples' joints; None for unknown axes.
+    :raises FitError: if there are too few samples, no joint moves, or no effort is measured.
+    """
+    if samples.n_samples < _MIN_SAMPLES or at_rest(samples.q).all() or not samples.tau.any():
+        raise FitError('no motion with efforts, from which gravity could be estimated')
+    samples = samples.select(evenly_picked(samples.n_samples, _SAMPLES))
+    sums = _Sums(Problem.of(samples), geometry, options)
+    chosen, after = sums.motion_to_add()
+    count = Counter(joint for joint, _ in chosen)
+    time = {joint: sum(seconds for j, seconds in chosen if j == joint) for joint in count}
+    names, low, high = samples.names, sums.low, sums.high
+    sweeps = tuple(Sweep(names[n], float(low[n]), float(high[n]), time[n])
+                   for n in sorted(n for n in time if n is not None))
+    dependent, directions, moving = _dependence(samples.q, options)
+    return Enough(_by_name(names, sums.std(sums.recorded)), _by_name(names, after), sweeps,
+                  time.get(None, 0.0), tuple(names[n] for n in dependent), directions, moving,
+                  options)
+
+
+class _Sums:
+    """Precision of axes and moments (4N), then four nuisance columns of each joint (4N)."""
+
+    def __init__(self, problem: Problem, geometry: Geometry | None,
+                 options: EnoughOptions) -> None:
+        self.options, self.scale = options, problem.scale
+        middle = 0.5 * (problem.scale.low + problem.scale.high)
+        half = 0.5 * np.maximum(problem.scale.high - problem.scale.low, options.min_range)
+        self.low, self.high = middle - half, middle + half
+        poses, nuisance = generic_poses(problem, _ROWS)
+        self.q, tau, n = poses.q, poses.tau, poses.n_joints
+        priors = LengthPriors()
+        largest = problem.scale.largest
+        self.prior_std = np.concatenate([
+            np.full(2 * n, priors.tilt if geometry is None else _EXACT),
+            np.full(2 * n, priors.moment * largest), np.full(4 * n, priors.moment * largest)])
+        if geometry is None:
+            self.chain = rough_fit(poses, nuisance, SearchOptions(_STARTS)).chain
+        else:
+            self.chain = Chain(geometry.rotations, np.zeros((n, 2)))
+        columns = nuisance.columns
+        x = self._columns(self.q, columns)
+        weight = np.full(n, 1.0 / max(float(tau.var()), floor(tau) ** 2))
+        for _ in range(3):
+            beta = np.linalg.solve(self._precision(x, weight), np.einsum(
+                'n,njm,mn->j', weight, x, tau - self.chain.torque(self.q)))
+            residual = tau - self.chain.torque(self.q) - np.einsum('njm,j->mn', x, beta)
+            noise = np.sqrt((residual ** 2).mean(axis=0) + floor(tau) ** 2)
+            weight = noise ** -2.0
+        if geometry is not None:
+            self.chain = Chain(geometry.rotations, beta[2 * n:4 * n].reshape(n, 2))
+        times = correlation_times(residual, poses.runs)
+        rows = problem.rows.n_rows / len(self.q)
+        self.weight = weight / np.where(times < WHITE, 1.0, times * rows)
+        self.recorded = self._precision(x, rows * self.weight)
+        poses_in_range = np.random.default_rng(0).uniform(self.low, self.high, (_POSES, n))
+        at = self.chain.jacobian(poses_in_range)
+        self.mean_square = np.einsum('inp,jnp->nij', at, at) / _POSES
+
+    def _columns(self, q: FloatArray, nuisance: FloatArray) -> FloatArray:
+        """Return the columns (N, 8N, M) of each joint's torque."""
+        n = q.shape[1]
+        x = np.zeros((n, 8 * n, len(q)))
+        x[:, :4 * n] = self.chain.jacobian(q).transpose(1, 0, 2)
+        for joint, own in enumerate(nuisance):
+            x[joint, 4 * n + 4 * joint:4 * n + 4 * joint + 4] = own
+        return x
+
+    def _precision(self, x: FloatArray, weight: FloatArray) -> FloatArray:
+        return self._products(x, weight) + np.diag(self.prior_std ** -2.0)
+
+    @staticmethod
+    def _products(x: FloatArray, weight: FloatArray) -> FloatArray:
+        return np.asarray(sum(w * (own @ own.T) for w, own in zip(weight, x)))
+
+    def std(self, precision: FloatArray) -> FloatArray:
+        """Return the standard deviation (N,) of gravity as a share of the torque scale."""
+        p = self.mean_square.shape[1]
+        size = np.diag(precision) ** -0.5
+        covariance = (np.linalg.inv(precision * np.outer(size, size))
+                      * np.outer(size, size))[:p, :p]
+        square = np.einsum('ij,nji->n', covariance, self.mean_square)
+        scale = np.maximum(self.scale.torque, self.options.min_scale * self.scale.largest)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)) / scale)
+
+    def motion_to_add(self) -> tuple[list[tuple[int | None, float]], FloatArray]:
+        """Return joints (None for all) and seconds of motions to add, and the result (N,)."""
+        limit, total, std = self.options.max_std, self.recorded, self.std(self.recorded)
+        chosen: list[tuple[int | None, float]] = []
+        candidates = self._candidates() if (std > limit).any() else []
+        while (std > limit).any() and sum(s for _, s in chosen) < self.options.max_seconds:
+            results = [self.std(total + added) for _, _, added in candidates]
+            gains = [self._gain(std, after) / seconds
+                     for after, (_, seconds, _) in zip(results, candidates)]
+            best = int(np.argmax(gains))
+            if gains[best] * self.options.max_seconds < limit:
+                break
+            joint, seconds, added = candidates[best]
+            total, std = total + added, results[best]
+            chosen.append((joint, seconds))
+        return chosen, std
+
+    def _gain(self, before: FloatArray, after: FloatArray) -> float:
+        """Return by how much uncertain joints become certain, in units of ln std."""
+        limit = self.options.max_std
+        return float(np.log(np.maximum(before, limit) / np.maximum(after, limit)).sum())
+
+    def _candidates(self) -> list[tuple[int | None, float, FloatArray]]:
+        """Return joint, duration in s and sums of each motion."""
+        rng, n = np.random.default_rng(1), self.q.shape[1]
+        bases = self.q[rng.integers(0, len(self.q), _BASES)]
+        result: list[tuple[int | None, float, FloatArray]] = []
+        for joint in range(n):
+            for base in bases:
+                ends = np.stack([base, base])
+                ends[:, joint] = self.low[joint], self.high[joint]
+                result.append((joint, *self._moved(ends)))
+        for _ in range(_TOURS):
+            result.append((None, *self._moved(rng.uniform(self.low, self.high, (_POSTURES, n)))))
+        return result
+
+    def _moved(self, postures: FloatArray) -> tuple[float, FloatArray]:
+        """Return duration and sums of the motion through postures (K, N) and back to the first."""
+        closed = np.concatenate([postures, postures[:1]])
+        lengths = np.abs(np.diff(closed, axis=0)).max(axis=1)
+        at = np.concatenate([[0.0], np.cumsum(lengths)])
+        seconds = float(at[-1]) / self.options.speed
+        along = (np.arange(_PLANNED) + 0.5) / _PLANNED * at[-1]
+        q = np.stack([np.interp(along, at, column) for column in closed.T], axis=1)
+        leg = np.searchsorted(at, along) - 1
+        qd = np.diff(closed, axis=0)[leg] / lengths[leg, None] * self.options.speed
+        nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, np.zeros(q.shape)])
+        rows = seconds / EngineOptions().row_seconds / _PLANNED
+        x = self._columns(q, nuisance.transpose(2, 0, 1))
+        return seconds, self._products(x, rows * self.weight)
+
+
+def _dependence(q: FloatArray, options: EnoughOptions) -> tuple[list[int], int, int]:
+    """Return joints that follow the others, dimensions of the angles, number of moving joints."""
+    moving = np.flatnonzero(np.ptp(q, axis=0) > FactOptions().wide_travel)
+    centred = q[:, moving] - q[:, moving].mean(axis=0)
+    unit = centred / np.maximum(centred.std(axis=0), 1e-12) / np.sqrt(len(q))
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    small = values < options.min_share ** 2
+    # Joints that take part in a combination of angles that hardly varies.
+    weight = (vectors[:, small] ** 2).sum(axis=1)
+    dependent = [int(moving[k]) for k in np.flatnonzero(weight > options.min_share)]
+    return dependent, int((~small).sum()), len(moving)
+
+
+def _percent(share: float) -> str:
+    return f'{100 * share:.0f} %' if share < 1.0 else 'unknown'
+
+
+def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float]:
+    return dict(zip(names, values.tolist()))
