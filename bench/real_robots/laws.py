@@ -152,8 +152,8 @@ def _asymmetric(site: Site, rng: np.random.Generator) -> Hidden:
     small = float(rng.uniform(0.01, 0.02) * site.scale)
     large, presliding = float(small * rng.uniform(1.5, 3.0)), _log(rng, 5e-5, 1e-3)
     forward, backward = (large, small) if rng.random() < 0.5 else (small, large)
-    law = Friction(site.joint, LuGre(forward, presliding=presliding),
-                   LuGre(backward, presliding=presliding))
+    surfaces = LuGre(forward, presliding=presliding)
+    law = Friction(site.joint, surfaces, surfaces.at_level(backward))
     return _hidden('asymmetric_friction', law, allowed=BRISTLES,
                    slack=0.5 * (forward - backward))
 

@@ -90,7 +90,7 @@ KINDS: dict[str, Kind] = {
     'degressive_friction': Kind(2.0, True, lambda arm, j, x: GreasedGear(
         j, x / float(np.arcsinh(1.0 / _THINNING)), _THINNING, LuGre(0.5 * x))),
     'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
-        j, LuGre(3 * x), LuGre(x))),
+        j, LuGre(3 * x), LuGre(3 * x).at_level(x))),
     'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(
         j, x, _preload(arm, j))),
     'friction_drift': Kind(2.0, True, lambda arm, j, x: ThermalFriction(j, LuGre(x, 2 * x))),

@@ -16,7 +16,7 @@ different shape.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
@@ -61,6 +61,12 @@ class LuGre:
         """Return s0 in N·m/rad."""
         return self.coulomb / self.presliding
 
+    def at_level(self, coulomb: float) -> LuGre:
+        """Return surfaces with other levels and the same bristles: their stiffness stays."""
+        ratio = coulomb / self.coulomb
+        return replace(self, coulomb=coulomb, static=ratio * self.static,
+                       presliding=ratio * self.presliding)
+
     def shape(self, v: FloatArray) -> FloatArray:
         """Return the Stribeck curve (K,) relative to its high-speed level, at v (K,) in rad/s."""
         excess = max(self.static / self.coulomb - 1.0, 0.0) if self.coulomb > 0 else 0.0
@@ -83,16 +89,19 @@ def friction_torque(t: FloatArray, q: FloatArray, v: FloatArray, forward: LuGre,
     :param t: (K,) in s. :param q: (K,) in rad. :param v: (K,) in rad/s.
     :param backward: parameters at negative speed, if different.
     :param normal: factor (K,) of the bristle force by the normal force.
+    :raises OptionError: if the stiffness or the damping of the bristles depends on the direction.
     """
     backward = backward or forward
+    if not (np.isclose(forward.stiffness, backward.stiffness)
+            and forward.damping == backward.damping):
+        # Their force would jump at a reversal, and each cycle would gain elastic energy.
+        raise OptionError('friction: the bristles have one stiffness coulomb / presliding and one '
+                          'damping, in both directions')
     middle = np.diff(q) / np.diff(t)
     z = deflection(np.diff(q), _slip(middle, forward, backward))
-    forwards = v >= 0
-    stiffness = np.where(forwards, forward.stiffness, backward.stiffness)
-    damping = stiffness * np.where(forwards, forward.damping, backward.damping)
-    viscous = np.where(forwards, forward.viscous, backward.viscous)
+    viscous = np.where(v >= 0, forward.viscous, backward.viscous)
     rate = v - np.abs(v) * z / _slip(v, forward, backward)
-    return np.asarray(normal * (stiffness * z + damping * rate) + viscous * v)
+    return np.asarray(normal * forward.stiffness * (z + forward.damping * rate) + viscous * v)
 
 
 def _slip(v: FloatArray, forward: LuGre, backward: LuGre) -> FloatArray:

@@ -1,5 +1,7 @@
 """LuGre friction: steady state, energy, and comparison with a general integrator."""
 
+from dataclasses import replace
+
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.disturbances.lugre import deflection, friction_torque, LuGre
 from hypothesis import given, settings, strategies as st
@@ -70,22 +72,25 @@ def test_the_torque_reverses_over_the_presliding_distance():
 
 
 def test_two_directions_have_their_own_level():
-    forward, backward = LuGre(1.0, 1.0), LuGre(0.4, 3.0)
+    forward = LuGre(1.0, 1.0)
+    backward = replace(forward.at_level(0.4), viscous=3.0)
     assert friction_torque(*at_speed(0.1), forward, backward)[-1] == pytest.approx(1.1)
     assert friction_torque(*at_speed(-0.1), forward, backward)[-1] == pytest.approx(-0.7)
+    with pytest.raises(OptionError, match='one stiffness'):
+        friction_torque(*at_speed(0.1), forward, LuGre(0.4))
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2 ** 31), st.floats(0.1, 5.0), st.floats(1e-4, 1e-2))
-def test_friction_is_passive_on_a_closed_path(seed, level, presliding):
+@given(st.integers(0, 2 ** 31), st.floats(0.1, 5.0), st.floats(1e-4, 1e-2), st.floats(0.2, 5.0))
+def test_friction_is_passive_on_a_closed_path(seed, level, presliding, ratio):
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, 4001)
     q = 0.3 * np.sin(np.outer(t, 2 * np.pi * np.arange(1, 4) / 10)) @ rng.standard_normal(3)
     v = np.gradient(q, t)
     surfaces = LuGre(level, 0.5, 2 * level, presliding=presliding)
-    torque = friction_torque(t, q, v, surfaces)
+    torque = friction_torque(t, q, v, surfaces, surfaces.at_level(ratio * level))
     # Only the energy stored in the bristles at the end may be missing.
-    stored = 0.5 * surfaces.stiffness * (3 * presliding) ** 2
+    stored = 0.5 * surfaces.stiffness * (3 * max(1.0, ratio) * presliding) ** 2
     assert trapezoid(torque * v, t) > -stored
 
 
