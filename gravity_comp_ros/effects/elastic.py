@@ -17,7 +17,7 @@ _MAX_REST_ANGLE = 2.0 * np.pi
 _CRANK_TRAVEL = 1.5
 # Parts of the range in which a cable is slack.
 _CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
-# Exponents of the torque of a cable or hose over its stretch.
+# Exponents of the torque of a cable or hose over its stretch: linear, and one that hardens.
 _CABLE_ORDERS = (1.0, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 # Parts of the range in which an end stop acts; a cable acts over larger parts.
@@ -167,8 +167,11 @@ class CableStiffness(Effect):
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         _, span = _range(motion, joint)
-        return [{**setting, 'start': setting['start'] + part * span}
-                for part in (-0.06 * step, 0.06 * step)]
+        starts = [{**setting, 'start': setting['start'] + part * span}
+                  for part in (-0.06 * step, 0.06 * step)]
+        orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_CABLE_ORDERS))}
+                  for change in (-0.25 * step, 0.25 * step) if setting['side']]
+        return [*starts, *orders]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.5 * sizes.torque])
