@@ -17,6 +17,8 @@ _MAX_REST_ANGLE = 2.0 * np.pi
 _CRANK_TRAVEL = 1.5
 # Parts of the range in which a cable is slack.
 _CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+# Limits of these parts: one that is taut, or slack, over the whole range is another effect.
+_SLACK = (0.1, 0.9)
 # Exponents of the torque of a cable or hose over its stretch: linear, and one that hardens.
 _CABLE_ORDERS = (1.0, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
@@ -166,8 +168,9 @@ class CableStiffness(Effect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        _, span = _range(motion, joint)
-        starts = [{**setting, 'start': setting['start'] + part * span}
+        low, span = _range(motion, joint)
+        least, most = (low + part * span for part in _SLACK)
+        starts = [{**setting, 'start': float(np.clip(setting['start'] + part * span, least, most))}
                   for part in (-0.06 * step, 0.06 * step)]
         orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_CABLE_ORDERS))}
                   for change in (-0.25 * step, 0.25 * step) if setting['side']]

@@ -221,7 +221,8 @@ class Search:
             for term in chosen.values():
                 trial = self._solved((*terms, term))
                 partner = next(iter(self._ranking(trial, self.pools[joint], trial.terms)), None)
-                if partner is not None and self._accept((*trial.terms, partner[1]), 'pair'):
+                if partner is not None and self._accept(
+                        self._without_weak((*trial.terms, partner[1])), 'pair'):
                     return True
         return False
 
@@ -281,25 +282,48 @@ class Search:
         return False
 
     def _again(self) -> bool:
-        """Select the terms of a joint again, from other starts."""
+        """Select the terms of a joint again from other starts, all of them or those at rest."""
         for joint in range(self.design.n_joints):
             own = tuple(t for t in self.terms if t.joint == joint and t.columns.ndim == 2
                         and t.key not in self.forced)
-            if len(own) < 2:
-                continue
-            rest = tuple(t for t in self.terms if t not in own)
-            if not is_consistent(rest):
-                continue
-            without = self.posterior.without(own)
-            starts: dict[str, Term] = {}
-            for gain, term in self._ranking(without, self.pools[joint], rest):
-                if gain < self.options.min_gain or len(starts) >= self.options.starts:
-                    break
-                starts.setdefault(term.name, term)
-            for start in starts.values():
-                if self._accept(self._grown((*rest, start), joint), 'again'):
+            static = tuple(t for t in own if t.effect.is_static)
+            for dropped in dict.fromkeys((own, static)):
+                if len(dropped) > 1 and self._select_again(joint, dropped):
                     return True
         return False
+
+    def _select_again(self, joint: int, dropped: Terms) -> bool:
+        """Replace terms of a joint by those that are selected from the best of a few starts."""
+        rest = tuple(t for t in self.terms if t not in dropped)
+        if not is_consistent(rest):
+            return False
+        without = self.posterior.without(dropped)
+        starts: dict[str, Term] = {}
+        for _, term in self._ranking(without, self.pools[joint], rest):
+            if len(starts) >= self.options.starts:
+                break
+            starts.setdefault(term.name, term)
+        for start in starts.values():
+            start, _ = self._refined(without, start)
+            grown = self._grown((*rest, start), joint)
+            if self._accept(self._without_weak(grown), 'again'):
+                return True
+        return False
+
+    def _without_weak(self, terms: Terms) -> Terms:
+        """
+        Return terms without the new ones that would be removed again, the weakest first.
+
+        The evidence of several terms has no inflation of the noise, the gain of one has.
+        """
+        while new := [term for term in terms if term not in self.terms]:
+            posterior = self._solved(terms)
+            gain, weakest = min(((gain_of(posterior.without((term,)), term), term)
+                                 for term in new), key=lambda each: each[0])
+            if gain >= self.options.min_gain:
+                break
+            terms = with_children_of(terms, weakest)
+        return terms
 
     def _grown(self, terms: Terms, joint: int) -> Terms:
         """Return terms with those of a joint that raise the evidence, added one by one."""
