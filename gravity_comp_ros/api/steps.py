@@ -111,10 +111,15 @@ def with_enough_motion(recording: Recording) -> Recording:
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
-                  speeds: RefitOptions, progress: Progress | None) -> tuple[FitResult, Refit]:
+                  speeds: RefitOptions, progress: Progress | None
+                  ) -> tuple[FitResult, Refit | None]:
+    """Return a fit that predicts effects, those that it predicts with gravity among them."""
     first = fit(recording.samples, options, progress, use=slow_mask(recording))
-    joint = refit(recording.samples, first.model, requests(effects, recording.joints), speeds,
-                  recording.use, progress)
+    missing = [request for request in requests(effects, recording.joints)
+               if not first.model.applied.has(request.effect.name, request.joint)]
+    if not missing:
+        return first, None
+    joint = refit(recording.samples, first.model, missing, speeds, recording.use, progress)
     model = with_step(joint.model, first.model, joint.added, now(), *joint.by_joint())
     report = replace(first.report, rmse=dict(zip(model.joints, model.noise.tolist())))
     return replace(first, model=model, report=report), joint

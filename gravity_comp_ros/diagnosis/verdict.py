@@ -43,12 +43,8 @@ class Evidence:
         return self.estimated.regression.problem.samples.names
 
     def without_and_with(self, name: str) -> tuple[set[str], set[str]]:
-        """
-        Return the predicted targets without and with an effect, all other terms predicted.
-
-        Dynamics is among the others only if the model predicts it.
-        """
-        others = ({*self.torques.effects} - {DYNAMICS} | self.predicted) - {name}
+        """Return the predicted targets without and with an effect, all other terms predicted."""
+        others = {*self.torques.effects, *self.predicted} - {name}
         return others, others | {name}
 
     def acts_on(self, name: str, joint: str | None) -> int:
