@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 from bench.cases.cases import ARMS, Case, Pair, Truth
@@ -92,7 +92,8 @@ def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
              truths=(Truth('degressive_friction', e),),
              allowed=bristles(e) | {('coulomb_friction', e), ('viscous_friction', e)}),
         Case('asymmetric', arm,
-             disturbances=(Friction(e, LuGre(1.6, 1.0), LuGre(0.8, 2.5)),),
+             disturbances=(Friction(e, LuGre(1.6, 1.0),
+                                    replace(LuGre(1.6).at_level(0.8), viscous=2.5)),),
              truths=(Truth('asymmetric_friction', e, (('torque_offset', e),)),),
              allowed=bristles(e) | {('coulomb_friction', e), ('viscous_friction', e)}),
         Case('load', arm, disturbances=(LoadFriction(s, 0.05),),

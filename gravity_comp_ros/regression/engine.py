@@ -98,11 +98,11 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
-    scores = {term.key: score_of(posterior.without((term,)), term) for term in posterior.terms}
-    gains = {term.key: gain(posterior.without((term,)), scores[term.key])
-             for term in posterior.terms}
     published = solve(posterior.design, posterior.terms, precision_of(
         posterior, problem.scale, options, correlation_times(posterior)))
+    scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
+    gains = {term.key: gain(published.without((term,)), scores[term.key])
+             for term in published.terms}
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
                       fit.factory.motion, alternatives, gains,
@@ -188,4 +188,5 @@ def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:
     """
     lowest = search.posterior.log_evidence - search.options.margin
     others = [*search.alternatives(term), *search.excluded_alternatives(term)]
-    return tuple(dict.fromkeys(other.key for evidence, other in others if evidence > lowest))
+    return tuple(dict.fromkeys(
+        other.term.key for other in others if other.log_evidence > lowest))

@@ -33,6 +33,15 @@ _DRAWS = 100
 _COMPARABLE = 0.2
 
 
+@dataclass(frozen=True)
+class Alternative:
+    """A term that could replace another one: the log evidence of all `terms` with it."""
+
+    log_evidence: float
+    term: Term
+    terms: Terms
+
+
 @dataclass(eq=False)
 class Search:
     """
@@ -226,8 +235,8 @@ class Search:
                     return True
         return False
 
-    def alternatives(self, term: Term) -> list[tuple[float, Term]]:
-        """Return other terms on any joint that could replace one: evidence and term, sorted."""
+    def alternatives(self, term: Term) -> list[Alternative]:
+        """Return other terms on any joint that could replace one, the most probable first."""
         without = self.posterior.without((term,))
         rest = with_children_of(self.terms, term)
         minimum = max(self.options.min_gain, _COMPARABLE * gain_of(without, term))
@@ -238,20 +247,32 @@ class Search:
                     chosen[other.key] = gain, other
         return self._replacing(term, [other for _, other in chosen.values()])
 
-    def excluded_alternatives(self, term: Term) -> list[tuple[float, Term]]:
+    def excluded_alternatives(self, term: Term) -> list[Alternative]:
         """Return the untestable effects of its joint that could replace a term, likewise."""
         return self._replacing(term, [other for other in self.candidates.excluded
                                       if other.joint == term.joint])
 
-    def _replacing(self, term: Term, others: Iterable[Term]) -> list[tuple[float, Term]]:
-        trials = []
+    def _replacing(self, term: Term, others: Iterable[Term]) -> list[Alternative]:
+        found = []
         for other in others:
             terms = self._exchanged(term, other)
             if not is_consistent(terms):
                 continue
             trial = self._solved(terms)
-            trials.append((trial.log_evidence + _log_share_plausible(trial, other), other))
-        return sorted(trials, key=lambda each: -each[0])
+            if trial.log_evidence > self.posterior.log_evidence - self.options.near:
+                trial = self._solved(self._settled(terms, other))
+            at = next(t for t in trial.terms if t.key == other.key)
+            found.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
+                                     at, trial.terms))
+        return sorted(found, key=lambda each: -each.log_evidence)
+
+    def _settled(self, terms: Terms, new: Term) -> Terms:
+        """Return terms with the settings of a new one, and of others on its joint, refined."""
+        for term in terms:
+            if term.joint == new.joint and term.key not in self.forced:
+                best, _ = self._refined(self._solved(terms).without((term,)), term)
+                terms = tuple(best if t is term else t for t in terms)
+        return terms
 
     def _between_joints(self) -> bool:
         for term in self.terms:
@@ -259,8 +280,8 @@ class Search:
                 continue
             best = next(iter(self.alternatives(term)), None)
             minimum = self.posterior.log_evidence + self.options.significant
-            if best is not None and best[0] > minimum and self._accept(
-                    self._exchanged(term, best[1]), 'exchange'):
+            if best is not None and best.log_evidence > minimum and self._accept(
+                    best.terms, 'exchange'):
                 return True
         return False
 
@@ -304,7 +325,6 @@ class Search:
                 break
             starts.setdefault(term.name, term)
         for start in starts.values():
-            start, _ = self._refined(without, start)
             grown = self._grown((*rest, start), joint)
             if self._accept(self._without_weak(grown), 'again'):
                 return True
@@ -327,7 +347,7 @@ class Search:
 
     def _grown(self, terms: Terms, joint: int) -> Terms:
         """Return terms with those of a joint that raise the evidence, added one by one."""
-        posterior = self._solved(terms)
+        posterior, start = self._solved(terms), terms[-1]
         for _ in range(self.options.max_rounds):
             ranking = self._ranking(posterior, self.pools[joint], terms)
             gain, best = next(iter(ranking), (-np.inf, None))
@@ -338,7 +358,9 @@ class Search:
             if trial.log_evidence <= posterior.log_evidence:
                 break
             posterior, terms = trial, trial.terms
-        return terms
+        # A setting that is refined while other terms are missing is wrong.
+        best, _ = self._refined(posterior.without((start,)), start)
+        return tuple(best if term is start else term for term in terms)
 
 
 def _log_share_plausible(posterior: Posterior, term: Term) -> float:

@@ -46,17 +46,18 @@ class LengthPriors:
 
     `tilt` in rad of an axis about its present estimate: any direction is possible; `right` if its
     angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link;
-    `inertia` in m, times the largest torque over g: the inertia about a joint of the mass beyond
-    it, at the reach of the arm. `exact` is the log evidence in nats at which an angle is exact.
-    That of an axis that the torque does not determine is near 0. `near` in rad is the distance
-    from an exact angle up to which an effect may have turned the axis.
+    `inertia` in m, times the largest torque scale of a joint and those beyond it over g: the
+    inertia of the mass beyond a joint. Both are those of largest evidence on five arms. `exact`
+    is the log evidence in nats at which an angle is exact. That of an axis that the torque does
+    not determine is near 0. `near` in rad is the distance from an exact angle up to which an
+    effect may have turned the axis.
     """
 
     tilt: float = 1.0
     right: float = 1e-7
     moment: float = 2.0
-    length: float = 0.5
-    inertia: float = 0.7
+    length: float = 0.2
+    inertia: float = 0.2
     exact: float = 1.0
     near: float = 0.15
 
@@ -109,10 +110,11 @@ class UnknownLengths(Shared):
 
     def prior_std(self, scale: Scale) -> FloatArray:
         n, p = self.chain.n_joints, self.priors
+        beyond = np.maximum.accumulate(scale.torque[::-1])[::-1]
         return np.concatenate([
             np.where(self.is_right, p.right, p.tilt), np.full(2 * n, p.moment * scale.largest),
             np.full(3 * (n - 1), p.length),
-            np.full(6 * n, p.inertia * scale.largest / STANDARD_GRAVITY)])
+            np.repeat(p.inertia * beyond / STANDARD_GRAVITY, 6)])
 
     def columns(self, state: State) -> FloatArray:
         n, m = self.chain.n_joints, len(state.q)

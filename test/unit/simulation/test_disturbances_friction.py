@@ -45,7 +45,7 @@ def test_friction_does_not_depend_on_the_sample_rate():
 
 def test_each_direction_has_its_own_friction():
     motion = motion_of()
-    torque = added(Friction(2, LuGre(1.6), LuGre(0.8)), motion)[:, 2]
+    torque = added(Friction(2, LuGre(1.6), LuGre(1.6).at_level(0.8)), motion)[:, 2]
     v = motion.qd[:, 2]
     assert np.median(torque[v > 0.05]) == pytest.approx(1.6, rel=1e-3)
     assert np.median(torque[v < -0.05]) == pytest.approx(-0.8, rel=1e-3)
