@@ -325,9 +325,11 @@ class Search:
                 break
             starts.setdefault(term.name, term)
         for start in starts.values():
-            grown = self._grown((*rest, start), joint)
-            if self._accept(self._without_weak(grown), 'again'):
-                return True
+            # A setting that is refined while other terms are missing may be better or worse.
+            for first in dict.fromkeys((start, self._refined(without, start)[0])):
+                grown = self._grown((*rest, first), joint)
+                if self._accept(self._without_weak(grown), 'again'):
+                    return True
         return False
 
     def _without_weak(self, terms: Terms) -> Terms:
@@ -358,7 +360,6 @@ class Search:
             if trial.log_evidence <= posterior.log_evidence:
                 break
             posterior, terms = trial, trial.terms
-        # A setting that is refined while other terms are missing is wrong.
         best, _ = self._refined(posterior.without((start,)), start)
         return tuple(best if term is start else term for term in terms)
 

@@ -67,8 +67,13 @@ def test_gravity_does_not_absorb_friction(result):
     model = result.model
     assert model.formulation == 'chain' and gravity_error(model) < 0.15
     coulomb, viscous = sizes(model, 'coulomb_friction'), sizes(model, 'viscous_friction')
-    assert set(coulomb) == set(viscous) == set(ARM.joints)
-    for size in coulomb.values():
+    # Over this range of speeds, grease may explain the same: then both are named.
+    tied = {ARM.joints[joint] for (name, joint), others in
+            result.estimate.regression.alternatives.items()
+            if name == 'degressive_friction' and ('viscous_friction', joint) in others}
+    assert set(coulomb) == set(ARM.joints) == set(viscous) | tied and len(viscous) >= 5
+    for joint in set(coulomb) - tied:
+        size = coulomb[joint]
         assert size.value == pytest.approx(COULOMB, abs=max(4 * std(size), 0.02))
     for size in viscous.values():
         assert size.value == pytest.approx(VISCOUS, abs=4 * std(size))

@@ -58,6 +58,23 @@ def test_a_pendulum_by_hand(seed):
     assert result.converged
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_a_cable_between_the_compared_starts_is_one_term(seed):
+    # At none of the starts and orders that are compared.
+    start = float(np.random.default_rng(seed).uniform(-0.4, 0.4))
+
+    def torque(q, qd, t):
+        cable = 3.0 * np.maximum(q - start, 0.0) ** 1.3
+        return 4.0 * np.sin(q) - np.cos(q) + 0.5 * np.tanh(qd / 0.005) + cable
+
+    samples = with_torque(motion_of_joints(1, seed, rate=10.0), torque, seed)
+    terms = {term.key: term for term in pendulums(1, samples, EVERY).terms}
+    assert set(terms) == {('coulomb_friction', 0), ('cable_stiffness', 0)}
+    cable = terms['cable_stiffness', 0]
+    assert cable.setting['start'] == pytest.approx(start, abs=0.05)
+    assert cable.setting['order'] == pytest.approx(1.3, abs=0.1)
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_two_links_by_hand(seed):
     def friction(q, qd, t):
