@@ -53,9 +53,14 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
         clean += rough.clean
         if clean == _CLEAN:
             break
-    best = min(fits, key=_log_noise)
-    assert isinstance(best.shared, UnknownLengths)
-    return best.shared
+    best = min(fits, key=_log_noise).shared
+    assert isinstance(best, UnknownLengths)
+    # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
+    both = [with_common_terms(problem, UnknownLengths.of(chain), effects)
+            for chain in (best.chain, best.chain.with_first_reversed())]
+    best = min(both, key=_log_noise).shared
+    assert isinstance(best, UnknownLengths)
+    return best
 
 
 def _thinned(problem: Problem, count: int) -> Problem:

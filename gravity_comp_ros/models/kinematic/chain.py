@@ -72,6 +72,18 @@ class Chain:
         tilts, change = step.reshape(2, self.n_joints, 2)
         return Chain(self.axes @ tilt(tilts), self.moments + change)
 
+    def with_first_reversed(self) -> Chain:
+        """
+        Return the chain with the first joint turning in the opposite direction.
+
+        If its axis is vertical, the gravity torque is the same.
+        """
+        axes, moments, half_turn = self.axes.copy(), self.moments.copy(), np.diag([1., -1., -1.])
+        axes[0] = axes[0] @ half_turn
+        axes[1:2] = half_turn @ axes[1:2]
+        moments[0, 1] *= -1.0
+        return Chain(axes, moments)
+
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Return d tau / d step (`moved`), shape (4N, N, M)."""
         kinematics = ForwardKinematics(self.axes, np.asarray(q, dtype=np.float64))
