@@ -169,9 +169,9 @@ class CableStiffness(Effect):
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         low, span = _range(motion, joint)
-        least, most = (low + part * span for part in _SLACK)
-        starts = [{**setting, 'start': float(np.clip(setting['start'] + part * span, least, most))}
-                  for part in (-0.06 * step, 0.06 * step)]
+        start, (least, most) = setting['start'], _SLACK
+        starts = [{**setting, 'start': min(max(moved, low + least * span), low + most * span)}
+                  for moved in (start - 0.06 * step * span, start + 0.06 * step * span)]
         orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_CABLE_ORDERS))}
                   for change in (-0.25 * step, 0.25 * step) if setting['side']]
         return [*starts, *orders]

@@ -253,20 +253,20 @@ class Search:
                                       if other.joint == term.joint])
 
     def _replacing(self, term: Term, others: Iterable[Term]) -> list[Alternative]:
-        found = []
+        results = []
         for other in others:
             terms = self._exchanged(term, other)
             if not is_consistent(terms):
                 continue
             trial = self._solved(terms)
             if trial.log_evidence > self.posterior.log_evidence - self.options.near:
-                trial = self._solved(self._settled(terms, other))
+                trial = self._solved(self._with_refined(terms, other))
             at = next(t for t in trial.terms if t.key == other.key)
-            found.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
-                                     at, trial.terms))
-        return sorted(found, key=lambda each: -each.log_evidence)
+            results.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
+                                       at, trial.terms))
+        return sorted(results, key=lambda each: -each.log_evidence)
 
-    def _settled(self, terms: Terms, new: Term) -> Terms:
+    def _with_refined(self, terms: Terms, new: Term) -> Terms:
         """Return terms with the settings of a new one, and of others on its joint, refined."""
         for term in terms:
             if term.joint == new.joint and term.key not in self.forced:

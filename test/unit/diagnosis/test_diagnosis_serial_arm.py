@@ -29,11 +29,14 @@ def of_joint(scene, samples):
 @pytest.mark.parametrize('arm', ['right_seven', 'right_six'])
 def test_an_offset_is_established_with_wide_motion_and_nothing_else_in_narrow_motion(arm):
     scene = Scene(arm, 'torque_offset', 3, 'narrow', 21)
-    narrow = of_joint(scene, scene.recorded())
-    offset = of_joint(scene, with_wide_motion(scene))['torque_offset']
-    assert offset.verdict == Verdict.ESTABLISHED
-    named = [f for f in narrow.values() if f.verdict in FOUND]
-    for finding in (offset, *named):
+    narrow, wide = (of_joint(scene, samples)
+                    for samples in (scene.recorded(), with_wide_motion(scene)))
+    # One that gravity absorbs in narrow motion is predicted with it, and not missing later.
+    if not poor_model(scene).applied.has('torque_offset', scene.arm_model.joints[3]):
+        assert wide['torque_offset'].verdict == Verdict.ESTABLISHED
+    named = [f for f in (*narrow.values(), *wide.values()) if f.verdict in FOUND]
+    assert named
+    for finding in named:
         assert finding.effect == 'torque_offset'
         low, high = finding.coefficients['b'].ci95
         assert low < 1.5 < high

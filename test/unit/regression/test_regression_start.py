@@ -20,8 +20,8 @@ NOISE = 0.01  # N·m
 def recorded(seed, seconds=60.0):
     """Return slow motion in half of the range, with full dynamics and white noise."""
     middle, half = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0]), np.full(7, 0.7)
-    motion = multisine(middle - half, middle + half, ARM.max_speed, seed, MultisineOptions(0.4, seconds, 0.1, 4),
-                       seconds, 50.0)
+    motion = multisine(middle - half, middle + half, ARM.max_speed, seed,
+                       MultisineOptions(0.4, seconds, 0.1, 4), seconds, 50.0)
     exact = synthesise(ARM, motion, SynthesisOptions())
     tau = exact.tau + NOISE * np.random.default_rng(seed).standard_normal(exact.tau.shape)
     return JointSamples.single_run(ARM.joints, exact.t, exact.q, exact.qd, tau)
