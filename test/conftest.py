@@ -4,12 +4,20 @@ import gc
 from pathlib import Path
 import re
 
+from hypothesis import settings
 import pytest
 
+# Examples of each property; a time limit of one example would fail on a busy machine.
+settings.register_profile('quick', max_examples=25, deadline=None)
+settings.load_profile('quick')
 # Test files with the longest run times, the longest first.
-LONGEST = ('test_workbench_browser.py', 'test_diagnosis_campaign.py', 'test_node_ros.py',
-           'test_rigid_body.py', 'test_style.py', 'test_report_html.py',
-           'test_workbench_session.py', 'test_chain_fit.py', 'test_node_faults.py')
+LONGEST = (
+    'test_workbench_loop.py', 'test_workbench_sessions.py', 'test_workbench_input.py',
+    'test_node_ros.py', 'test_diagnosis_campaign.py', 'test_report_html.py', 'test_fleet.py',
+    'test_demo.py', 'test_description_check.py', 'test_style.py', 'test_mujoco.py',
+    'test_chain_fit.py', 'test_node_core.py', 'test_estimator.py', 'test_refit.py',
+    'test_payload.py', 'test_first_hour.py', 'test_same_model.py', 'test_node_graph.py',
+    'test_workbench_session.py', 'test_rigid_body.py', 'test_node_faults.py')
 BAGS = Path(__file__).resolve().parents[1] / 'bags'
 # Modules that package.xml does not name, so that a workspace with rosdep's packages lacks them.
 OPTIONAL = {'bokeh', 'dask', 'distributed', 'mujoco', 'playwright', 'pyarrow', 'shtab', 'tornado'}
@@ -36,9 +44,8 @@ def no_screen(monkeypatch):
 
 def pytest_collection_modifyitems(items):
     """Run the longest files first, so that workers finish at about the same time."""
-    slow = {item.path for item in items if item.get_closest_marker('slow')}
     place = {name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: (place.get(item.path.name, len(place)), item.path not in slow))
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 
 def pytest_collection_finish():

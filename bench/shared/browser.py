@@ -13,7 +13,13 @@ PICTURES = ROOT / 'test-artifacts'
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 OPTIONS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
            '--disable-background-networking', '--disable-component-update', '--disable-sync']
-WAIT = 90_000
+# Longest wait of an assertion in ms: a busy machine takes minutes for what takes seconds alone.
+WAIT = 240_000
+# Names with markup, and with formulas that MathJax would turn into links that run a script.
+LINK = r'\href{javascript:alert(3)}{\text{x}}'
+EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
+        rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
+EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
 
 # For every painted plot of a page: title, width and height in pixels.
 PLOTS = """() => {

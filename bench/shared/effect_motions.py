@@ -111,8 +111,11 @@ def session_motion(name):
 
 def base_columns(motion, joint):
     """Return the torque (M, K) of one joint per step of the axes and moments of gravity."""
-    columns = motion.chain.jacobian(motion.samples.q)[:, joint].T
-    return columns[:, np.abs(columns).max(axis=0) > 1e-9]
+    key = 'base columns', id(motion.chain), joint
+    if key not in motion.memo:
+        columns = motion.chain.jacobian(motion.samples.q)[:, joint].T
+        motion.memo[key] = columns[:, np.abs(columns).max(axis=0) > 1e-9]
+    return motion.memo[key]
 
 
 def least_squares(columns, y, noise):

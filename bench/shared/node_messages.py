@@ -4,9 +4,48 @@ import time
 
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.rows import DELAYS, Rows, SlowSample
+from gravity_comp_ros.worker.supervised import READY, Supervised
 import numpy as np
 from sensor_msgs.msg import JointState
+
+
+class Nodes:
+    """
+    Makes nodes without ROS, one after the other.
+
+    A fit process that is ready is kept for the next node, as its start takes a second of
+    processor time.
+    """
+
+    def __init__(self) -> None:
+        self._open: list[NodeCore] = []
+        self._ready: Supervised | None = None
+
+    def make(self, **settings) -> NodeCore:
+        """Return a node with these parameters."""
+        node = NodeCore(Parameters(**settings), '/joint_states', 0.0)
+        if self._ready is not None:
+            node.learner.fits, self._ready = self._ready, None
+            node.learner.fits.timeout = node.settings.fit_timeout
+        self._open.append(node)
+        return node
+
+    def close(self) -> None:
+        """Close the nodes, and keep the process of one of them."""
+        for node in self._open:
+            fits = node.learner.fits
+            if self._ready is None and fits.state == READY and not fits.restarts:
+                self._ready, node.learner.fits = fits, Supervised((), 1.0)
+            node.close()
+        self._open.clear()
+
+    def end(self) -> None:
+        """End the process that was kept."""
+        if self._ready is not None:
+            self._ready.stop()
 
 
 def joint_state(names, t, q, qd=(), tau=()):

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from bench.shared.browser import expect, INJECT, LIVELY
+from bench.shared.browser import EVIL, EVIL_BAG, expect, INJECT, LINK, LIVELY
 from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
@@ -23,13 +23,6 @@ from gravity_comp_ros.report.views import joints, summary
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
-
-# Markup, and formulas that MathJax would turn into links that run a script.
-LINK = r'\href{javascript:alert(3)}{\text{x}}'
-EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
-        rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
-EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
 ORDER = ['summary', 'joints', 'time', 'arm', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
          'quality', 'provenance']
 

@@ -14,8 +14,6 @@ from gravity_comp_ros.simulation import arms
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope='module')
 def scene() -> Scene:

@@ -1,13 +1,12 @@
 """Import rules: one direction, ROS in the node only, NumPy and SciPy alone in the core."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 import re
 import subprocess
 import sys
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'gravity_comp_ros'
@@ -55,10 +54,16 @@ def room(path: Path) -> str:
     return path.relative_to(ROOT / PACKAGE).parts[0].removesuffix('.py')
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
 def imported(path: Path) -> set[str]:
     """Return the dotted names that a file imports, at module level or inside functions."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -75,18 +80,12 @@ def rooms_imported(path: Path) -> set[str]:
     return {part[1] for part in parts if part[0] == PACKAGE and len(part) > 1} - {'__version__'}
 
 
-def each(paths):
-    return pytest.mark.parametrize(
-        'path', paths, ids=[str(path.relative_to(ROOT)) for path in paths])
-
-
-@each(MODULES)
-def test_imports_flow_downwards(path):
-    own = room(path)
-    assert own in LEVEL_OF, f'give {own} a level in this test'
-    for other in rooms_imported(path):
-        assert LEVEL_OF[other] <= LEVEL_OF[own], f'{own} must not import {other}'
-        assert other not in FORBIDDEN.get(own, set()), f'{own} must not import {other}'
+def test_imports_flow_downwards():
+    assert {room(path) for path in MODULES} <= set(LEVEL_OF), 'give each room a level in this test'
+    wrong = [f'{path} imports {other}' for path in MODULES for other in rooms_imported(path)
+             if LEVEL_OF[other] > LEVEL_OF[room(path)]
+             or other in FORBIDDEN.get(room(path), set())]
+    assert not wrong
 
 
 def test_no_import_cycle():
@@ -96,16 +95,16 @@ def test_no_import_cycle():
     TopologicalSorter(after).prepare()  # raises CycleError, which names the modules
 
 
-@each(MODULES)
-def test_only_the_node_imports_ros(path):
-    used = {name.split('.')[0] for name in imported(path)} & ROS
-    assert not used or room(path) == 'node', f'{path.name} imports {used}'
+def test_only_the_node_imports_ros():
+    used = {path: ROS & {name.split('.')[0] for name in imported(path)} for path in MODULES}
+    assert {room(path) for path, names in used.items() if names} == {'node'}, used
 
 
-@each([path for path in MODULES if room(path) in CORE])
-def test_the_core_needs_numpy_and_scipy_alone(path):
+def test_the_core_needs_numpy_and_scipy_alone():
     allowed = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
-    assert {name.split('.')[0] for name in imported(path)} <= allowed
+    others = {path: {name.split('.')[0] for name in imported(path)} - allowed
+              for path in MODULES if room(path) in CORE}
+    assert not {str(path): names for path, names in others.items() if names}
 
 
 def test_package_xml_lists_every_ros_package_that_is_imported():
@@ -163,9 +162,10 @@ WITH_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
 ARRAY = re.compile(r'\b(FloatArray|BoolArray|NDArray)\b')
 
 
-@each([path for path in MODULES if room(path) in WITH_ARRAYS])
-def test_dataclasses_with_arrays_do_not_compare_by_value(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+def compared_by_value(path: Path) -> list[str]:
+    """Return the dataclasses of a file that hold arrays and define ==."""
+    names = []
+    for node in ast.walk(tree(path)):
         if not isinstance(node, ast.ClassDef):
             continue
         decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
@@ -174,5 +174,12 @@ def test_dataclasses_with_arrays_do_not_compare_by_value(path):
         own_eq = any(isinstance(item, ast.FunctionDef) and item.name == '__eq__'
                      for item in node.body)
         if not own_eq and any(text.startswith('dataclass') for text in decorators) and any(
-                ARRAY.search(field) and 'Callable' not in field for field in fields):
-            assert any('eq=False' in text for text in decorators), node.name
+                ARRAY.search(field) and 'Callable' not in field for field in fields) and not any(
+                'eq=False' in text for text in decorators):
+            names.append(f'{path}: {node.name}')
+    return names
+
+
+def test_dataclasses_with_arrays_do_not_compare_by_value():
+    assert not [name for path in MODULES if room(path) in WITH_ARRAYS
+                for name in compared_by_value(path)]

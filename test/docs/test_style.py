@@ -6,8 +6,6 @@ import sys
 
 import pytest
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = [name for name in ('gravity_comp_ros', 'test', 'launch', 'examples', 'bench',
                              'setup.py') if (ROOT / name).exists()]

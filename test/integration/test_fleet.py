@@ -23,8 +23,6 @@ from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def fleet(tmp_path):

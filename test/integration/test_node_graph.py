@@ -11,8 +11,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-pytestmark = pytest.mark.slow
-
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BAGS = ROOT / 'bags'
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'

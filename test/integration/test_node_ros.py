@@ -24,8 +24,6 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
-pytestmark = pytest.mark.slow
-
 BAGS = ROOT / 'bags'
 UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
 PATIENT = {'stale_after': 10.0, 'unlimited_torque': True}

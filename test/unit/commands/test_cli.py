@@ -15,7 +15,7 @@ from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.trajectory_files import ENDINGS
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -169,7 +169,6 @@ def test_output_to_a_terminal_without_unicode():
     assert b'N?m per unit' in done.stdout
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.text())
 def test_printable_text_contains_no_control_characters(text):
     printed = printable(text)

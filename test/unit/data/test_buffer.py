@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.errors import DataError, OptionError
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -94,7 +94,6 @@ def test_bad_input_is_refused():
     assert len(ring) == 0
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-0.1, 0.1)), max_size=60),
        st.integers(2, 12))
 def test_the_buffer_is_bounded_and_its_neighbours_are_correct(poses, capacity):

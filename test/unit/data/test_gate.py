@@ -4,7 +4,7 @@ from gravity_comp_ros.data.gate import (
     ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE, slow_samples, TIME)
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -96,7 +96,6 @@ def recordings(draw):
     return concatenate(runs)
 
 
-@settings(max_examples=80, deadline=None)
 @given(recordings(), st.sampled_from([None, 1.0, 5.0, 100.0]),
        st.sampled_from([None, 0.5, (2.0, 0.7)]), st.sampled_from([0.02, 0.1, 1.0]))
 def test_online_and_offline_decide_the_same(samples, rate, acceleration, window):

@@ -3,7 +3,7 @@
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -42,7 +42,6 @@ def test_a_run_without_samples_does_not_count():
     assert len(parts.blocks) == 2
 
 
-@settings(max_examples=40, deadline=None)
 @given(count=st.integers(30, 300), fraction=st.floats(0.05, 0.6), guard=st.floats(0, 0.5),
        runs=st.integers(1, 4))
 def test_no_sample_is_both_fitted_and_held_out(count, fraction, guard, runs):

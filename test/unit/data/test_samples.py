@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -163,7 +163,6 @@ def test_concatenate_without_parts_is_refused():
         concatenate([])
 
 
-@settings(max_examples=50, deadline=None)
 @given(counts=st.lists(st.integers(0, 6), min_size=1, max_size=5))
 def test_each_run_reverses_concatenate(counts):
     parts = [some(count, label=f'r{k}', seed=k) for k, count in enumerate(counts)]

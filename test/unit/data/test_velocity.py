@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.errors import DataError, OptionError
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -26,7 +26,6 @@ def test_no_delay():
     assert abs(delayed) < 1e-9  # a delay of one sample would give 0.025
 
 
-@settings(max_examples=40, deadline=None)
 @given(slope=st.floats(-3, 3), offset=st.floats(-3, 3), seed=st.integers(0, 1000),
        count=st.integers(2, 60))
 def test_straight_line_is_exact_at_any_sampling(slope, offset, seed, count):

@@ -3,7 +3,7 @@
 from bench.shared import urdf_snippets as robots
 from gravity_comp_ros.description.joint_order import (
     AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NUMBERS, WORDS)
-from hypothesis import given, settings, strategies
+from hypothesis import given, strategies
 import pytest
 
 
@@ -28,7 +28,6 @@ def test_an_unusable_description_is_ignored(urdf):
     [f'joint_{n}' for n in range(1, 13)], [f'lbr7_A{n}' for n in range(7)],
     [f'left_{part}' for part in robots.BAXTER_PARTS], ['S0', 'S1', 'E0', 'E1', 'W0'],
 ])
-@settings(max_examples=50, deadline=None)
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
@@ -45,7 +44,6 @@ FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'el
     ['waist', 'shoulder', 'elbow', 'forearm_roll', 'wrist_angle', 'wrist_rotate'],
     ['Waist', 'Shoulder', 'Elbow', 'WristAngle', 'WristRotate'],
 ])
-@settings(max_examples=30, deadline=None)
 @given(data=strategies.data())
 def test_words_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(list(names)))
@@ -64,7 +62,6 @@ def test_ambiguous_names_stay_as_recorded(names):
     assert joint_order(names) == JointOrder(tuple(names), AS_RECORDED)
 
 
-@settings(max_examples=50, deadline=None)
 @given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
 def test_an_order_is_a_stable_permutation(names):
     order = joint_order(names)

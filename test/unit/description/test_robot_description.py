@@ -6,7 +6,7 @@ from gravity_comp_ros.recordings.bag import joint_positions, PositionRange
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
     decode_string, first_description, robot_description)
-from hypothesis import given, settings, strategies
+from hypothesis import given, strategies
 import numpy as np
 import pytest
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
@@ -77,7 +77,6 @@ def test_a_damaged_description_is_refused(tmp_path):
         robot_description(tmp_path / 'nothing')
 
 
-@settings(max_examples=50, deadline=None)
 @given(strategies.text(alphabet=strategies.characters(exclude_characters='\0',
                                                       exclude_categories=['Cs'])),
        strategies.booleans())
@@ -86,7 +85,6 @@ def test_text_in_either_byte_order(text, little):
     assert decode_string(bytes(raw)) == text
 
 
-@settings(max_examples=50, deadline=None)
 @given(strategies.binary(max_size=40))
 def test_any_bytes_are_text_or_an_error(raw):
     try:

@@ -7,7 +7,7 @@ from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from hypothesis import given, settings, strategies
+from hypothesis import given, strategies
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -79,7 +79,6 @@ KINDS = strategies.sampled_from(('wanted', 'wanted', 'fixed', 'held', 'prismatic
 VECTORS = strategies.tuples(*3 * [strategies.floats(-1.0, 1.0)])
 
 
-@settings(max_examples=30, deadline=None)
 @given(strategies.lists(strategies.tuples(KINDS, VECTORS, VECTORS, VECTORS,
                                           strategies.floats(-1.0, 1.0)), min_size=1, max_size=8))
 def test_random_paths_agree_with_pinocchio(steps):

@@ -1,6 +1,7 @@
 """Diagnosis of a serial arm whose recordings hardly separate effects from gravity."""
 
 from bench.planning.scenes import Scene, wide_motion
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -26,7 +27,7 @@ def of_joint(scene, samples):
     return {f.effect: f for f in diagnosis.findings if f.joint == name}
 
 
-@pytest.mark.parametrize('arm', ['right_seven', 'right_six'])
+@pytest.mark.parametrize('arm', ['right_six', *campaign('right_seven')])
 def test_an_offset_is_established_with_wide_motion_and_nothing_else_in_narrow_motion(arm):
     scene = Scene(arm, 'torque_offset', 3, 'narrow', 21)
     narrow, wide = (of_joint(scene, samples)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from bench.planning.scenes import Scene
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
@@ -12,6 +13,7 @@ import pytest
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
 JOINTS, NOISE = ('shoulder', 'elbow'), 0.02
+SEEDS = pytest.mark.parametrize('seed', [0, *campaign(1, 2)])
 
 
 def links(reach, own, seed, count=2000):
@@ -36,7 +38,7 @@ def on_elbow(reach, own, seed):
     return {f.effect: f for f in diagnose(samples).findings if f.joint == 'elbow'}
 
 
-@pytest.mark.parametrize('seed', range(3))
+@SEEDS
 def test_an_offset_is_established_in_wide_motion_and_at_most_tied_in_narrow_motion(seed):
     def offset(q, qd):
         return np.full(len(q), 0.5)
@@ -51,7 +53,7 @@ def test_an_offset_is_established_in_wide_motion_and_at_most_tied_in_narrow_moti
 
 
 @pytest.mark.parametrize('ripple', [0.05, 0.0])
-@pytest.mark.parametrize('seed', range(3))
+@SEEDS
 def test_a_ripple_of_a_hundredth_of_the_friction_is_found_if_there_is_one(seed, ripple):
     def friction(q, qd):
         return 4.0 * np.tanh(qd / 0.005) + ripple * np.sin(12.0 * q)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bench.shared.campaign import campaign
 from bench.shared.rough_links import NOISE, two_links, WIDE
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -39,7 +40,7 @@ def rmse(model, samples: JointSamples) -> float:
     return float(np.sqrt(((predict_torque(model, samples) - samples.tau)[:, 1] ** 2).mean()))
 
 
-@pytest.mark.parametrize('seed', [0, 10])
+@pytest.mark.parametrize('seed', [0, *campaign(10)])
 def test_the_offset_of_each_recording_is_found_and_the_mean_is_predicted_later(seed):
     offsets = [1.2, -0.9, 0.3]
     runs = [recorded(seed + k, offset, MORNING + 100.0 * k) for k, offset in enumerate(offsets)]

@@ -15,7 +15,7 @@ from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -314,7 +314,6 @@ def test_the_start_of_an_end_stop_is_found():
     assert side == 1.0 and abs(where - start) < 0.03 * np.ptp(q)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.sampled_from([1e-6, 1e-5, 1e-4]))
 def test_a_denoised_path_has_the_reversals_of_the_joint(seed, noise):
     rng = np.random.default_rng(seed)

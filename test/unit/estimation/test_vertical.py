@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from bench.estimator.mounted import tilted
 from bench.planning.scenes import known_axes
+from bench.shared.campaign import campaign
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import JointSamples
@@ -58,7 +59,7 @@ def worst(model, arm):
     return errors(model, arm).max()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(25.0, 180.0), st.floats(0.0, 6.2))
 # The moment about the nearly vertical first axis is then hardly identifiable.
 @example(179.0, 0.03125)
@@ -92,7 +93,7 @@ def test_unmodelled_effects_yield_no_other_vertical(joint):
         assert with_estimated_vertical(AXES, recorded(ARM, add=effect)) is AXES
 
 
-@pytest.mark.parametrize('angle', [45.0, 90.0, 180.0])
+@pytest.mark.parametrize('angle', [90.0, 180.0, *campaign(45.0)])
 def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
     arm = tilted(ARM, np.radians(angle), 0.7)
     result = fit(moved(arm), FitOptions(geometry=AXES))
@@ -106,7 +107,7 @@ def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
     assert base_tilt_angle(result.model.geometry.rotations, AXES.rotations) > MAX_FITTED_TILT
 
 
-@pytest.mark.parametrize('angle', [90.0, 180.0])
+@pytest.mark.parametrize('angle', [180.0, *campaign(90.0)])
 def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
     arm, centre = tilted(ARM, np.radians(angle), 0.7), (0.02, 0.03, 0.1)
     loaded = with_payload(arm, Payload(2.0, centre))

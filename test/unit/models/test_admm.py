@@ -3,7 +3,7 @@
 from bench.shared.dense import breach, coordinate_descent, objective
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.models.sparse import admm
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -78,7 +78,6 @@ def problems(draw):
     return unit_columns(a), b, draw(st.floats(0.01, 0.95))
 
 
-@settings(max_examples=120, deadline=None)
 @given(problems())
 def test_every_solution_is_optimal_and_as_good_as_coordinate_descent(problem):
     a, b, share = problem
@@ -97,7 +96,6 @@ def test_every_solution_is_optimal_and_as_good_as_coordinate_descent(problem):
         np.sqrt(2 * max(theirs - ours, 0.0)) + 1e-5 * np.linalg.norm(b))
 
 
-@settings(max_examples=40, deadline=None)
 @given(problems(), st.integers(0, 10 ** 6))
 def test_penalties_may_differ(problem, seed):
     a, b, share = problem
@@ -108,7 +106,6 @@ def test_penalties_may_differ(problem, seed):
     assert breach(a, b, penalties, result.state.z) <= 1e-6
 
 
-@settings(max_examples=40, deadline=None)
 @given(problems(), st.floats(0.01, 0.9))
 def test_a_warm_start_has_the_same_solution_and_is_not_slower(problem, other_share):
     a, b, share = problem

@@ -7,7 +7,7 @@ from gravity_comp_ros.models.kinematic.chain import (
     about_z, aligned, Chain, in_frames_of_axes, tilt)
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.sparse import dictionary
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -58,7 +58,6 @@ def test_frames_of_axes_do_not_change_gravity_and_an_arm_with_right_angles_has_s
     assert np.count_nonzero(np.abs(result.moments) > 1e-9) == 4
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 7), st.integers(0, 10 ** 6))
 def test_jacobian_is_the_derivative(n, seed):
     chain, rng = random_chain(n, seed), np.random.default_rng(seed + 1)
@@ -70,7 +69,6 @@ def test_jacobian_is_the_derivative(n, seed):
     np.testing.assert_allclose(analytic, numeric, atol=1e-7 * max(1.0, np.abs(numeric).max()))
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 7), st.integers(0, 10 ** 6))
 def test_expansion_is_exact(n, seed):
     chain = random_chain(n, seed)

@@ -4,7 +4,7 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -73,7 +73,6 @@ def energy_model(n_joints: int, seed: int) -> GravityModel:
         Coverage(-np.ones(n_joints), np.ones(n_joints), 10), {})
 
 
-@settings(max_examples=25, deadline=None)
 @given(n_joints=st.integers(2, 5), seed=st.integers(0, 10 ** 6))
 def test_a_torque_from_an_energy_has_no_curl(n_joints, seed):
     model, h = energy_model(n_joints, seed), 1e-6
@@ -84,7 +83,6 @@ def test_a_torque_from_an_energy_has_no_curl(n_joints, seed):
     np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10 ** 6))
 def test_torque_of_an_energy_is_the_design_times_its_weights(seed):
     model = energy_model(3, seed)

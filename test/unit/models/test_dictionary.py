@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.sparse import dictionary
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -22,7 +22,6 @@ def dense(q: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.integers(1, 12).flatmap(lambda n: st.tuples(
     st.just(n), st.lists(st.integers(0, 3 ** n - 1), min_size=1, max_size=8))))
 def test_digits_and_index_are_inverse(case):
@@ -100,7 +99,6 @@ def test_derivative_by_hand():
     assert (features[0], signs[0], signs[1]) == (4, -1.0, 0.0)
 
 
-@settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 1000), revolutions=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
 def test_features_are_periodic(seed, revolutions):
     q = poses(3, 3, seed)

@@ -6,7 +6,7 @@ import sys
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -40,7 +40,6 @@ def test_torques_by_hand():
     np.testing.assert_allclose(model.predict(q[0]), expected[:1], rtol=1e-14)
 
 
-@settings(max_examples=40, deadline=None)
 @given(n_joints=st.integers(1, 7), seed=st.integers(0, 10 ** 6))
 def test_predict_one_agrees_with_predict(n_joints, seed):
     rng = np.random.default_rng(seed)

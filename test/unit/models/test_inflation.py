@@ -7,12 +7,11 @@ from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import (
     SparseOptions, SparseProblem, SupportFit)
 from gravity_comp_ros.models.sparse.support import Refit
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
 
-@settings(max_examples=50, deadline=None)
 @given(counts=st.lists(st.integers(1, 9), min_size=1, max_size=8))
 def test_every_sample_is_tested_once_and_runs_stay_whole(counts):
     runs = np.repeat(np.arange(len(counts)), counts)

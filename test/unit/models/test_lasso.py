@@ -63,7 +63,6 @@ def torques(draw):
     return design, b, draw(st.floats(0.02, 0.9))
 
 
-@settings(max_examples=60, deadline=None)
 @given(torques())
 def test_every_solution_is_optimal_over_all_columns(problem):
     design, b, share = problem
@@ -98,7 +97,7 @@ def test_residuals_of_one_column_by_hand():
     assert off.dual_objective == pytest.approx(2 * 5 + 3.5 * 7 - 0.5 * (4 + 12.25))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10 ** 6), st.floats(0.05, 0.8))
 def test_the_solution_is_that_of_coordinate_descent(seed, share):
     rng = np.random.default_rng(seed)

@@ -15,7 +15,7 @@ from gravity_comp_ros.models import model_file
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.expansion import Expansion
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -101,7 +101,6 @@ def models(draw):
                         vectors[2], coverage, provenance)
 
 
-@settings(max_examples=60, deadline=None)
 @given(model=models())
 def test_the_round_trip_of_any_model_is_exact(tmp_path_factory, model):
     path = tmp_path_factory.mktemp('model') / 'model.json'

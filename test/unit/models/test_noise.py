@@ -1,7 +1,7 @@
 """Noise: absolute and relative standard deviation, and the correlation time."""
 
 from gravity_comp_ros.models import noise
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -144,7 +144,6 @@ def test_samples_of_different_runs_are_independent():
     assert one_run == pytest.approx(2.0, abs=0.3) and own_runs == 1.0
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(-1e6, 1e6), max_size=12))
 def test_correlation_time_is_at_least_one(values):
     residual = np.array(values)

@@ -3,11 +3,10 @@
 from bench.shared.serial_arms import poses, random_chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.nuisance import Nuisance, WeightedNuisance
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10 ** 6))
 def test_a_prior_is_equivalent_to_noise_with_its_covariance(seed):
     rng = np.random.default_rng(seed)

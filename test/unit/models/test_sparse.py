@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 
 
@@ -34,7 +34,6 @@ def test_different_poses_are_not_merged():
     assert whole.merged(0.1) is whole
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 10 ** 6), count=st.integers(1, 40), runs=st.integers(1, 3))
 def test_every_sample_is_near_a_merged_one(seed, count, runs):
     rng = np.random.default_rng(seed)

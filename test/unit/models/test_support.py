@@ -3,7 +3,7 @@
 from bench.shared.dense import DenseDesign
 from gravity_comp_ros.models.sparse import dictionary, support
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -74,7 +74,6 @@ def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
     assert selected.chi2 == pytest.approx(8.0)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(1, 9).flatmap(lambda n: st.tuples(st.just(n),
                                                      st.integers(0, 3 ** n - 1))))
 def test_neighbours_differ_in_one_factor(case):
@@ -115,7 +114,6 @@ def problems(draw):
     return design, b, n_joints, usable, start
 
 
-@settings(max_examples=60, deadline=None)
 @given(problems())
 def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
     design, b, n_joints, usable, start = problem
@@ -128,7 +126,6 @@ def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
         assert support.score(refit, n_joints, design.n_rows) > score - 1e-3
 
 
-@settings(max_examples=40, deadline=None)
 @given(problems())
 def test_selection_lowers_the_score_and_is_idempotent(problem):
     design, b, n_joints, usable, start = problem

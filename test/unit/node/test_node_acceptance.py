@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 
 from bench.shared.broken_effort import intermittent_brake, KINDS
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
@@ -50,7 +51,8 @@ def corrupted(name, n=100, seed=1):
 
 
 # Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
-@pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
+@pytest.mark.parametrize('name', [
+    'dead elbow', 'flipped shoulder', *campaign('drives off', 'all flipped')])
 def test_broken_effort_is_refused(name, base, geometry):
     result = run_fit(job_of(corrupted(name), base, geometry))
     assert result.fault and not result.accepted and result.fault in result.reason
@@ -65,7 +67,8 @@ def test_a_real_payload_is_accepted_within_twenty_seconds(mass, centre, base, ge
     assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
 
 
-@pytest.mark.parametrize('seconds, seed', [(8.0, 2), (20.0, 1), (20.0, 4)])
+@pytest.mark.parametrize('seconds, seed', [
+    (8.0, 2), *campaign((20.0, 1), (20.0, 4))])
 def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)

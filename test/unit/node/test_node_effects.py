@@ -3,7 +3,7 @@
 from dataclasses import replace
 import time
 
-from bench.shared.node_messages import joint_state, send_message, until
+from bench.shared.node_messages import joint_state, Nodes, refit, send_message, until
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
@@ -66,22 +66,20 @@ def model_file(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope='module')
+def nodes():
+    nodes = Nodes()
+    yield nodes
+    nodes.end()
+
+
 @pytest.fixture
-def node(model_file):
-    settings = Parameters(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
-                          ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,),
-                          full_samples=250)
-    node = NodeCore(settings, '/joint_states', 0.0)
+def node(nodes, model_file):
+    node = nodes.make(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
+                      ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,), full_samples=250)
     until(node, lambda: node.learner.fits.state == 'ready')
     yield node
-    node.close()
-
-
-def refit(node):
-    answers = []
-    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
-    until(node, lambda: answers)
-    return answers[0]
+    nodes.close()
 
 
 def change(node, **settings):

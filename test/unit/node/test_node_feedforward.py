@@ -234,7 +234,7 @@ steps = st.lists(st.tuples(
     st.floats(-0.05, 0.4), st.floats(-5, 5)), max_size=60)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(steps, st.sampled_from(['hold', 'fade', 'trust']))
 def test_no_sequence_of_events_exceeds_the_limits(script, policy):
     options = Parameters(ramp_time=0.5, max_torque=(8.0,), max_torque_rate=(50.0,),
@@ -317,7 +317,7 @@ def test_friction_in_transition_has_the_direction_of_the_motion():
 
 @given(st.lists(st.sampled_from(['other', 'none', 'far', 'near', 'no speed', 'pause']),
                 max_size=40))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_effects_never_step(events):
     """Whatever happens, the torque changes by at most 2 % of its largest change in 10 ms."""
     feed = FeedForward(1, replace(FREE, extrapolation='hold', extrapolation_margin=0.5))
@@ -407,7 +407,7 @@ def test_a_burst_after_a_pause_delays_the_torque_only_briefly():
     assert float(feed.update(10.3, np.full(1, 3.0))[0]) == pytest.approx(30.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from(['hold', 'fade', 'trust']))
 def test_torque_has_a_period_of_one_revolution(q, revolutions, policy):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation=policy))

@@ -1,22 +1,19 @@
 """Fit process: it stays running; its death, hang or failure is detected."""
 
 from contextlib import contextmanager
-import os
 from pathlib import Path
 import re
-import signal
 import subprocess
 import sys
 import time
 
 from bench.shared.node_messages import rows_of
 from bench.shared.rough_links import two_links
-from bench.shared.running_process import is_running
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
-from gravity_comp_ros.worker.supervised import BUSY, DOWN, Failure, READY, Supervised
+from gravity_comp_ros.worker.supervised import BUSY, Failure, READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
 import numpy as np
 import pytest
@@ -59,13 +56,14 @@ def wait(fits, condition, seconds=60.0):
     return events
 
 
-def ready(fits):
-    return wait(fits, lambda _: fits.state == READY)
-
-
 def test_it_fits_and_stays_running():
+    still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
+                                    np.zeros((20, 2)), np.ones((20, 2)))
+    q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
+    here = run_fit(job()).model.predict(q)
+    np.testing.assert_allclose(here, [5.0, 2.0] * np.sin(q), atol=0.03)
     with process() as fits:
-        ready(fits)
+        wait(fits, lambda _: fits.state == READY)
         pid = fits.pid
         for number in (1, 2):
             assert fits.submit(number, time.monotonic(), lambda _: job()) and fits.state == BUSY
@@ -73,62 +71,12 @@ def test_it_fits_and_stays_running():
             (submitted, outcome), = wait(fits, lambda events: events)
             assert isinstance(outcome, FitResult) and submitted == number
             assert outcome.accepted
-            np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
-                                       [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
-        assert fits.pid == pid and fits.restarts == 0
-    assert fits.pid is None
-
-
-def test_the_result_is_that_of_a_fit_in_this_process():
-    with process() as fits:
-        ready(fits)
-        fits.submit(job(), time.monotonic())
-        (_, outcome), = wait(fits, lambda events: events)
-    q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
-    np.testing.assert_allclose(outcome.model.predict(q), run_fit(job()).model.predict(q),
-                               atol=1e-9)
-
-
-def test_a_killed_process_is_reported_and_restarted():
-    with process() as fits:
-        ready(fits)
-        first = fits.pid
-        # Stopped first, because on a busy machine the job might end before the signal.
-        os.kill(first, signal.SIGSTOP)
-        fits.submit(4, time.monotonic(), lambda _: job())
-        os.kill(first, signal.SIGKILL)
-        event, = wait(fits, lambda events: events)
-        assert event == (4, Failure('the fit process died (signal 9)', True))
-        assert fits.state == DOWN and fits.job is None
-        ready(fits)
-        assert fits.pid != first and fits.restarts == 1
-        fits.submit(5, time.monotonic(), lambda _: job())
-        (submitted, _), = wait(fits, lambda events: events)
-        assert submitted == 5
-
-
-def test_a_hanging_process_is_reported_and_restarted():
-    with process(timeout=0.3) as fits:
-        ready(fits)
-        first = fits.pid
-        os.kill(first, signal.SIGSTOP)
-        fits.submit(6, time.monotonic(), lambda _: job())
-        (submitted, failure), = wait(fits, lambda events: events)
-        assert submitted == 6 and failure.lost and 'the fit hung' in failure.reason
-        ready(fits)
-        assert fits.pid != first
-
-
-def test_a_failed_fit_is_reported_and_the_process_stays():
-    still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
-                                    np.zeros((20, 2)), np.ones((20, 2)))
-    with process() as fits:
-        ready(fits)
-        pid = fits.pid
+            np.testing.assert_allclose(outcome.model.predict(q), here, atol=1e-9)
         fits.submit(7, time.monotonic(), lambda _: job(train=still))
         event, = wait(fits, lambda events: events)
         assert event == (7, Failure('no joint moves; a fit needs poses that differ', False))
-        assert fits.state == READY and fits.pid == pid
+        assert fits.state == READY and fits.pid == pid and fits.restarts == 0
+    assert fits.pid is None
 
 
 @pytest.mark.parametrize('program, reason', [
@@ -147,23 +95,6 @@ def test_a_process_that_does_not_start_is_restarted_with_a_delay(program, reason
         fits.poll(now + 0.4)
     assert fits.restarts == 1
     fits.stop()
-
-
-def test_it_ends_with_the_process_that_started_it(tmp_path):
-    code = ('import time\nfrom gravity_comp_ros.worker.supervised import Supervised\n'
-            'from gravity_comp_ros.worker.worker_process import command\n'
-            f'fits = Supervised(command({FITTING!r}, 10), 9.0); fits.start(0.0)\n'
-            'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
-            'print(fits.pid, flush=True); time.sleep(60)')
-    parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
-                              env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
-    pid = int(parent.stdout.readline())
-    parent.kill()
-    parent.communicate()
-    end = time.monotonic() + 10.0
-    while is_running(pid):
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def test_few_samples_give_a_change_of_the_old_model():

@@ -147,7 +147,7 @@ def dropped(ours):
     return sum(count for reason, count in ours.counts.items() if reason not in NOT_DROPPED)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @example([(['a', 'b'], [0.0, 0.0], [], [], 0)] * 2)
 @given(st.lists(st.tuples(names, st.lists(values, max_size=5), st.lists(values, max_size=5),
                           st.lists(values, max_size=5), st.integers(0, 9)), max_size=12))

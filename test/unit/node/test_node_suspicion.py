@@ -18,7 +18,7 @@ from gravity_comp_ros.node.residual import expected_residual, LiveResidual, resi
 from gravity_comp_ros.node.rows import SlowSample
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -179,7 +179,6 @@ def test_a_test_is_due_only_for_a_lasting_residual():
     assert not resting.is_due()
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 60.0), st.floats(3.0, 40.0), st.floats(1.0, 100.0))
 def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     """At any sample rate, although each test finds a payload."""

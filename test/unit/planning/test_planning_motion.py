@@ -30,7 +30,6 @@ def check_limits(segments, limits: Limits, rate: float = 2000.0) -> None:
     assert not qd[[0, -1]].any() or np.abs(qd[[0, -1]]).max() < 1e-9
 
 
-@settings(max_examples=40, deadline=None)
 @given(POSES, POSES, LIMITS, LIMITS, LIMITS)
 def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assume(np.abs(b - a).max() > 1e-6)
@@ -49,7 +48,6 @@ def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assert max(reached) == pytest.approx(1.0, rel=0.02)
 
 
-@settings(max_examples=30, deadline=None)
 @given(POSES, POSES, strategies.floats(0.05, 0.5), LIMITS)
 def test_a_wave_keeps_its_limits(pose, amplitude, frequency, limit):
     limits = Limits(limit, 2 * limit, 20 * limit)
@@ -58,7 +56,7 @@ def test_a_wave_keeps_its_limits(pose, amplitude, frequency, limit):
     assert (np.abs(wave.amplitude) <= np.abs(amplitude) + 1e-12).all()
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), acceleration=strategies.floats(0.2, 3.0),
        jerk=strategies.floats(2.0, 50.0), reach=strategies.floats(0.05, 0.6),
@@ -88,7 +86,7 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     assert np.abs(motion.qd[[0, -1]]).max() < 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), reach=strategies.floats(0.05, 2.0))
 def test_tours_of_all_joints_keep_their_limits(seed, duration, speed, reach):

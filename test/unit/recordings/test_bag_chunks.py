@@ -57,7 +57,7 @@ def recordings(draw):
         'use_summary_offsets': draw(st.booleans())}
 
 
-@settings(max_examples=150, deadline=None,
+@settings(max_examples=150,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(recordings())
 def test_messages_and_order_agree_with_mcap(tmp_path, recording):

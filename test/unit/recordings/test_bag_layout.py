@@ -3,7 +3,7 @@
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JointStateDecoder
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.messages import Batch, batched
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -76,7 +76,6 @@ def split(messages, rng):
     return batches
 
 
-@settings(max_examples=200, deadline=None)
 @given(traffic(), st.integers(0, 10 ** 6))
 def test_batch_decoding_equals_single_decoding(messages, seed):
     expected = {}

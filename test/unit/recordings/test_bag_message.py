@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.recordings.joint_state_cdr import (
     encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH, JointStateDecoder)
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import example, given, strategies as st
 import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
@@ -33,7 +33,6 @@ def check_equal(message, stamp, joints, position, velocity, effort, frame):
     np.testing.assert_array_equal(message.effort, effort)
 
 
-@settings(max_examples=150, deadline=None)
 @given(messages)
 @example((0, [], [], [], [], ''))
 @example((10**18, ['a'], [], [1.0], [], 'b'))
@@ -49,7 +48,6 @@ def test_rosbags_decodes_our_messages(message):
     np.testing.assert_array_equal(decoded.effort, effort)
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(messages, min_size=1, max_size=4), st.booleans())
 def test_we_decode_messages_of_rosbags(sequence, little):
     decoder = JointStateDecoder()  # one for all messages, to test its cache of names
@@ -58,7 +56,6 @@ def test_we_decode_messages_of_rosbags(sequence, little):
         check_equal(decoder.decode(bytes(raw))[0], *message)
 
 
-@settings(max_examples=200, deadline=None)
 @given(messages, st.data())
 def test_damaged_bytes_are_refused_or_read_but_never_crash(message, data):
     raw = bytearray(encode(*message))

@@ -10,7 +10,7 @@ from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings import cleaning, joint_columns
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -78,7 +78,6 @@ def test_recording_split_into_files_in_natural_order(tmp_path):
     check_is_the_motion(read_bag(folder))
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_written_samples_are_read_back(tmp_path_factory, data):
     n = data.draw(st.integers(1, 10))

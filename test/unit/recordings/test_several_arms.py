@@ -8,7 +8,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.recordings.topic_choice import arms_by_message, arms_by_name
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -41,7 +41,6 @@ def test_two_arms_by_name(pair):
     assert sorted(map(sorted, arms_by_name(mixed))) == sorted(map(sorted, arms))
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.lists(st.text('abcdef', min_size=1, max_size=6), min_size=4, max_size=8, unique=True),
        st.integers(2, 4))
 def test_any_number_of_arms(parts, count):

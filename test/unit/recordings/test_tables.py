@@ -6,7 +6,7 @@ from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -201,7 +201,6 @@ def test_bad_npz(tmp_path, arrays, message):
         read_table(path)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_damaged_npz_never_crashes(tmp_path_factory, data):
     path = tmp_path_factory.mktemp('x') / 'x.npz'
@@ -227,7 +226,6 @@ def test_unreadable_files(tmp_path):
         read_table(path)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 10), st.integers(2, 30), st.integers(0, 2**32), st.booleans())
 def test_csv_to_bag_and_back(tmp_path_factory, n, m, seed, with_velocity):
     folder = tmp_path_factory.mktemp('x')

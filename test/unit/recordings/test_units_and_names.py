@@ -9,7 +9,7 @@ from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -112,7 +112,6 @@ def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, mes
                                atol=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.floats(0.002, 3.0), st.floats(0.002, 0.49), st.integers(0, 100))
 def test_a_table_in_rad_and_s_is_never_refused(speed, step, seed):
     t = np.arange(400) * step

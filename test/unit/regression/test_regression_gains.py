@@ -48,7 +48,6 @@ cases = given(st.integers(0, 5), st.sets(st.sampled_from(SIGNED)), st.integers(0
               st.sampled_from((*SIGNED, *POSITIVE, 'joint_flexibility', 'tool_force')))
 
 
-@settings(max_examples=60, deadline=None)
 @cases
 def test_the_gain_is_the_evidence_of_the_whole_problem_with_the_term(seed, base, joint, name):
     design, _, terms = case(seed)
@@ -159,7 +158,6 @@ def test_an_error_that_repeats_with_the_motion_has_a_smaller_gain():
     assert gain_of(before, term) < after.log_evidence - before.log_evidence
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 5), st.integers(0, 10 ** 6), st.floats(0.05, 0.9))
 def test_leaving_rows_out_is_solving_without_them(seed, draw, share):
     design, _, terms = case(seed)
@@ -181,7 +179,7 @@ def test_leaving_rows_out_is_solving_without_them(seed, draw, share):
         np.testing.assert_allclose(reduced.residual(j), held_out[out], atol=1e-10)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 5), st.permutations(range(6)))
 def test_the_order_of_terms_does_not_matter(seed, order):
     design, _, terms = case(seed)

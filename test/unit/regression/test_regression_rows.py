@@ -5,7 +5,7 @@ from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.regression.noise import correlation_time
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import N_FOLDS, rows_of
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -85,7 +85,6 @@ def test_long_recordings_have_longer_rows():
     assert 450 < rows.n_rows <= 501
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 7), st.sampled_from([0.01, 0.1, 0.5]))
 def test_columns_in_batches_are_the_means_of_all(seed, runs, seconds):
     rng = np.random.default_rng(seed)

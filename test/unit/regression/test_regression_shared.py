@@ -102,7 +102,7 @@ def test_two_links_in_a_vertical_plane_by_hand():
     np.testing.assert_allclose(shared.torque(state), np.column_stack([tau1, tau2]), atol=1e-12)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(1, 6), st.integers(0, 1000))
 def test_columns_of_unknown_lengths_are_the_derivatives_of_their_torque(n, seed):
     shared = augmented(serial_arm(n, seed))

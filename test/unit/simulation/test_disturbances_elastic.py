@@ -7,7 +7,7 @@ from gravity_comp_ros.simulation.disturbances.angle_torque import (
 from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -28,7 +28,6 @@ def test_torque_is_the_gradient_of_the_energy(elastic):
     assert np.abs(torque).max() > 0.5
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.floats(0.02, 0.3), st.floats(0.31, 1.0), st.floats(0.0, 0.8), st.floats(-1.0, 1.0))
 def test_a_balancer_conserves_energy(crank, post, free, rest):
     balancer = SpringBalancer(1, 1000.0, free, crank, post, rest)

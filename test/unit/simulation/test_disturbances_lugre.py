@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.disturbances.lugre import deflection, friction_torque, LuGre
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
@@ -80,7 +80,6 @@ def test_two_directions_have_their_own_level():
         friction_torque(*at_speed(0.1), forward, LuGre(0.4))
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2 ** 31), st.floats(0.1, 5.0), st.floats(1e-4, 1e-2), st.floats(0.2, 5.0))
 def test_friction_is_passive_on_a_closed_path(seed, level, presliding, ratio):
     rng = np.random.default_rng(seed)
@@ -94,7 +93,6 @@ def test_friction_is_passive_on_a_closed_path(seed, level, presliding, ratio):
     assert trapezoid(torque * v, t) > -stored
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=50), st.floats(1e-4, 1e-1))
 def test_deflection_never_exceeds_slip(moves, slip):
     z = deflection(np.array(moves), np.full(len(moves), slip))

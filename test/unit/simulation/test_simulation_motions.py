@@ -50,7 +50,7 @@ def test_speed_and_acceleration_are_the_derivatives(motion):
         np.testing.assert_allclose(here[order + 1], numeric, atol=2e-7)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), max_speed=st.floats(0.01, 3.0),
        n_sines=st.integers(1, 8), band=st.floats(0.02, 1.0))
 def test_multisine_stays_within_every_limit_for_all_time(seed, max_speed, n_sines, band):

@@ -1,0 +1,105 @@
+"""The workbench in a browser: names with markup, narrow pages, and uploads."""
+
+import base64
+import re
+import time
+
+from bench.shared.browser import EVIL, EVIL_BAG, expect, INJECT, LIVELY
+from bench.shared.workbench_page import home, served, VIEWS
+
+
+# Width of the page, and buttons beyond the screen.
+WIDE = """() => {
+  const results = []
+  const walk = (root) => {
+    for (const element of root.querySelectorAll('*')) {
+      const box = element.getBoundingClientRect()
+      if (element.localName == 'button' && box.right > innerWidth + 1)
+        results.push(element.textContent)
+      if (element.shadowRoot) walk(element.shadowRoot)
+    }
+  }
+  walk(document)
+  return [document.documentElement.scrollWidth, results]
+}"""
+
+
+def test_a_narrow_dark_page_fits_long_names_and_escapes_them(folder, watched):
+    with served(folder, EVIL_BAG) as (address, _), \
+            watched(home(address), color_scheme='dark') as tab:
+        page = tab.page
+        page.set_viewport_size({'width': 400, 'height': 860})
+        tab.open(address)
+        page.wait_for_selector('html.dark')
+        page.get_by_role('button', name='Save the model').wait_for()
+        page.get_by_label('Name of this stage').fill(EVIL[0])
+        page.get_by_label('Name of this stage').press('Enter')
+        add = page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first
+        end = time.monotonic() + 300.0
+        while not page.locator('.fall').count():
+            assert time.monotonic() < end
+            # A click while the renamed stage is drawn again is lost.
+            if page.locator('#idle').count() and add.is_visible():
+                add.click()
+            page.wait_for_timeout(500)
+        page.locator('#idle').wait_for()
+        for name in VIEWS:
+            page.get_by_role('button', name=name, exact=True).click()
+            page.locator('#views h2, #views p').first.wait_for()
+            tab.wait_for_plots(VIEWS[name][1])
+            width, out = page.evaluate(WIDE)
+            assert width <= 400 and out == [], (name, width, out)
+            assert all(wide < 400 for _, wide, _ in tab.plots()), name
+            assert page.evaluate(LIVELY) == [], name
+        assert page.evaluate('typeof MathJax') == 'undefined'
+        tab.picture('workbench-narrow')
+        assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
+        page.evaluate(INJECT)
+        page.wait_for_timeout(200)
+        assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
+        assert all('Content Security Policy' in line for line in tab.complaints)
+
+
+DROP = """([name, data]) => {
+  const carried = new DataTransfer(), bytes = Uint8Array.from(atob(data), c => c.charCodeAt(0))
+  carried.items.add(new File([bytes], name))
+  document.body.dispatchEvent(new DragEvent('drop', {dataTransfer: carried, bubbles: true}))
+}"""
+
+
+def test_a_recording_is_uploaded_to_the_page(folder, server, watched):
+    address = server[0]
+    with watched(home(address)) as tab:
+        page = tab.page
+        tab.open(address)
+        page.get_by_role('button', name='Save the model').wait_for()
+        runs = page.locator('#side input[type=checkbox]')
+        runs.nth(1).wait_for()
+        page.locator('#idle').wait_for()
+        count = runs.count()
+        name = '../../<img src=x onerror=alert(1)> $$x$$.mcap'
+        page.evaluate(DROP, [name, base64.b64encode(b'no recording').decode()])
+        status_line = page.locator('#upload-status')
+        status_line.filter(has_text='is not an MCAP or rosbag2 recording').wait_for()
+        page.evaluate(DROP, ['empty.mcap', ''])
+        status_line.filter(
+            has_text='empty.mcap: the content is not an MCAP or rosbag2 recording').wait_for()
+        page.evaluate(DROP, [name, base64.b64encode(
+            (folder / 'run1.mcap').read_bytes()).decode()])
+        status_line.filter(has_text='was uploaded').wait_for()
+        page.get_by_text(re.compile('^[0-9a-f]{6}_img_src_x_onerror_alert_1_x.mcap$')).wait_for()
+        expect(runs).to_have_count(count + 1)
+        expect(runs.nth(2)).to_be_checked()
+        # The name is not used as a path; the file is in the folder of its session.
+        kept = list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))
+        assert [path.read_bytes() for path in kept] == [(folder / 'run1.mcap').read_bytes()]
+        # A recording of another robot is refused, and the others are kept.
+        page.locator('#upload').set_input_files(folder / 'other.mcap')
+        refused = page.locator('#status, .warning').filter(has_text='not added').first
+        refused.wait_for()
+        assert str(folder) not in refused.inner_text()
+        page.locator('#idle').filter(has_text=re.compile('.')).wait_for()
+        expect(runs).to_have_count(count + 1)
+        assert len(list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))) == 1
+        assert page.evaluate(LIVELY) == [] and tab.dialogs == []
+        assert len(tab.complaints) == 2 and all('415' in line for line in tab.complaints)
