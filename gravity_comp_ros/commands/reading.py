@@ -10,11 +10,13 @@ from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import DataError, Hint
+from gravity_comp_ros.estimation.joint_gains import joint_gains
 from gravity_comp_ros.facts.axes import axis_facts
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.order import order_facts
@@ -38,12 +40,30 @@ def load(args: argparse.Namespace, report: ProgressCallback,
 
 
 def arm_facts(recording: Recording, arm: KnownArm) -> list[Fact]:
-    """Return the facts on the joints against the order of the names and the description."""
-    samples = arm.of(recording).samples
-    if arm.axes.geometry is not None:
-        return axis_facts(samples, arm.axes.geometry.rotations)
+    """
+    Return the facts on the joints against each other.
+
+    They are on the order of the names, the axes of the description and the gains of the efforts.
+    """
+    samples, geometry = arm.of(recording).samples, arm.axes.geometry
+    if geometry is not None:
+        return axis_facts(samples, geometry.rotations) or gain_facts(samples, geometry.rotations)
     by_name = arm.order.source in (NUMBERS, WORDS)
-    return order_facts(samples, arm.order.joints) if by_name else []
+    order = order_facts(samples, arm.order.joints) if by_name else []
+    return order or gain_facts(samples)
+
+
+def gain_facts(samples: JointSamples, rotations: FloatArray | None = None,
+               model: GravityModel | None = None) -> list[Fact]:
+    """
+    Return the fact that gains of efforts disagree.
+
+    :param model: of the arm before; the gains are relative to a joint that agrees with it.
+    """
+    gains = joint_gains(samples, rotations)
+    if gains is None:
+        return []
+    return (gains if model is None else gains.relative_to(model, samples)).facts()
 
 
 def lines(recording: Recording) -> list[str]:

@@ -1,5 +1,5 @@
 """
-Whether recordings have enough motion for gravity, and which slow motion they lack.
+Sufficiency of the motion of recordings for gravity, and the slow motion that they lack.
 
 The posterior of axes and moments of a rough fit, with offset, friction and inertia of each joint,
 gives the standard deviation of gravity at poses within the recorded ranges, in any combination.
@@ -76,7 +76,7 @@ class EnoughOptions:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Stroke:
     """Slow motion of a joint from `low` to `high` and back, in rad, for `seconds`."""
 
     joint: str
@@ -101,7 +101,7 @@ class Enough:
 
     std: dict[str, float]
     after: dict[str, float]
-    sweeps: tuple[Sweep, ...]
+    sweeps: tuple[Stroke, ...]
     together: float
     dependent: tuple[str, ...]
     directions: int
@@ -174,7 +174,7 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
     count = Counter(joint for joint, _ in chosen)
     time = {joint: sum(seconds for j, seconds in chosen if j == joint) for joint in count}
     names, low, high = samples.names, sums.low, sums.high
-    sweeps = tuple(Sweep(names[n], float(low[n]), float(high[n]), time[n])
+    sweeps = tuple(Stroke(names[n], float(low[n]), float(high[n]), time[n])
                    for n in sorted(n for n in time if n is not None))
     dependent, directions, moving = _dependence(samples.q, options)
     return Enough(_by_name(names, sums.std(sums.recorded)), _by_name(names, after), sweeps,

@@ -1,4 +1,4 @@
-"""Whether the motion of recordings is enough for gravity, and the motion that they lack."""
+"""Sufficiency of the motion of recordings for gravity, and the motion that they lack."""
 
 import json
 

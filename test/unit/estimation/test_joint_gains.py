@@ -1,0 +1,121 @@
+"""Gains of efforts that contradict one arm: found with their ratios, and not found falsely."""
+
+from bench.shared.serial_arms import parallel_axis_arm, serial_arm
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.joint_gains import GainOptions, joint_gains
+from gravity_comp_ros.facts.fact import Kind
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.simulation.arms import gravity_torque
+import numpy as np
+import pytest
+
+ARM = parallel_axis_arm()
+PERIODS = np.array([61.0, 43.0, 29.0, 37.0, 53.0, 47.0, 31.0])
+FRICTION = np.array([2.0, 3.0, 2.0, 1.0, 0.8, 0.5, 0.5])
+
+
+def recorded(gains=1.0, more=None, arm=ARM, seed=0, noise=0.05, moment=0.0):
+    """Return 120 s at 20 Hz with friction and noise; `more` adds a torque of (q, qd, t)."""
+    n, t = arm.n_joints, np.arange(2400) / 20.0
+    rng = np.random.default_rng(seed)
+    w, phase = 2 * np.pi / PERIODS[:n], rng.uniform(0, 2 * np.pi, n)
+    centre = np.array([0.2, -0.9, 0.8, -0.5, 0.7, 0.1, 0.3])[:n]
+    q = centre + 0.6 * np.sin(w * t[:, None] + phase)
+    qd = 0.6 * w * np.cos(w * t[:, None] + phase)
+    tau = gravity_torque(arm, q) + FRICTION[:n] * np.tanh(qd / 0.004) + 0.5 * qd
+    if more is not None:
+        tau = tau + more(q, qd, t)
+    tau = gains * (tau + noise * rng.standard_normal(q.shape))
+    return JointSamples.single_run(arm.joints, t, q, qd, tau)
+
+
+def only(samples):
+    (fact,) = joint_gains(samples).facts()
+    assert fact.kind is Kind.EFFORT_GAIN
+    return fact
+
+
+@pytest.mark.parametrize('factor', [4.0, 0.1])
+def test_a_unit_of_one_joint(factor):
+    gains = np.ones(6)
+    gains[2] = factor
+    fact = only(recorded(gains))
+    # Relative to the joint of the largest effort, which may be the one of another unit.
+    if ARM.joints[2] in fact.values:
+        assert fact.values == {ARM.joints[2]: pytest.approx(factor, rel=0.1)}
+    else:
+        assert fact.values[ARM.joints[1]] == pytest.approx(1 / factor, rel=0.1)
+
+
+def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
+    rated = np.array([300.0, 300.0, 150.0, 50.0, 50.0, 50.0])
+    samples = recorded(1000.0 / rated)
+    gains = joint_gains(samples)
+    true = np.log(rated[gains.reference] / rated)
+    known = gains.std < 0.1
+    assert known.sum() >= 3
+    assert (np.abs(gains.log - true)[known] < 0.02 + 4 * gains.std[known]).all()
+    (fact,) = gains.facts()
+    scales = dict(part.split('=') for part in fact.otherwise.split()[1].split(','))
+    for n, name in enumerate(ARM.joints):
+        if name in scales:
+            assert float(scales[name]) == pytest.approx(np.exp(-true[n]), rel=0.15)
+
+
+def test_coarse_counts_of_some_joints():
+    gains = np.array([1.0, 1.0, 1.0, 80.0, 80.0, 80.0])
+    samples = recorded(gains)
+    tau = np.where(gains > 1, np.round(samples.tau), samples.tau)
+    gains = joint_gains(JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,
+                                                tau))
+    ratio = np.exp(gains.log - gains.log[3])
+    assert ratio[1] == pytest.approx(1 / 80, rel=0.2)
+    assert gains.facts()
+
+
+@pytest.mark.parametrize('name, more', [
+    ('spring', lambda q, qd, t: np.array([0, 0, 15.0, 0, 0, 0]) * (q - 0.5)),
+    ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
+    ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2.0),
+    ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
+    ('contact', lambda q, qd, t: 20.0 * ((t > 50) & (t < 53))[:, None] + 0 * q),
+])
+def test_other_effects_are_no_gains(name, more):
+    assert joint_gains(recorded(more=more)).facts() == []
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_a_random_arm_has_no_fact(seed):
+    assert joint_gains(recorded(arm=serial_arm(6, seed), seed=seed)).facts() == []
+
+
+def test_too_little_motion_has_no_result():
+    samples = recorded()
+    assert joint_gains(samples.select(np.arange(60))) is None
+    still = JointSamples.single_run(samples.names, samples.t, 0 * samples.q, 0 * samples.q,
+                                    samples.tau)
+    assert joint_gains(still) is None
+    with pytest.raises(OptionError):
+        GainOptions(min_ratio=-1.0)
+
+
+def test_an_update_with_another_unit_is_refused(tmp_path, capsys):
+    paths = []
+    for k, gains in enumerate((1.0, np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]))):
+        samples = recorded(gains, seed=k)
+        paths.append(str(tmp_path / f'{k}.mcap'))
+        write_bag(paths[-1], [JointTopic('/joint_states', samples.names, samples.t, samples.q,
+                                         samples.qd, samples.tau)])
+    model = tmp_path / 'arm.json'
+    assert main(['fit', paths[0], '--formulation', 'chain', '-o', str(model)]) == 0
+    before = model.read_bytes()
+    capsys.readouterr()
+    assert main(['update', paths[1], '--model', str(model)]) == 1
+    error = capsys.readouterr().err
+    assert 'gains disagree' in error and 'A payload changes no gain' in error
+    # Relative to joints that agree with the model.
+    assert f'{ARM.joints[1]}=0.2' in error and model.read_bytes() == before
+    assert main(['info', paths[1]]) == 0
+    assert 'gains disagree' in capsys.readouterr().out

@@ -1,0 +1,92 @@
+"""One fault of each kind on a six-axis arm of 20 kg, at other sizes and rates than elsewhere."""
+
+from bench.shared.serial_arms import parallel_axis_arm
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.facts.fact import Action, Kind
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.simulation.arms import gravity_torque
+import numpy as np
+import pytest
+
+ARM = parallel_axis_arm()
+NAMES = ('swing', 'luff', 'bend', 'pitch', 'yaw', 'spin')
+RATE = 40.0
+T = np.arange(3600) / RATE
+_W = 2 * np.pi / np.array([37.0, 31.0, 27.0, 41.0, 33.0, 39.0])
+_PHASE = _W * T[:, None] + np.array([0.3, 1.9, 4.1, 2.2, 5.3, 0.9])
+Q = np.array([0.4, -1.1, 1.0, -0.3, 0.8, 0.2]) + 0.5 * np.sin(_PHASE)
+QD = 0.5 * _W * np.cos(_PHASE)
+TAU = (gravity_torque(ARM, Q) + np.array([3.0, 4.0, 2.0, 0.8, 0.7, 0.4]) * np.tanh(QD / 0.003)
+       + 0.08 * np.random.default_rng(5).standard_normal(Q.shape))
+
+
+def read(tmp_path, q=Q, qd=QD, tau=TAU, names=NAMES, t=T, **options):
+    path = tmp_path / 'x.mcap'
+    write_bag(path, [JointTopic('/joint_states', names, t, q, qd, tau)])
+    return read_bag(path, ReadOptions(**options))
+
+
+def changed(array, rows, joint, value):
+    result = array.copy()
+    result[rows, joint] = value
+    return result
+
+
+def with_joint(name, q, tau):
+    """Return the arrays with a joint before the others."""
+    qd = np.gradient(q, T)
+    return {'names': (name, *NAMES), 'q': np.column_stack([q, Q]),
+            'qd': np.column_stack([qd, QD]), 'tau': np.column_stack([tau, TAU])}
+
+
+FAULTS = {
+    'spikes of 300 N·m on the third joint': (
+        {'tau': changed(TAU, np.arange(37, 3600, 190), 2, -300.0)},
+        Kind.SPIKES, Action.LEFT_OUT, {'bend'}),
+    'glitches of one encoder turn of a motor of 1:50': (
+        {'q': Q + np.isin(np.arange(3600), [410, 1733, 2900])[:, None] * [0, 0, 0, 0.126, 0, 0]},
+        Kind.GLITCHES, Action.LEFT_OUT, {'pitch'}),
+    'drive disabled in the middle': (
+        {'tau': np.where(((T > 41) & (T < 47))[:, None], 0.0, TAU)},
+        Kind.DISABLED, Action.LEFT_OUT, set()),
+    'clipped on one side': (
+        {'tau': np.maximum(TAU, [-1e9, np.quantile(TAU[:, 1], 0.2), *[-1e9] * 4])},
+        Kind.SATURATED, Action.LEFT_OUT, {'luff'}),
+    'velocity in rpm': ({'qd': QD * [1, 1, 1, 1, 9.549, 1]},
+                        Kind.VELOCITY, Action.CORRECTED, {'yaw'}),
+    'velocity always 0': ({'qd': 0 * QD}, Kind.VELOCITY, Action.CORRECTED, set(NAMES)),
+    'wraps at 0 and 2 pi': ({'q': np.mod(Q, 2 * np.pi)}, Kind.WRAPS, Action.CORRECTED, None),
+    'gripper first, in mm': (
+        with_joint('finger_joint', 20 + 20 * np.sign(np.sin(T / 3)), 15 * np.sign(np.cos(T / 3))),
+        Kind.GRIPPER, Action.LEFT_OUT, {'finger_joint'}),
+    'whole mA': ({'tau': np.round(TAU / 0.012)}, Kind.EFFORT_UNIT, Action.NOTED, set(NAMES)),
+    'one sensor is off': ({'tau': changed(TAU, slice(None), 4, 0.0)},
+                          Kind.DEAD_EFFORT, Action.NOTED, {'yaw'}),
+    'stuck encoder for 8 s': (
+        {'q': changed(Q, slice(1200, 1520), 1, Q[1200, 1])},
+        Kind.FROZEN, Action.LEFT_OUT, {'luff'}),
+}
+
+
+def test_without_a_fault_there_is_no_fact(tmp_path):
+    assert read(tmp_path).report.facts == ()
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_a_fault_is_found_and_nothing_else(tmp_path, name):
+    arrays, kind, action, joints = FAULTS[name]
+    facts = read(tmp_path, **arrays).report.facts
+    assert [(fact.kind, fact.action) for fact in facts] == [(kind, action)]
+    assert joints is None or set(facts[0].joints) == joints
+
+
+@pytest.mark.parametrize('size', [1e-4, 1e6])
+def test_an_effort_that_is_no_torque_is_refused(tmp_path, size):
+    with pytest.raises(BagError, match='--effort-scale'):
+        read(tmp_path, tau=size * TAU)
+
+
+def test_efforts_of_the_other_sign_are_refused(tmp_path):
+    with pytest.raises(BagError, match='=-1'):
+        read(tmp_path, tau=-TAU)
