@@ -52,8 +52,8 @@ class EngineOptions:
     - `passes`: linearisations with a selection; `steps`: Gauss-Newton steps after each.
     - `converged`: decrease of the objective, in units of its mean over rows and joints, at which
       Gauss-Newton ends; 2 is one nat where all joints have white residuals.
-    - `coloured`: ratio of a joint's residual to its white noise above which pairs of terms are
-      tried; below, nothing is missing that they could explain.
+    - `coloured`: ratio of a joint's residual to its white noise above which pairs of terms and
+      other starts are tried; below, nothing is missing that they could explain.
     - `starts`: alternatives from which the terms of a joint are selected again.
     - `halvings`: halvings of the step in which a nonlinear setting is refined.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
@@ -221,9 +221,7 @@ class Search:
         Friction that falls and then rises with speed is such a pair.
         """
         terms = self.terms
-        coloured = (noise_std(self.posterior, self.scale, self.options)
-                    > self.options.coloured * self.white_noise)
-        for joint in np.flatnonzero(coloured):
+        for joint in np.flatnonzero(self._coloured()):
             chosen: dict[Key, Term] = {}
             for _, term in self._ranking(self.posterior, self.pools[joint], terms, -np.inf):
                 chosen.setdefault(term.key, term)
@@ -303,15 +301,25 @@ class Search:
         return False
 
     def _again(self) -> bool:
-        """Select the terms of a joint again from other starts, all of them or those at rest."""
+        """
+        Select the terms of a joint again from other starts: those that act at rest.
+
+        All of them, where the residual is not white.
+        """
+        coloured = self._coloured()
         for joint in range(self.design.n_joints):
             own = tuple(t for t in self.terms if t.joint == joint and t.columns.ndim == 2
                         and t.key not in self.forced)
             static = tuple(t for t in own if t.effect.is_static)
-            for dropped in dict.fromkeys((own, static)):
+            for dropped in dict.fromkeys((own, static) if coloured[joint] else (static,)):
                 if len(dropped) > 1 and self._select_again(joint, dropped):
                     return True
         return False
+
+    def _coloured(self) -> BoolArray:
+        """Return the joints (N,) whose residual is not white: a term may be missing."""
+        return (noise_std(self.posterior, self.scale, self.options)
+                > self.options.coloured * self.white_noise)
 
     def _select_again(self, joint: int, dropped: Terms) -> bool:
         """Replace terms of a joint by those that are selected from the best of a few starts."""

@@ -118,13 +118,13 @@ class UnknownLengths(Shared):
 
     def columns(self, state: State) -> FloatArray:
         n, m = self.chain.n_joints, len(state.q)
-        columns = np.zeros((m, n, 13 * n - 3))
+        columns, turns = np.zeros((m, n, 13 * n - 3)), block_diag(*_turns(self.chain))
         columns[:, :, :4 * n] = self.chain.jacobian(state.q).transpose(2, 1, 0)
+        columns[:, :, :2 * n] = columns[:, :, :2 * n] @ turns
         if not state.still:
             columns[:, :, 4 * n:] = motion_columns(
                 Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
-            columns[:, :, :2 * n] += self._motion_by_tilts(state)
-        columns[:, :, :2 * n] = columns[:, :, :2 * n] @ block_diag(*_turns(self.chain))
+            columns[:, :, :2 * n] += self._motion_by_tilts(state, turns)
         return columns
 
     def torque(self, state: State) -> FloatArray:
@@ -139,21 +139,23 @@ class UnknownLengths(Shared):
     def renewed(self) -> UnknownLengths:
         return replace(self, carried=self.chain.moments)
 
-    def _motion_by_tilts(self, state: State) -> FloatArray:
+    def _motion_by_tilts(self, state: State, turns: FloatArray) -> FloatArray:
         """
-        Return d torque of motion / d tilts (B, N, 2N).
+        Return d torque of motion / d tilts (B, N, 2N), 0 for those that are exact.
 
         Some tilts do not change gravity, such as that about the vertical of the second axis; only
         motion determines them.
+
+        :param turns: tilts about the axes of the frames (2N, 2N) per parameter.
         """
         n = self.chain.n_joints
         result = np.zeros((len(state.q), n, 2 * n))
         if not (self.lengths.any() or self.inertias.any()):
             return result
         torque = self._motion(self.chain, state)
-        for k in range(2 * n):
+        for k in np.flatnonzero(~self.is_right):
             step = np.zeros(4 * n)
-            step[k] = _DIFFERENCE
+            step[:2 * n] = _DIFFERENCE * turns[:, k]
             result[:, :, k] = (self._motion(self.chain.moved(step), state) - torque) / _DIFFERENCE
         return result
 
