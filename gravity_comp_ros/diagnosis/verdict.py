@@ -110,8 +110,6 @@ def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, val
         return Verdict.WEAK, f'its size is not physical: {reason}'
     if held_out.after >= (1.0 - options.min_reduction) * held_out.before:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
-    if gain < engine.min_gain:
-        return Verdict.WEAK, _little_evidence(gain, engine.min_gain)
     if (np.abs(values) < 1.96 * std).all():
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
     if others:
