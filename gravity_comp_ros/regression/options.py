@@ -38,7 +38,7 @@ class EngineOptions:
     - `min_gain`: gain at which a term is in the model; odds of 20 to 1.
     - `margin`: models within this of the chosen one are ambiguous with it.
     - `near`: models within this of the chosen one are compared with their settings refined,
-      which raises the evidence by a few nats.
+      which may raise the evidence by as much.
     - `significant`: gain of an exchange or a removal that counts as an improvement, against
       rounding.
     - `min_unabsorbed`: share of a term's torque (RMS) that all other columns must leave; below it
@@ -72,7 +72,7 @@ class EngineOptions:
     outlier: float = 4.0
     min_gain: float = 3.0
     margin: float = 3.0
-    near: float = 10.0
+    near: float = 30.0
     significant: float = 1.0
     min_unabsorbed: float = 0.02
     min_separate: float = 0.05
