@@ -1,21 +1,29 @@
-"""`gravity_comp calibrate`: N·m per unit of effort, from a known weight."""
+"""`gravity_comp calibrate`: N·m per unit of effort from a known weight; stiffness of servos."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
+from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.bag import joint_goals
 from rich.table import Table
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate the efforts, and show the option that applies the result."""
+    """Calibrate efforts or servos, and show the option that applies the result."""
+    if args.goals is not None:
+        return _stiffness(args)
+    if args.loaded is None or args.mass is None or args.model is not None:
+        raise OptionError('name LOADED and --mass for efforts, or --goals and --model for servos')
     if args.empty.resolve() == args.loaded.resolve():
         raise OptionError(f'{args.empty} is named as the recording without and with the weight')
     options, slow = read_options(args), gate(args)
@@ -52,6 +60,43 @@ def run(args: argparse.Namespace) -> int:
                        for joint, why in result.left_out.items()))
         terminal.show('', 'option for all verbs, and for the parameter effort_scale of the node:')
         terminal.show_command(option)
+
+    terminal.answer(args, document, show)
+    return 0
+
+
+def _stiffness(args: argparse.Namespace) -> int:
+    """Find the stiffness of servos from goals and positions."""
+    if args.model is None or args.loaded is not None or args.mass is not None:
+        raise OptionError('--goals needs one recording and --model, and neither LOADED nor --mass')
+    model = load_model(args.model)
+    options = replace(read_options(args), joints=model.joints)
+    with terminal.progress() as report:
+        recording = read_recording([args.empty], options, gate(args), report)
+        times, goals = joint_goals(args.empty, args.goals, model.joints, options)
+    samples, (bag,) = recording.slow, recording.reports
+    result = servo_stiffness(model, samples, held_goals(
+        samples.t + 1e-9 * bag.start_ns, times, goals))
+    values = ', '.join(f'{result.stiffness[joint].value:.5g}' if joint in result.stiffness
+                       else '1000000.0' for joint in model.joints)
+    parameter = f'servo_stiffness: [{values}]'
+    document = {
+        'joints': {joint: {'stiffness': vars(k), 'sag_rms': result.sag[joint],
+                           'rmse': result.rmse[joint]} for joint, k in result.stiffness.items()},
+        'left_out': result.left_out, 'option': parameter, 'model': args.model.name,
+        'bags': [bag.to_json()]}
+
+    def show() -> None:
+        terminal.say(*reading.lines(recording))
+        terminal.show('', terminal.table(
+            '', ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
+            [(joint, f'{k.value:.4g}', f'{k.ci95[0]:.4g} … {k.ci95[1]:.4g}',
+              f'{result.sag[joint]:.4f}', f'{result.rmse[joint]:.4f}')
+             for joint, k in result.stiffness.items()]))
+        terminal.say(*(f'{joint} gets no offset: {why}'
+                       for joint, why in result.left_out.items()))
+        terminal.show('', 'parameter of the node:')
+        terminal.show_command(parameter)
 
     terminal.answer(args, document, show)
     return 0

@@ -6,7 +6,7 @@ import argparse
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands import html, reading, terminal
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import DescribedArm, urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
@@ -20,6 +20,7 @@ from rich.table import Table
 EXIT_FAULTS = 3
 
 
+@html.with_error_page('check_page')
 def run(args: argparse.Namespace) -> int:
     """Check the description, and show its faults."""
     with terminal.progress() as report:

@@ -14,6 +14,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
+from gravity_comp_ros.evaluation.drift import Drift, drift
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted, printable
@@ -28,12 +30,11 @@ _MIN_SAMPLES = 50
 _FAIR = (0.85, 0.99)
 
 
-@html.with_error_page
+@html.with_error_page('page')
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare and show."""
-    if args.previous is not None and args.html is None:
-        args.parser.error('--previous requires --html')
     model = load_model(args.model)
+    previous = None if args.previous is None else load_model(args.previous)
     selected = named_joints('--joints: the model', model.joints, args.joints or model.joints,
                             'shown')
     # The model requires all of its joints; --joints only selects those to show.
@@ -45,21 +46,28 @@ def run(args: argparse.Namespace) -> int:
     samples = compared.slow
     few = _few(args, samples)
     comparison = compare_model(model, compared)
+    since = None if previous is None else drift(previous, model, samples)
     joints = {name: comparison.joints[name] for name in selected}
     if args.html:
         html.write(args, html.contents(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
-            recording.reports, None, *_previous(args, model, compared), displayed=selected,
-            next_command=_diagnose_command(args)))
+            recording.reports, None, *_previous(args, model, previous, compared),
+            displayed=selected, next_command=_diagnose_command(args)))
     document = comparison.to_json()
     document |= {'joints': {name: document['joints'][name] for name in selected},
-                 'model': args.model.name, 'fitted_to': fitted, **recording.to_json()}
+                 'model': args.model.name, 'fitted_to': fitted,
+                 'previous': None if since is None else {
+                     'model': args.previous.name, **since.to_json()},
+                 **recording.to_json()}
 
     def show() -> None:
         terminal.say(*reading.lines(recording))
         terminal.show('', _table(model, joints, samples),
                       *_failures(joints, comparison.share_outside))
         terminal.say(*_band(comparison.band))
+        if since is not None:
+            terminal.show('', _drift_table(args.previous.name, selected, since))
+            terminal.say(*_drift_lines(since, selected))
         if few:
             next_step.show('evaluate fast samples as well', f'{args.command} --all-samples')
         next_step.show('identify missing effects', _diagnose_command(args))
@@ -90,11 +98,11 @@ def _diagnose_command(args: argparse.Namespace) -> str:
     return next_step.command('diagnose', args, model=args.model)
 
 
-def _previous(args: argparse.Namespace, model: GravityModel,
+def _previous(args: argparse.Namespace, model: GravityModel, previous: GravityModel | None,
               compared: Recording) -> tuple[dict[str, float], str]:
     """Return RMSE by joint of an earlier model on the same samples, and its name."""
-    if args.previous is not None:
-        other, name = load_model(args.previous), args.previous.name
+    if previous is not None:
+        other, name = previous, args.previous.name
     else:
         steps = [step for step in model.history if step.previous is not None]
         if not steps or steps[-1].previous is None:
@@ -155,6 +163,32 @@ def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
         lines += [f'  {terminal.safe(f"{name} {region.words}")}'
                   for region in errors.where[:_MAX_REGIONS]]
     return lines
+
+
+def _drift_table(name: str, selected: tuple[str, ...], since: Drift) -> Table:
+    rows = []
+    for joint in selected:
+        one = since.joints[joint]
+        rows.append((printable(joint), f'{one.rms:.4f}', f'{one.mean:+.4f}',
+                     '' if one.std is None else f'{one.std:.4f}',
+                     'unknown' if one.std is None else 'yes' if one.drifted else 'no'))
+    return terminal.table(f'change of the static torque since {name}, N·m',
+                          ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows)
+
+
+def _drift_lines(since: Drift, selected: tuple[str, ...]) -> list[str]:
+    """Return a line on each coefficient that changed, and one if none did."""
+    lines = [f'{one.target} {one.symbol}: {_number(one.before)} → {_number(one.after)}'
+             for one in since.coefficients
+             if one.drifted and one.target.split(':', 1)[1] in selected]
+    return lines or ['no coefficient of an effect drifted']
+
+
+def _number(quantity: Quantity | None) -> str:
+    if quantity is None:
+        return 'not found'
+    half = 0.5 * (quantity.ci95[1] - quantity.ci95[0])
+    return f'{quantity.value:.4g} ± {half:.2g} {quantity.unit}'.rstrip()
 
 
 def _shares(band: Calibration | None) -> list[str]:

@@ -44,7 +44,7 @@ _WHY_OPEN = {
 }
 
 
-@html.with_error_page
+@html.with_error_page('page')
 def run(args: argparse.Namespace) -> int:
     """Read, diagnose and show."""
     for name in args.effects or ():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from functools import wraps
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import now
@@ -16,31 +17,37 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.report.html_page import message_html
 
 if TYPE_CHECKING:
     from gravity_comp_ros.report.contents import Contents
 
 
-def with_error_page(verb: Callable[[argparse.Namespace], int]
-                    ) -> Callable[[argparse.Namespace], int]:
-    """
-    Wrap a verb: with --html, write a page with the error if it fails.
+Run = Callable[[argparse.Namespace], int]
 
-    Its drawing libraries are imported first, so that it does not compute in vain: the wrapped
-    verb raises ImportError without them.
+
+def with_error_page(page_module: str) -> Callable[[Run], Run]:
     """
-    @wraps(verb)
-    def run(args: argparse.Namespace) -> int:
-        if args.html is None:
-            return verb(args)
-        from gravity_comp_ros.report.page import message_html
-        try:
-            return verb(args)
-        except GravityCompError as problem:
-            page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
-            write_atomically(args.html, page.encode(), error=GravityCompError)
-            raise
-    return run
+    Return a decorator of verbs: with --html, write a page with the error if the verb fails.
+
+    :param page_module: module of `gravity_comp_ros.report` that draws the page. It is imported
+        first, so that the verb does not compute in vain: it raises ImportError without the
+        drawing libraries.
+    """
+    def decorated(verb: Run) -> Run:
+        @wraps(verb)
+        def run(args: argparse.Namespace) -> int:
+            if args.html is None:
+                return verb(args)
+            import_module(f'gravity_comp_ros.report.{page_module}')
+            try:
+                return verb(args)
+            except GravityCompError as problem:
+                page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
+                write_atomically(args.html, page.encode(), error=GravityCompError)
+                raise
+        return run
+    return decorated
 
 
 def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.residual import moving_rms, rms
+from gravity_comp_ros.node.residual import moving_rms
 from gravity_comp_ros.node.rows import DELAYS, Rows
 import numpy as np
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.evaluation.external_torque import ExternalTorque, ExternalTorqueObserver
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
@@ -50,6 +51,7 @@ class Arm:
         self.model: GravityModel | None = None
         self.effects = EffectsInUse(None, settings)
         self._residual: LiveResidual | None = None
+        self._external: ExternalTorqueObserver | None = None
         self._source: TorqueSource | None = None
         self._change: UncertainChange | None = None
         self._share: FloatArray | None = None
@@ -127,6 +129,7 @@ class Arm:
         self.model = model
         self.watch.use(model, before, learned)
         self._residual = LiveResidual(model)
+        self._external = None
         self.effects = EffectsInUse(model, self.settings)
         self._source, self._change, self._share = TorqueSource.of(model), change, None
         if change is not None:
@@ -224,6 +227,18 @@ class Arm:
         if self.model is None:
             return None
         return self.effects.predicted(reading, self.model.predict_one(reading.q))
+
+    def external_torque(self, reading: Reading) -> ExternalTorque | None:
+        """
+        Return the external torque (N,) after a reading; None if there is none now.
+
+        Call it for every reading; after a pause a new window of messages is needed.
+        """
+        if self.model is None or not isinstance(reading, CompleteReading):
+            return None
+        if self._external is None:
+            self._external = ExternalTorqueObserver(self.model)
+        return self._external.add(reading.t, reading.q, reading.qd, reading.tau)
 
     def extrapolation(self) -> tuple[FloatArray, FloatArray] | None:
         """

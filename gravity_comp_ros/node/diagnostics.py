@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
 from gravity_comp_ros.node.messages import (
     FAULTS, FROM_FUTURE, HANDLED, MISSING_JOINT, REPLACED, TOO_OLD)
 from gravity_comp_ros.node.model_history import ModelHistory
-from gravity_comp_ros.node.residual import expected_residual
 from gravity_comp_ros.node.watch import Watch
 from gravity_comp_ros.worker.supervised import BUSY, READY
 import numpy as np

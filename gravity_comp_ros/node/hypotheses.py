@@ -31,12 +31,13 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TYPICAL_SPEED
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.residual import friction_size, moving_rms, rms, TYPICAL_SPEED
+from gravity_comp_ros.node.residual import moving_rms
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.

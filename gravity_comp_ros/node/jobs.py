@@ -28,6 +28,7 @@ from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights, update
+from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
@@ -37,8 +38,7 @@ from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Hypotheses
 from gravity_comp_ros.node.job_messages import (
     AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
-from gravity_comp_ros.node.residual import (
-    expected_residual, moving_rms, residual_noise, REST_SPEED, rms)
+from gravity_comp_ros.node.residual import moving_rms, REST_SPEED
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np

@@ -104,7 +104,7 @@ class GravityCompNode(LifecycleNode):
         if self._core.models.problem:
             self.get_logger().error(self._core.models.problem)
         self._use_description(self._core)
-        self._outputs = Outputs(self)
+        self._outputs = Outputs(self, self.settings.values)
         self._named_arm = self._sent_model = None
         self._subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
@@ -208,6 +208,11 @@ class GravityCompNode(LifecycleNode):
             outputs.torque(message.header.stamp, tau)
         if outputs.publishes_prediction or outputs.publishes_residual:
             self._publish_prediction(core, outputs, newest, message.header.stamp)
+        if outputs.publishes_external_torque and core.arm is not None:
+            for each, reading in read:
+                external = core.arm.external_torque(reading)
+                if external is not None:
+                    outputs.external_torque(each.header.stamp, reading.q, external)
         for _, reading in read:
             core.learn(reading, now)
 

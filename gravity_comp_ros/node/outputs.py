@@ -11,12 +11,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.evaluation.external_torque import ExternalTorque
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.numbers import Parameters
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
+from gravity_comp_ros.node.parameters import Parameters as Settings
 from gravity_comp_ros.node.watch import Suspicion
+import numpy as np
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -64,15 +67,30 @@ def payload_message(payload: Payload | None, stamp: Time) -> InertiaStamped:
     return message
 
 
+def position_offset(tau: FloatArray, stiffness: FloatArray, limit: float) -> FloatArray:
+    """
+    Return the angle (N,) in rad to add to the goals of servos for a torque (N,) in N·m.
+
+    :param stiffness: (N,) or (1,) in N·m/rad. :param limit: largest offset in rad.
+    """
+    return np.minimum(np.maximum(tau / stiffness, -limit), limit)
+
+
 class Outputs:
     """
     All publishers of the node.
 
     :param node: lifecycle node; its state enables the managed publishers.
+    :param settings: for the position offset.
     """
 
-    def __init__(self, node: LifecycleNode) -> None:
+    def __init__(self, node: LifecycleNode, settings: Settings) -> None:
         self._node = node
+        self._stiffness = np.array(settings.servo_stiffness)
+        self._max_offset = settings.max_position_offset
+        self._offsets = None if not settings.servo_stiffness else \
+            node.create_lifecycle_publisher(JointState, '~/position_offset', DEPTH)
+        self._offset = JointState()
         self._torques = node.create_lifecycle_publisher(JointState, '~/gravity_torques', DEPTH)
         self._commands = node.create_lifecycle_publisher(
             Float64MultiArray, '~/commands', DEPTH)
@@ -80,6 +98,10 @@ class Outputs:
         self._residual = node.create_lifecycle_publisher(JointState, '~/residual', DEPTH)
         self._extrapolation = node.create_lifecycle_publisher(
             JointState, '~/extrapolation', DEPTH)
+        # External torque, its standard deviation, and the torque where it is significant.
+        self._external = [node.create_lifecycle_publisher(JointState, f'~/external_torque{end}',
+                                                          DEPTH)
+                          for end in ('', '_std', '_significant')]
         self._suspected = node.create_lifecycle_publisher(
             DiagnosticArray, '~/payload_suspected', EVENT_QOS)
         self._checks = node.create_lifecycle_publisher(String, '~/checks', EVENT_QOS)
@@ -89,14 +111,17 @@ class Outputs:
         self._payload = node.create_publisher(InertiaStamped, '~/payload', LATCHED)
         self._torque, self._predicted = JointState(), JointState()
         self._difference, self._outside = JointState(), JointState()
+        self._from_outside = JointState()
         self._command = Float64MultiArray()
         self._command.layout.data_offset = 0
         # Whether these topics have subscribers.
         self.publishes_prediction = self.publishes_residual = self.publishes_extrapolation = False
+        self.publishes_external_torque = False
 
     def name_joints(self, joints: Sequence[str]) -> None:
         """Write the joint names into all messages."""
-        for message in (self._torque, self._predicted, self._difference, self._outside):
+        for message in (self._torque, self._predicted, self._difference, self._outside,
+                        self._from_outside, self._offset):
             message.name = list(joints)
 
     def update_subscriptions(self) -> None:
@@ -104,15 +129,22 @@ class Outputs:
         self.publishes_prediction = self._prediction.get_subscription_count() > 0
         self.publishes_residual = self._residual.get_subscription_count() > 0
         self.publishes_extrapolation = self._extrapolation.get_subscription_count() > 0
+        self.publishes_external_torque = any(publisher.get_subscription_count() > 0
+                                             for publisher in self._external)
 
     def torque(self, stamp: Time, tau: FloatArray) -> None:
-        """Publish the feed-forward (N,) in N·m, as joint state and as command."""
+        """Publish the feed-forward (N,) in N·m, as joint state, command and position offset."""
         values = array('d', tau.tobytes())
         self._command.data = values
         self._commands.publish(self._command)
         self._torque.header.stamp = stamp
         self._torque.effort = values
         self._torques.publish(self._torque)
+        if self._offsets is not None:
+            self._offset.header.stamp = stamp
+            self._offset.position = array('d', position_offset(
+                tau, self._stiffness, self._max_offset).tobytes())
+            self._offsets.publish(self._offset)
 
     def prediction(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
         """Publish the model's torque (N,) in N·m at pose q (N,), without ramp and limits."""
@@ -123,6 +155,14 @@ class Outputs:
         """Publish measured minus predicted torque (N,) in N·m."""
         self._fill(self._difference, stamp, q, tau)
         self._residual.publish(self._difference)
+
+    def external_torque(self, stamp: Time, q: FloatArray, external: ExternalTorque) -> None:
+        """Publish external torque, its standard deviation, and its significant values."""
+        significant = np.where(external.significant, external.torque, 0.0)
+        for publisher, values in zip(self._external,
+                                     (external.torque, external.std, significant)):
+            self._fill(self._from_outside, stamp, q, values)
+            publisher.publish(self._from_outside)
 
     def extrapolation(self, stamp: Time, distance: FloatArray, std: FloatArray) -> None:
         """
@@ -171,7 +211,8 @@ class Outputs:
     def destroy(self) -> None:
         """Destroy all publishers."""
         for publisher in (self._torques, self._commands, self._prediction, self._residual,
-                          self._extrapolation, self._suspected, self._checks):
+                          self._extrapolation, *self._external, self._suspected,
+                          self._checks, *([self._offsets] if self._offsets else [])):
             self._node.destroy_lifecycle_publisher(publisher)
         for each in (self._diagnostics, self._model, self._payload):
             self._node.destroy_publisher(each)

@@ -254,6 +254,14 @@ class Parameters:
     max_torque_rate: tuple[float, ...] = parameter(
         (500.0,), 'Largest rate of change of the published torque: one value for all joints or '
         'one per joint. Empty means no limit.', 'N·m/s', 0.001, 1e6)
+    servo_stiffness: tuple[float, ...] = parameter(
+        (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
+        'goal, one value for all joints or one per joint. `~/position_offset` is then the '
+        'published torque divided by it (`gravity_comp calibrate --goals`).', 'N·m/rad', 0.1,
+        1e6, read_only=True)
+    max_position_offset: float = parameter(
+        0.2, 'Largest position offset of a joint. A stiffness in another unit would otherwise '
+        'move the arm.', 'rad', 0.0, 1.0, read_only=True)
     extrapolation: str = parameter(
         'hold', 'Torque at poses more than `extrapolation_margin` outside the trained range: '
         '`hold` uses the torque of the nearest pose inside the margin, `fade` reduces torque to '
@@ -293,7 +301,7 @@ class Parameters:
         """
         known = self.joints or names
         n = len(known)
-        for name in ('effort_scale', 'max_torque', 'max_torque_rate'):
+        for name in ('effort_scale', 'max_torque', 'max_torque_rate', 'servo_stiffness'):
             count = len(getattr(self, name))
             if n and count not in (0, 1, n):
                 raise OptionError(f'parameter {name}: {count} values for {n} joints '

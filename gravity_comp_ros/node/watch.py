@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import PARTS
 from gravity_comp_ros.node.job_messages import PayloadResult
 from gravity_comp_ros.node.messages import Reading
-from gravity_comp_ros.node.residual import expected_residual, residual_noise
 import numpy as np
 
 LEARN = 'learn'

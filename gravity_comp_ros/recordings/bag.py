@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
@@ -15,11 +16,12 @@ from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
+from gravity_comp_ros.recordings.units import radians_per_unit
 import numpy as np
 
 # Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
 _GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
-__all__ = ['joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
+__all__ = ['joint_goals', 'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,37 @@ def joint_positions(path: Path | str, joints: Collection[str],
             ranges[name] = PositionRange(float(np.median(finite)), float(finite.min()),
                                          float(finite.max()))
     return ranges
+
+
+def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
+                options: ReadOptions = ReadOptions()) -> tuple[FloatArray, FloatArray]:
+    """
+    Return times (G,) in s since the epoch and goals (G, N) in rad of a topic, in order of time.
+
+    Times are the stamps, or the log times if a message has none. Messages without a finite goal
+    of every joint are left out.
+
+    :param topic: JointState topic whose positions are goals.
+    :param options: unit, names, zeros and signs of the positions.
+    :raises BagError: if the recording cannot be read, or has no such topic or goals.
+    :raises ModelMismatchError: if a joint has no goal.
+    """
+    path = Path(path)
+    with open_storage(path) as storage:
+        topic = choose_topic(path, storage, topic)[0]
+        columns = _read_columns(storage, topic, options.rename)
+    where = f'{path}, topic {topic}'
+    options = _with_joint_names(where, columns.names,
+                                replace(options, joints=joints, effort_scale={}))
+    sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
+    zero = np.array([options.zero.get(name, 0.0) for name in joints])
+    goal = sign * (radians_per_unit(options.position_unit) * columns.values(joints)[0] - zero)
+    times = columns.stamp_ns if len(columns) and columns.stamp_ns.min() > 0 else columns.log_ns
+    known = np.isfinite(goal).all(axis=1)
+    if not known.any():
+        raise BagError(f'{where} has no finite goal of {", ".join(joints)}')
+    order = np.argsort(times[known], kind='stable')
+    return times[known][order] * 1e-9, goal[known][order]
 
 
 def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:

@@ -8,7 +8,7 @@ from bokeh.resources import Resources
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import headline
-from gravity_comp_ros.report.html_page import html_page
+from gravity_comp_ros.report.html_page import html_page, NO_PLOTS
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import THEME
@@ -51,18 +51,13 @@ def report_html(contents: Contents) -> str:
             f'{"".join(map(_section, sections))}'
             f'<script type="application/json" id="data">{_embedded(document)}</script>')
     bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
-    return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY])
+    return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY], NO_PLOTS)
 
 
 def selector_of(contents: Contents, chosen: str = '', served: bool = False) -> JointSelector:
     """Return a selector of the joints of a report; by default it shows the worst joint."""
     worst = str(contents.joints.index(contents.worst))
     return JointSelector(contents.joints, chosen or worst, served)
-
-
-def message_html(title: str, message: str) -> str:
-    """Return a page with an error message."""
-    return html_page(title, f'<h1 id="verdict">{markup.text(message)}</h1>', [])
 
 
 def _embedded(document: Document) -> str:

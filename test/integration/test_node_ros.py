@@ -13,8 +13,11 @@ import time
 
 from bench.shared.ros_harness import matrix, ROOT, running, set_parameter
 from gravity_comp_ros.commands import replay
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.export.c_source import parameters_of
-from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.node.outputs import LATCHED, model_message
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from lifecycle_msgs.msg import Transition
@@ -22,6 +25,7 @@ from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 BAGS = ROOT / 'bags'
@@ -335,3 +339,50 @@ def test_simulated_time_and_an_error_in_a_callback(iiwa_model_file, bags, tmp_pa
         until_last(probe, part(later, 0, 20))
         first = matrix(probe.torques)[0]
         assert not first.any() and np.any(probe.torques[-1].effort)
+
+
+def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
+    """A pendulum with a motor moves and is pushed by 2 N·m after a second."""
+    model = GravityModel(
+        ('a', 'b'), 'per_joint', tuple(Expansion(np.array([k]), np.array([w]))
+                                       for k, w in ((3, 8.0), (1, 3.0))), None, np.full(2, 0.1),
+        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100))
+    save_model(tmp_path / 'm.json', model)
+    t = np.arange(0.0, 2.0, 0.01)
+    q = np.column_stack([-0.5 + 0.1 * t, 0.4 + 0.1 * t])
+    tau = model.predict(q)
+    tau[t >= 1.0, 1] -= 2.0
+    samples = JointSamples.single_run(model.joints, t + 10.0, q, np.full_like(q, 0.1), tau)
+    parameters = {**UNLIMITED, **PATIENT, 'model_file': tmp_path / 'm.json',
+                  'servo_stiffness': '[160.0, 60.0]'}
+    received = {name: [] for name in ('external_torque', 'external_torque_std',
+                                      'external_torque_significant', 'position_offset')}
+    with running(parameters, wait=False) as (node, probe):
+        for name, into in received.items():
+            probe._outputs.append(probe.create_subscription(
+                JointState, f'/gravity_comp/{name}', into.append, 1000))
+        probe.until_node(node)
+        start = iter(range(1000))
+
+        def answered():
+            # The arm stands at its first pose until the node has discovered all subscribers.
+            probe.send(samples.names, 1.0 + 0.01 * next(start), q[0], 0 * q[0], tau[0])
+            return all(received.values())
+
+        probe.until(answered, 60, 'the first external torque')
+        # Fewer at once than the node's queue has places.
+        for first in range(0, len(samples), 50):
+            probe.stream(part(samples, first, first + 50), period=0.01)
+            until_last(probe, part(samples, first, first + 50), received['position_offset'])
+    rows, offsets = published(samples, [
+        JointState(header=m.header, name=m.name, effort=m.position)
+        for m in received['position_offset']])
+    np.testing.assert_allclose(offsets, model.predict(q[rows]) / [160.0, 60.0], atol=1e-9)
+    for name, expected in (('external_torque', -2.0), ('external_torque_significant', -2.0),
+                           ('external_torque_std', 0.1)):
+        rows, values = published(samples, received[name])
+        late = t[rows] > 1.2
+        assert late.any() and (t[rows] < 0.9).any()
+        np.testing.assert_allclose(values[late, 1], expected, atol=1e-2)
+        if name != 'external_torque_std':
+            np.testing.assert_allclose(values[t[rows] < 0.9], 0.0, atol=1e-9)

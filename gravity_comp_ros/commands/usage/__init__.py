@@ -42,7 +42,7 @@ VERBS = {
                    loop.UPDATE, loop.update),
     'check': Verb('check a robot description against recorded torque, for faults',
                   tools.CHECK, tools.check),
-    'calibrate': Verb('calibrate efforts in N·m with a known weight',
+    'calibrate': Verb('calibrate efforts in N·m with a known weight, or the stiffness of servos',
                       tools.CALIBRATE, tools.calibrate),
     'export': Verb('write a model as C source, into a URDF or MJCF, or as payload of a drive',
                    tools.EXPORT, tools.export),

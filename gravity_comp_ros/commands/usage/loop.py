@@ -82,8 +82,8 @@ def compare(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
     arguments.add_html(parser)
     parser.add_argument('--previous', metavar='MODEL.json', type=Path,
-                        help='second model whose errors the --html report also lists '
-                        '(default: the model before its last addition)')
+                        help='earlier model of this arm: what drifted since then; the --html '
+                        'report also lists its errors (default there: before the last addition)')
 
 
 DIAGNOSE = """\

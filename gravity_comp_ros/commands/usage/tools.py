@@ -40,6 +40,9 @@ A known weight gives the torque in N·m per unit of effort of every joint that i
 driver that publishes currents or uncalibrated torques. No mass of the arm is needed; the link
 lengths come from the URDF.
 
+With --goals one recording gives the stiffness of position-controlled servos, for the parameter
+servo_stiffness of the node: the torque of --model by the angle between goal and position.
+
 which recordings: two of slow motion, without and with the weight, over most of the range of each
 joint. The heavier the weight and the wider the motion, the smaller the intervals.
 
@@ -47,15 +50,21 @@ examples:
   gravity_comp calibrate empty.mcap loaded.mcap --mass 2.0 --urdf robot.urdf
   gravity_comp calibrate empty.mcap loaded.mcap --mass 2.0 --com 0 0 0.08 --link tool0
                                                     weight with a known centre, on tool0
+  gravity_comp calibrate run1.mcap --goals /joint_goals --model arm.json
+                                                    stiffness of servos
 """
 
 
 def calibrate(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `calibrate`."""
     parser.add_argument('empty', metavar='EMPTY', type=Path, help='recording without the weight')
-    parser.add_argument('loaded', metavar='LOADED', type=Path, help='recording with the weight')
-    parser.add_argument('--mass', metavar='KG', type=arguments.positive, required=True,
+    parser.add_argument('loaded', metavar='LOADED', type=Path, nargs='?',
+                        help='recording with the weight')
+    parser.add_argument('--mass', metavar='KG', type=arguments.positive,
                         help='mass of the weight')
+    parser.add_argument('--goals', metavar='TOPIC',
+                        help='stiffness of servos: JointState topic of EMPTY with the goals')
+    arguments.add_model(parser, 'with --goals: gravity model of the arm', required=False)
     parser.add_argument('--com', metavar=('X', 'Y', 'Z'), type=arguments.finite, nargs=3,
                         help='centre of mass of the weight in the frame of --link, '
                         'm (default: estimated)')

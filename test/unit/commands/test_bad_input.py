@@ -44,7 +44,6 @@ def files(tmp_path_factory):
     (1, 'info GOOD --all-samples --max-speed 1', 'omit --max-speed and --rate'),
     (1, 'fit GOOD --all-samples --rate 1 -o NEW.json', 'omit --max-speed and --rate'),
     (1, 'compare GOOD --model MODEL --all-samples --rate 1', 'omit --max-speed and --rate'),
-    (2, 'compare GOOD --model MODEL --previous MODEL', '--previous requires --html'),
     (2, 'add coulomb_friction viscous_friction GOOD --model MODEL', 'separate effects with comma'),
     (2, 'fit GOOD --effects coulomb_friction torque_offset:elbow', 'separate effects with comma'),
     (1, 'fit CSV', 'is a table, not a recording: first `gravity_comp convert '),

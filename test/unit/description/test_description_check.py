@@ -187,6 +187,8 @@ def test_the_command(samples, tmp_path, capsys):
         'rmse_corrected']
     page = (tmp_path / 'r.html').read_text()
     assert all(escape(one['sentence']) in page for one in result['faults'])
+    # Drawing and tables need no script.
+    assert 'noscript' not in page
     drawing = ElementTree.fromstring(re.search('<svg.*?</svg>', page, re.DOTALL)[0])
     labels = {text.text: text.get('class') for text in drawing.iter('text')}
     assert len(labels) == 8 and labels['1: iiwa_joint_4'] == 'fault'
@@ -199,6 +201,7 @@ def test_the_command(samples, tmp_path, capsys):
 def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path('other.urdf').write_text(URDF.replace('iiwa_joint', 'joint'))
-    assert main(['check', str(BAGS / 'random_poses.mcap'), *arguments]) == 1
+    assert main(['check', str(BAGS / 'random_poses.mcap'), *arguments, '--html', 'r.html']) == 1
     captured = capsys.readouterr()
     assert captured.out == '' and captured.err.count('\n') == 1 and message in captured.err
+    assert message in Path('r.html').read_text()

@@ -2,14 +2,14 @@
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.effect import Needs
+from gravity_comp_ros.effects.live import Limits, LiveEffects
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
-from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.realtime_effects import compensable, LiveEffects
+from gravity_comp_ros.node.realtime_effects import compensable
 import numpy as np
 import pytest
 
@@ -79,7 +79,7 @@ def test_friction_with_a_memory_persists_at_rest_in_spite_of_encoder_noise():
     EFFECTS[0], effect('coulomb_friction', 'a', {'distance': 0.001}, F_c=2.0)])
 def test_compensated_friction_is_a_fraction_and_smooth_at_rest(friction):
     sent = LiveEffects(model(EFFECTS[:2]), [friction],
-                       Parameters(compensate_fraction=0.5, compensate_speed=0.02, max_speed=0.1))
+                       Limits(0.5, 0.02, 0.1))
     assert sent.targets == ('coulomb_friction:a',)
 
     def at(speed):
@@ -92,7 +92,7 @@ def test_compensated_friction_is_a_fraction_and_smooth_at_rest(friction):
 
 def test_speeds_are_clipped_to_the_trained_range():
     sent = LiveEffects(model(EFFECTS[1:2]), EFFECTS[1:2],
-                       Parameters(compensate_fraction=1.0, max_speed=0.1))
+                       Limits(1.0, 0.02, 0.1))
     np.testing.assert_allclose(sent.torque(np.zeros(2), np.array([5.0, 0.0]), np.zeros(2)),
                                [1.0, 0.0])
 

@@ -7,6 +7,7 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -14,7 +15,7 @@ from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.residual import expected_residual, LiveResidual, residual_noise
+from gravity_comp_ros.node.residual import LiveResidual
 from gravity_comp_ros.node.rows import SlowSample
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch

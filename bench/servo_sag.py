@@ -1,0 +1,125 @@
+#!/usr/bin/env python3
+"""
+Sag of a position-controlled arm in MuJoCo without and with `~/position_offset`.
+
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.servo_sag [--seeds 11 12 13] [--poses 10]
+
+The servos have a random stiffness of 100 to 400 N·m/rad, no integral part, and 1 N·m of friction.
+They follow a slow path for 75 s; gravity and then the stiffness are learned from that recording.
+At random poses the arm then holds a goal for 2 s without and 3 s with the offset of the node's
+core, which receives joint states at 100 Hz. Sag is goal minus position, RMS over poses.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import tempfile
+
+from bench.closed_loop.arm import Controller, MujocoArm, SlowPath, STEP, urdf
+from bench.shared.node_messages import joint_state
+import gravity_comp_ros as gc
+from gravity_comp_ros.calibration.servo_stiffness import servo_stiffness
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.outputs import position_offset
+from gravity_comp_ros.node.parameters import Parameters
+import numpy as np
+
+EVERY = 10
+
+
+class Servos:
+    """An arm with servos; `offset` (N,) in rad is added to the goals."""
+
+    def __init__(self, build: str, seed: int) -> None:
+        self.arm = MujocoArm(build, None, seed)
+        n = len(self.arm.joints)
+        self.path, self.rng = SlowPath.random(n, seed), np.random.default_rng([seed, 8])
+        self.control = Controller(n)
+        self.control.kp = self.rng.uniform(100.0, 400.0, n)
+        self.control.kd = 0.1 * self.control.kp
+        self.offset, self.step = np.zeros(n), 0
+        self.arm.place(self.path.at(0.0)[0])
+
+    def next(self, goal: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Simulate until the next message, at 100 Hz; return position, speed and effort."""
+        for _ in range(EVERY):
+            tau = self.control.torque(self.arm, goal + self.offset, speed)
+            self.arm.step(tau)
+        self.step += EVERY
+        return self.arm.measured(tau)
+
+    def record(self, duration: float) -> tuple[JointSamples, np.ndarray]:
+        """Return a recording of slow motion and its goals (M, N)."""
+        rows, goals = [], []
+        for k in range(-100, round(duration / (STEP * EVERY))):
+            goal, speed = self.path.at(max(k, 0) * STEP * EVERY)
+            measured = self.next(goal, speed if k >= 0 else 0.0 * speed)
+            if k >= 0:
+                rows.append((k * STEP * EVERY, *measured))
+                goals.append(goal)
+        t, q, qd, tau = (np.array(part) for part in zip(*rows))
+        return JointSamples.single_run(self.arm.joints, t, q, qd, tau), np.array(goals)
+
+    def sag(self, goal: np.ndarray, seconds: float, core: NodeCore | None = None,
+            stiffness: np.ndarray | None = None) -> np.ndarray:
+        """Return goal minus position (N,) after some seconds at a goal, with the node or not."""
+        for _ in range(round(seconds / (STEP * EVERY))):
+            measured = self.next(goal, 0.0 * goal)
+            if core is not None and stiffness is not None:
+                t = 10.0 + self.step * STEP
+                reading = core.read(joint_state(self.arm.joints, t, *measured), t)
+                tau = None if reading is None else core.torque([reading], t)
+                if tau is not None:
+                    self.offset = position_offset(tau, stiffness, 0.5)
+        return goal - self.arm.q
+
+
+def measure(build: str, seed: int, poses: int, folder: Path) -> tuple[np.ndarray, ...]:
+    """Return true and found stiffness (N,), and the sag (P, N) without and with the offset."""
+    servos = Servos(build, seed)
+    samples, goals = servos.record(75.0)
+    (folder / 'arm.urdf').write_text(urdf(servos.arm.links))
+    recording = gc.Recording(samples)
+    model = gc.fit(recording, urdf=folder / 'arm.urdf').gravity
+    slow = recording.slow
+    result = servo_stiffness(model, slow, goals[np.searchsorted(samples.t, slow.t - 1e-6)])
+    # Joints without a stiffness carry hardly any torque, and get no offset.
+    stiffness = np.array([result.stiffness[joint].value if joint in result.stiffness else 1e6
+                          for joint in model.joints])
+    save_model(folder / 'arm.json', model)
+    core = NodeCore(Parameters(model_file=str(folder / 'arm.json'), unlimited_torque=True,
+                               servo_stiffness=tuple(stiffness)), 'joint_states', 0.0)
+    without, with_offset = [], []
+    for goal in servos.rng.uniform(samples.q.min(axis=0), samples.q.max(axis=0),
+                                   (poses, samples.n_joints)):
+        servos.offset = 0.0 * goal
+        without.append(servos.sag(goal, 2.0))
+        with_offset.append(servos.sag(goal, 3.0, core, stiffness))
+    return servos.control.kp, stiffness, np.array(without), np.array(with_offset)
+
+
+def main() -> None:
+    """Print the sag of each arm."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    parser.add_argument('--seeds', type=int, nargs='+', default=[11, 12, 13])
+    parser.add_argument('--builds', nargs='+', default=['six', 'seven'])
+    parser.add_argument('--poses', type=int, default=10)
+    args = parser.parse_args()
+    for build in args.builds:
+        for seed in args.seeds:
+            with tempfile.TemporaryDirectory() as folder:
+                true, measured, without, after = measure(build, seed, args.poses, Path(folder))
+            before, rest = (np.degrees(np.sqrt((x ** 2).mean())) for x in (without, after))
+            known, worst = measured < 1e6, np.degrees(np.abs(after).max())
+            error = np.abs(measured / true - 1.0)[known].max()
+            print(f'{build} {seed}: sag {before:.2f} -> {rest:.2f} degrees RMS, falls by '
+                  f'{100 * (1 - rest / before):.1f} %, worst {worst:.2f} degrees; stiffness '
+                  f'of {known.sum()} of {len(true)} joints, worst error '
+                  f'{100 * error:.1f} %', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,123 @@
+"""
+Stiffness of position-controlled joints, from goals and measured positions.
+
+A servo without an integral part stops where its torque k (goal - q) balances the arm, so that
+
+    goal - q = tau(q) / k + offset + friction / k + delay qd.
+
+tau is the static torque of the model. 1 / k is fitted by least squares with an offset of the
+position, Coulomb friction, and a delay between goal and position, in which viscous friction is
+included. tau and k have the unit of the effort of the recordings to which the model was fitted:
+the position offset tau / k is correct in any unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.models.applied_effects import Quantity
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+
+@dataclass(frozen=True)
+class StiffnessOptions:
+    """
+    Options of the stiffness.
+
+    `correlation` in s is the time over which the errors of samples are dependent, `significance`
+    the least size of 1 / k in standard deviations, `sign_width` in rad/s the speed over which
+    friction changes its sign, `min_samples` the least number of samples.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    correlation: float = 2.0
+    significance: float = 10.0
+    sign_width: float = 0.01
+    min_samples: int = 50
+
+    def __post_init__(self) -> None:
+        if not min(vars(self).values()) > 0.0:
+            raise OptionError('stiffness: every number must be positive')
+
+
+@dataclass(frozen=True, eq=False)
+class ServoStiffness:
+    """
+    The result by joint: `stiffness` in N·m/rad, and why other joints are `left_out`.
+
+    `sag` (rad RMS) is the part of goal - position that follows the torque, `rmse` (rad) the rest.
+    """
+
+    stiffness: Mapping[str, Quantity]
+    left_out: Mapping[str, str]
+    sag: Mapping[str, float]
+    rmse: Mapping[str, float]
+
+
+def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray,
+                    options: StiffnessOptions = StiffnessOptions()) -> ServoStiffness:
+    """
+    Return the stiffness of the servo of each joint.
+
+    :param samples: slow motion; joints are matched by name.
+    :param goal: goals (M, N) in rad at these samples, in the order of the model's joints; rows
+        that are not finite are not used.
+    :raises ModelMismatchError: if a joint of the model is not among the samples.
+    :raises DataError: if there are too few samples, or no joint sags by its torque.
+    """
+    samples = samples.joints(model.joints)
+    if goal.shape != samples.q.shape:
+        raise DataError(f'stiffness: goals of shape {goal.shape} for {samples.q.shape} samples')
+    known = np.isfinite(goal).all(axis=1)
+    if known.sum() < options.min_samples:
+        raise DataError(f'{known.sum()} slow samples have a goal of every joint; at least '
+                        f'{options.min_samples} are needed')
+    samples, goal = samples.select(known), goal[known]
+    torque, per_error = model.predict(samples.q), _per_error(samples, options)
+    stiffness, left_out, sag, rmse = {}, {}, {}, {}
+    for j, joint in enumerate(model.joints):
+        columns = np.column_stack([torque[:, j], np.ones(len(goal)), samples.qd[:, j],
+                                   np.tanh(samples.qd[:, j] / options.sign_width)])
+        error = goal[:, j] - samples.q[:, j]
+        solution = np.linalg.lstsq(columns, error, rcond=None)[0]
+        rest = float((error - columns @ solution).std())
+        inverse = np.linalg.pinv(columns.T @ columns)
+        std = max(rest, 1e-9) * float(np.sqrt(inverse[0, 0] * per_error))
+        slope, sag[joint] = float(solution[0]), float(torque[:, j].std() * abs(solution[0]))
+        if abs(slope) < options.significance * std or torque[:, j].std() < 1e-9:
+            left_out[joint] = ('goal minus position does not follow the torque: its controller '
+                               'has an integral part, or its torque hardly changes')
+        elif slope < 0.0:
+            left_out[joint] = ('the joint rises above its goal under load: the signs of goal and '
+                               'effort differ, or an offset was in the goal')
+        else:
+            half = 1.96 * std / slope ** 2
+            stiffness[joint] = Quantity(1.0 / slope, 'N·m/rad',
+                                        (1.0 / slope - half, 1.0 / slope + half))
+            rmse[joint] = rest
+    if not stiffness:
+        raise DataError('no stiffness: ' + '; '.join(
+            f'{joint}: {why}' for joint, why in left_out.items()))
+    return ServoStiffness(stiffness, left_out, sag, rmse)
+
+
+def _per_error(samples: JointSamples, options: StiffnessOptions) -> float:
+    """Return the number of samples per independent error."""
+    interval = float(np.median(np.diff(samples.t)))
+    return max(1.0, options.correlation / max(interval, 1e-6))
+
+
+def held_goals(t: FloatArray, goal_t: FloatArray, goal: FloatArray) -> FloatArray:
+    """
+    Return the goal (M, N) in force at times t (M,), NaN before the first one.
+
+    :param goal_t: rising times (G,) at which the goals (G, N) were sent; a goal is kept until the
+        next one.
+    """
+    which = np.searchsorted(goal_t, t, side='right') - 1
+    return np.where((which >= 0)[:, None], goal[np.maximum(which, 0)], np.nan)

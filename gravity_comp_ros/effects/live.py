@@ -1,0 +1,174 @@
+"""Effects of a model sample by sample in order of time, as a control loop reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.effect import Effect, Needs
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
+from gravity_comp_ros.effects.presliding import LiveElement
+from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+# Weighted joints whose sum moves, and the distance in rad and the skew of its element.
+_ElementKey = tuple[tuple[tuple[int, float], ...], float, float]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    Limits of a torque that is sent to drives.
+
+    `fraction` of it is sent. Friction changes its sign over at least `speed` in rad/s. Speeds are
+    clipped to `max_speed` in rad/s, up to which the model was trained.
+    """
+
+    fraction: float
+    speed: float
+    max_speed: float
+
+
+def smooth(effect: AppliedEffect, speed: float) -> AppliedEffect:
+    """
+    Return an effect whose friction changes its sign over at least `speed` in rad/s.
+
+    Friction that persists at rest is compensated in motion only: a torque that remains where the
+    arm has stopped would push it.
+    """
+    if not law_of(effect.setting):
+        return effect
+    others = {name: value for name, value in effect.setting.items()
+              if name not in law_of(effect.setting)}
+    law = {name: max(value, speed) for name, value in speed_law(effect.setting, speed).items()}
+    return replace(effect, setting={**others, **law})
+
+
+@dataclass(frozen=True)
+class _Moment(Motion):
+    """A motion of one sample, whose directions by a distance follow from the earlier ones."""
+
+    elements: dict[_ElementKey, LiveElement] = field(default_factory=dict)
+
+    def coupled_direction(self, joints: Mapping[int, float],
+                          law: Mapping[str, float]) -> FloatArray:
+        """Return the direction (1,) of a sum of joints, each times a factor."""
+        if 'distance' not in law:
+            return smooth_sign(self._sum(self.samples.qd, joints), law)
+        distance, skew = law['distance'], law.get('skew', 0.0)
+        key = (tuple(joints.items()), distance, skew)
+        # Two effects of a joint may share an element: it is read once in each sample.
+        if key not in self.memo:
+            if key not in self.elements:
+                self.elements[key] = LiveElement(distance, skew)
+            angle = float(self._sum(self.samples.q, joints)[0])
+            self.memo[key] = np.array([self.elements[key].state(angle)])
+        return self.memo[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """An effect of a model; `factors` (K,) are the coefficients in the order of its columns."""
+
+    effect: Effect
+    applied: AppliedEffect
+    joint: int
+    factors: FloatArray
+
+    @classmethod
+    def of(cls, model: GravityModel, applied: AppliedEffect, moment: Motion) -> _Term:
+        """
+        Return an effect after one evaluation, so that errors occur before the loop.
+
+        :raises ModelMismatchError: if it was fitted by another version, or is not installed.
+        """
+        effect, joint = installed(applied), joint_number(model, applied)
+        try:
+            columns = effect.columns(moment, joint, applied.setting)
+            return cls(effect, applied, joint,
+                       coefficients(applied, effect, moment, joint, columns.shape[-1]))
+        except (ModelMismatchError, AttributeError, LookupError, ValueError) as problem:
+            raise ModelMismatchError(
+                f'effect {applied.target} of the model was fitted by another version and is left '
+                'out; fit it again') from problem
+
+    def add_to(self, total: FloatArray, moment: Motion) -> None:
+        """Add the torque to that of all joints (N,), N·m."""
+        torque = self.effect.columns(moment, self.joint, self.applied.setting)[0] @ self.factors
+        if self.effect.scope == 'arm':
+            total += torque
+        else:
+            total[self.joint] += torque
+
+
+class LiveEffects:
+    """
+    The torque of some effects of a model, sample by sample in order of time.
+
+    Effects that need the history are left out (`left_out`, as targets). `problem` is the reason
+    why others are.
+
+    :param effects: effects of the model.
+    :param limits: limits of a torque that is sent; None for the whole torque.
+    """
+
+    def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect],
+                 limits: Limits | None = None) -> None:
+        self._limits, self.problem = limits, ''
+        self._model = model
+        self._elements: dict[_ElementKey, LiveElement] = {}
+        self._terms: list[_Term] = []
+        left_out = []
+        rest = np.zeros((3, model.n_joints))
+        for applied in effects:
+            try:
+                if installed(applied).needs is Needs.HISTORY:
+                    left_out.append(applied.target)
+                    continue
+                used = applied if limits is None else smooth(applied, limits.speed)
+                self._terms.append(_Term.of(model, used, self._moment(*rest, elements={})))
+            except ModelMismatchError as problem:
+                self.problem = str(problem)
+        self.left_out = tuple(left_out)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The included effects, as `NAME:JOINT`."""
+        return tuple(term.applied.target for term in self._terms)
+
+    def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+               qdd: FloatArray | None = None) -> FloatArray:
+        """
+        Return the torque of the effects (N,) in N·m, in addition to gravity.
+
+        :param q: pose (N,) in rad. :param qd: speed (N,) in rad/s.
+        :param gravity: the model's torque at that pose (N,) in N·m.
+        :param qdd: acceleration (N,) in rad/s^2; without one effects that need it are neglected.
+        """
+        total = np.zeros(len(q))
+        if not self._terms:
+            return total
+        limits = self._limits
+        if limits is not None:
+            qd = np.minimum(np.maximum(qd, -limits.max_speed), limits.max_speed)
+        moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
+        for term in self._terms:
+            if qdd is not None or term.effect.needs is Needs.SPEED:
+                term.add_to(total, moment)
+        return total if limits is None else limits.fraction * total
+
+    def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+                qdd: FloatArray | None = None, *,
+                elements: dict[_ElementKey, LiveElement]) -> _Moment:
+        model = self._model
+        return _Moment(
+            JointSamples.single_sample(model.joints, q, qd),
+            (np.zeros_like(q) if qdd is None else qdd)[None], gravity[None],
+            lambda poses: gravity_gradient(model, poses), model.chain, model.geometry,
+            elements=elements)

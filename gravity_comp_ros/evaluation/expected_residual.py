@@ -1,0 +1,62 @@
+"""
+Residual that is expected of a model: its noise, and the size of its friction.
+
+A fit estimates friction, offset, inertia and other effects jointly with gravity, and the model
+does not predict them (`GravityModel.fitted`). The noise is that of the residual without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import torque_of
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+# Relative change of friction with temperature and load.
+DRIFT = 0.3
+# Minimum noise of a joint as a fraction of the largest; a joint without gravity has almost none.
+MIN_NOISE_FRACTION = 0.05
+# Family of the effects that are friction, number of steps of a motion that measures its size, and
+# their speed, rad/s.
+FRICTION, _SWEEP, TYPICAL_SPEED = 'friction', 20, 0.1
+
+
+@lru_cache(maxsize=8)
+def residual_noise(model: GravityModel) -> FloatArray:
+    """Return the standard deviation (N,), N·m, of the residual without friction and offset."""
+    noise = model.noise_with_nuisance
+    return np.maximum(noise, MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
+
+
+@lru_cache(maxsize=8)
+def expected_residual(model: GravityModel) -> FloatArray:
+    """Return the standard deviation (N,), N·m, of that residual plus the drift of friction."""
+    return np.hypot(residual_noise(model), DRIFT * friction_size(model))
+
+
+@lru_cache(maxsize=8)
+def friction_size(model: GravityModel) -> FloatArray:
+    """Return the `size` (N,) in N·m of the friction of a model."""
+    known = {name for name, effect in all_effects().items() if effect.family == FRICTION}
+    return size(model, [effect for effect in (*model.applied.effects, *model.fitted.effects)
+                        if effect.name in known])
+
+
+def size(model: GravityModel, effects: Iterable[AppliedEffect]) -> FloatArray:
+    """Return the RMS torque (N,) in N·m of effects over a sweep through the trained range."""
+    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + _SWEEP)[:, None]
+    q = coverage.q_min + share * (coverage.q_max - coverage.q_min)
+    sweep = JointSamples.single_run(model.joints, np.arange(len(q)), q,
+                                    np.full_like(q, TYPICAL_SPEED), np.zeros_like(q))
+    # The first sample has no direction yet where friction depends on the path.
+    return rms(torque_of(model, effects, sweep)[1:])
+
+
+def rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square of values (M, ...) over the first axis."""
+    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -1,0 +1,211 @@
+"""
+External torque: measured torque minus that of the model, with its standard deviation.
+
+    tau_ext = sum_k w_k (tau - g(q) - f(q, qd))_k - d(q, qd, qdd)
+
+g is gravity, f friction and the other effects, predicted or fitted, that depend on pose and speed,
+d the dynamic torque of those that need an acceleration. Joint states have none, so that both parts
+are means over a window of the last messages. qdd is the slope of a line fitted to the speeds. This
+is a mean of the accelerations within the window, and w are its weights: a parabola. So inertia and
+effort have the same delay of half a window. (A momentum observer uses the same numbers. Its filter
+is exponential, so that a push appears whole after several time constants.)
+
+The variance is the sum of the noise of the training, the uncertainty of the model at this pose, a
+share of the friction and of the dynamic torque, the size of effects that depend on earlier samples
+and are left out, and the friction that a slow joint has not built up: at rest friction takes any
+value between its two directions.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.effect import Needs
+from gravity_comp_ros.effects.live import LiveEffects
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.evaluation.expected_residual import FRICTION, residual_noise, size
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+
+@dataclass(frozen=True)
+class ExternalTorqueOptions:
+    """
+    Options of the external torque.
+
+    `window` in s is that of the means. It holds at least `min_samples` messages, and begins again
+    after a gap of `max_gap` s. `significance` is the size in standard deviations above which
+    torque is significant. `friction_share` and `inertia_share` are relative errors of friction
+    (temperature, load) and of dynamic torque; `rest_speed` in rad/s is the speed below which the
+    direction of friction is uncertain. Farther than `margin` in rad outside the trained range
+    nothing is significant. A result is computed every `period` s at most, the uncertainty of the
+    model every `std_period` s.
+
+    :raises OptionError: if a number is not positive and finite.
+    """
+
+    window: float = 0.05
+    min_samples: int = 4
+    max_gap: float = 0.2
+    significance: float = 3.5
+    friction_share: float = 0.3
+    inertia_share: float = 0.3
+    rest_speed: float = 0.01
+    margin: float = 0.1
+    period: float = 0.005
+    std_period: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0.0 < value < np.inf:
+                raise OptionError(f'external torque: {name} is {value}; it must be positive')
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalTorque:
+    """
+    External torque and its standard deviation in N·m, and whether it is significant.
+
+    All are (N,), or (M, N) of a recording. The standard deviation is NaN where it is unknown:
+    outside the trained range, and in a recording where there is no result.
+    """
+
+    torque: FloatArray
+    std: FloatArray
+    significant: BoolArray
+
+
+class ExternalTorqueObserver:
+    """
+    The external torque sample by sample, in order of time.
+
+    `left_out` are the effects of the model that depend on earlier samples, as targets. They are
+    not subtracted; their size is in the standard deviation.
+    """
+
+    def __init__(self, model: GravityModel,
+                 options: ExternalTorqueOptions = ExternalTorqueOptions()) -> None:
+        self._model, self.options = model, options
+        # Without effects that another version has fitted: they cannot be computed.
+        effects = [effect for effect in (*model.applied.effects, *model.fitted.effects)
+                   if _size_of(model, effect) is not None]
+        library = all_effects()
+
+        def live(needs: Needs, is_friction: bool) -> LiveEffects:
+            return LiveEffects(model, [
+                effect for effect in effects if library[effect.name].needs is needs
+                and (library[effect.name].family == FRICTION) == is_friction])
+
+        self._friction, self._others = live(Needs.SPEED, True), live(Needs.SPEED, False)
+        self._dynamics = live(Needs.ACCELERATION, False)
+        included = {target for part in (self._friction, self._others, self._dynamics)
+                    for target in part.targets}
+        left_out = [effect for effect in effects if effect.target not in included]
+        self.left_out = tuple(effect.target for effect in left_out)
+        self._noise = np.hypot(residual_noise(model), size(model, left_out))
+        self._at_rest = size(model, [e for e in effects if library[e.name].family == FRICTION])
+        self._rows: deque[tuple[float, FloatArray]] = deque()
+        self._model_std, self._std_at, self._due = np.zeros(model.n_joints), -np.inf, -np.inf
+
+    def restart(self) -> None:
+        """Forget earlier samples: the clock has started again."""
+        self._rows.clear()
+        self._std_at = self._due = -np.inf
+
+    def add(self, t: float, q: FloatArray, qd: FloatArray,
+            tau: FloatArray) -> ExternalTorque | None:
+        """
+        Return the external torque (N,) after a sample, None while the window is not full.
+
+        Within `period` s of the last result None is returned, too.
+
+        :param t: time in s, later than before. :param q: pose (N,) in rad.
+        :param qd: speed (N,) in rad/s. :param tau: measured torque (N,) in N·m.
+        """
+        options, rows = self.options, self._rows
+        if rows and not 0.0 < t - rows[-1][0] <= options.max_gap:
+            self.restart()
+        gravity = self._model.predict_one(q)
+        friction = self._friction.torque(q, qd, gravity)
+        rest = tau - gravity - friction - self._others.torque(q, qd, gravity)
+        rows.append((t, np.stack([q, qd, gravity, friction, rest])))
+        while len(rows) > options.min_samples and t - rows[1][0] >= options.window - 1e-9:
+            rows.popleft()
+        if len(rows) < options.min_samples or t - rows[0][0] < 0.8 * options.window - 1e-9:
+            return None
+        if t < self._due:
+            return None
+        self._due = t + options.period - 1e-9
+        times = np.array([row[0] for row in rows])
+        return self._of_window(t, times - times.mean(), np.array([row[1] for row in rows]))
+
+    def _of_window(self, t: float, times: FloatArray, values: FloatArray) -> ExternalTorque:
+        """Return the external torque of a window: times (K,) in s, values (K, 5, N)."""
+        options = self.options
+        slope = times / (times @ times)
+        qdd = slope @ values[:, 1]
+        q, qd, gravity, friction, rest = np.tensordot(mean_weights(times, slope), values, 1)
+        dynamics = self._dynamics.torque(q, qd, gravity, qdd)
+        # Of a joint at rest, and of one that is so slow that the law of its friction rises.
+        unknown = np.maximum(np.exp(-(qd / options.rest_speed) ** 2) * self._at_rest,
+                             self._at_rest - np.abs(friction))
+        variance = (self._noise ** 2 + self._std_of_model(t, q) ** 2 + unknown ** 2
+                    + (options.friction_share * friction) ** 2
+                    + (options.inertia_share * dynamics) ** 2)
+        torque, std = rest - dynamics, np.sqrt(variance)
+        if (self._model.coverage.distance(q) > options.margin).any():
+            std = np.full_like(std, np.nan)
+        return ExternalTorque(torque, std, np.abs(torque) > options.significance * std)
+
+    def _std_of_model(self, t: float, q: FloatArray) -> FloatArray:
+        if not 0.0 <= t - self._std_at < self.options.std_period:
+            self._std_at = t
+            try:
+                self._model_std = self._model.predict_std(q)[0]
+            except (DataError, np.linalg.LinAlgError):
+                self._model_std = np.zeros(len(q))
+        return self._model_std
+
+
+def _size_of(model: GravityModel, effect: AppliedEffect) -> FloatArray | None:
+    """Return the size (N,) in N·m of an effect, None if it cannot be computed."""
+    try:
+        return size(model, [effect])
+    except (ModelMismatchError, AttributeError, LookupError, ValueError):
+        return None
+
+
+def mean_weights(times: FloatArray, slope: FloatArray) -> FloatArray:
+    """
+    Return the weights (K,) of torques at times (K,) whose mean has the slope of the speeds.
+
+    The slope sum_k slope_k v_k is sum_j W_j (v_{j+1} - v_j), W the negative sum of slope_1 to
+    slope_j: a mean of the accelerations of the intervals with the weights W_j (t_{j+1} - t_j).
+    Each is that of the mean of its two ends.
+    """
+    intervals = -0.5 * np.cumsum(slope)[:-1] * np.diff(times)
+    return np.asarray(np.append(intervals, 0.0) + np.append(0.0, intervals))
+
+
+def external_torque(model: GravityModel, samples: JointSamples,
+                    options: ExternalTorqueOptions = ExternalTorqueOptions()) -> ExternalTorque:
+    """
+    Return the external torque (M, N) of a recording, as the node publishes it.
+
+    :raises ModelMismatchError: if a joint of the model is not among the samples.
+    """
+    samples = samples.joints(model.joints)
+    torque, std = np.zeros_like(samples.q), np.full_like(samples.q, np.nan)
+    significant = np.zeros(samples.q.shape, dtype=bool)
+    for run in run_slices(samples):
+        observer = ExternalTorqueObserver(model, options)
+        for k in range(run.start, run.stop):
+            now = observer.add(float(samples.t[k]), samples.q[k], samples.qd[k], samples.tau[k])
+            if now is not None:
+                torque[k], std[k], significant[k] = now.torque, now.std, now.significant
+    return ExternalTorque(torque, std, significant)

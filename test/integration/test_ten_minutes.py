@@ -1,0 +1,71 @@
+"""The script of docs/ten_minutes.md: two visits to a simulated arm whose friction rises."""
+
+import json
+
+from bench.shared.rough_links import two_link_urdf
+from examples.ten_minutes import Arm, main, targets
+import pytest
+
+
+@pytest.fixture(scope='module')
+def urdf(tmp_path_factory):
+    """Return a description of two links of 3 and 2 kg."""
+    text = two_link_urdf()
+    for link, mass in (('l1', 3.0), ('l2', 2.0)):
+        text = text.replace(f'<link name="{link}"/>', f'<link name="{link}"><inertial><origin '
+                            f'xyz="0.02 0 -0.2"/><mass value="{mass}"/><inertia ixx="0.02" '
+                            'ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.002"/></inertial></link>')
+    path = tmp_path_factory.mktemp('arm') / 'arm.urdf'
+    path.write_text(text)
+    return path
+
+
+def test_two_visits_are_filed_and_the_risen_friction_is_shown(urdf, tmp_path, capsys):
+    assert main(['seven', '--simulate', str(urdf), '--folder', str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    first, second = sorted(path for path in (tmp_path / 'seven').iterdir() if path.is_dir())
+    for visit in (first, second):
+        files = {path.name for path in visit.iterdir()}
+        assert files >= {'arm.json', 'findings.json', 'judged.json'}
+        judged = json.loads((visit / 'judged.json').read_text())
+        assert all(one['rmse'] < 0.1 for one in judged['joints'].values())
+    assert json.loads((first / 'judged.json').read_text())['previous'] is None
+    changed = [one for one in json.loads((second / 'judged.json').read_text())['previous'][
+        'coefficients'] if one['drifted'] and one['symbol'] == 'F_c']
+    assert [one['target'] for one in changed] == ['coulomb_friction:elbow']
+    assert changed[0]['before']['value'] == pytest.approx(0.8, rel=0.05)
+    assert changed[0]['after']['value'] == pytest.approx(1.2, rel=0.05)
+    assert 'coulomb_friction:elbow F_c: 0.' in out and str(second) in out
+    assert {path.name for path in (tmp_path / 'seven').iterdir()} == {
+        first.name, second.name, 'motion.yaml'}
+
+
+def test_a_step_that_fails_files_nothing(tmp_path, capsys):
+    assert main(['arm', 'missing.mcap', '--judge', 'second.mcap', '--folder',
+                 str(tmp_path)]) == 1
+    assert 'missing.mcap' in capsys.readouterr().err
+    assert not list((tmp_path / 'arm').iterdir())
+
+
+@pytest.mark.parametrize('words', [['arm'], ['../arm', 'a.mcap'], ['first.mcap', 'second.mcap'],
+                                   ['arm', 'a.mcap', '--simulate', 'b.urdf']])
+def test_wrong_usage_is_refused(words, capsys):
+    with pytest.raises(SystemExit) as refused:
+        main(words)
+    assert refused.value.code == 2
+
+
+def test_only_findings_that_are_missing_are_added():
+    one = {'joint': 'a', 'effect': 'coulomb_friction', 'verdict': 'established',
+           'predicted': False}
+    diagnosis = {'findings': [one, {**one, 'verdict': 'weak'}, {**one, 'predicted': True},
+                              {**one, 'joint': None, 'effect': 'base_tilt'}]}
+    assert targets(diagnosis) == ['coulomb_friction:a', 'base_tilt']
+
+
+def test_earlier_models_are_found_in_order(tmp_path):
+    for name in ('2026-02-01', '2026-01-01-2', '2026-01-01'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'arm.json').touch()
+    assert [path.parent.name for path in Arm(tmp_path, None).models()] == [
+        '2026-01-01', '2026-01-01-2', '2026-02-01']
