@@ -13,9 +13,10 @@ import traceback
 from typing import NoReturn
 
 from gravity_comp_ros import __version__
+from gravity_comp_ros.commands.hints import message_of
 from gravity_comp_ros.commands.outputs import check_outputs
 from gravity_comp_ros.commands.usage import VERBS
-from gravity_comp_ros.errors import GravityCompError, Hint
+from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
@@ -63,17 +64,6 @@ PACKAGES = {
     'shtab': 'pip install shtab (or: apt install python3-shtab)',
     'yaml': 'pip install PyYAML',
     'zstandard': 'pip install zstandard',
-}
-
-# Hints of the core, in terms of the command line.
-HINTS = {
-    Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
-    Hint.IN_MODEL: '`gravity_comp add --undo` removes the last addition',
-    Hint.NAME_DESCRIPTION: 'name a file with --urdf',
-    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or give its position '
-                           '(--fixed JOINT=VALUE)',
-    Hint.INSTALL_EFFECT: 'install the package that provides it, or remove it with '
-                         '`gravity_comp add --undo`',
 }
 
 # The problems are too small for BLAS threads: on a busy machine they slowed a fit from 6 s to
@@ -162,7 +152,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
 def _one_line(error: Exception) -> str:
     """Return the error message for the user."""
     if isinstance(error, GravityCompError):
-        return error.message if error.hint is None else f'{error.message}: {HINTS[error.hint]}'
+        return message_of(error)
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]
         if missing in PACKAGES:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.commands.hints import message_of
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
@@ -43,7 +44,7 @@ def with_error_page(page_module: str) -> Callable[[Run], Run]:
             try:
                 return verb(args)
             except GravityCompError as problem:
-                page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
+                page = message_html(f'gravity_comp: {args.html.stem}', message_of(problem))
                 write_atomically(args.html, page.encode(), error=GravityCompError)
                 raise
         return run
