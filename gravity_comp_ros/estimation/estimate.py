@@ -146,6 +146,22 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     return result
 
 
+def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions) -> Estimate:
+    """
+    Return the estimate of a chain from other samples: the same terms, axes from a new start.
+
+    :raises FitError: if there are too few samples, or no joint moves.
+    """
+    _check(samples, None)
+    problem = Problem.of(samples, None, options.engine)
+    work = _Work(problem, options, None, frozenset(), tuple(all_effects().values()),
+                 lambda word, share: None)
+    shared = work.start_of(earlier.geometry)
+    terms = work.same_terms(shared, earlier.regression.terms)
+    keys = frozenset(term.key for term in terms)
+    return replace(earlier, regression=regress(problem, shared, (), terms, keys))
+
+
 @dataclass(frozen=True, eq=False)
 class _Work:
     """Data that all ways to an estimate share."""
@@ -190,8 +206,7 @@ class _Work:
         if geometry is None:
             return self.regress(self._start()), ''
         samples = self.problem.samples.select(self.problem.rows.samples)
-        mounted = with_estimated_vertical(geometry, samples)
-        known = self.regress(KnownAxes.of(mounted, mounted is geometry))
+        known = self.regress(self._known(geometry))
         if is_white(known, self.options.white):
             return known, ''
         free = self.regress(self._start())
@@ -202,6 +217,16 @@ class _Work:
             f'the description is not used: with its axes the residual torque of '
             f'{samples.names[worst]} is {known.noise[worst]:.2g} N·m, with free axes '
             f'{free.noise[worst]:.2g} N·m. Check that it is of this arm')
+
+    def start_of(self, geometry: Geometry | None) -> Shared:
+        """Return the start on the axes of a description, or without one."""
+        return self._start() if geometry is None else self._known(geometry)
+
+    def _known(self, geometry: Geometry) -> KnownAxes:
+        """Return described axes, with an estimated vertical if it is not the described one."""
+        samples = self.problem.samples.select(self.problem.rows.samples)
+        mounted = with_estimated_vertical(geometry, samples)
+        return KnownAxes.of(mounted, mounted is geometry)
 
     def _start(self) -> UnknownLengths:
         return UnknownLengths.of(self.old.chain) if self.old and self.old.chain is not None \
@@ -266,6 +291,11 @@ class _Work:
                 count = max(len(effect.settings(factory.motion, joint or 0)), 1)
                 terms.append(factory.term(effect, joint, one.setting, count))
         return tuple(terms)
+
+    def same_terms(self, shared: Shared, terms: Iterable[Term]) -> tuple[Term, ...]:
+        """Return terms with their columns on these samples."""
+        factory = self._factory(shared)
+        return tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects at the settings with the largest gains."""
