@@ -247,7 +247,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
 def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     # With 20 s the chain is uncertain away from its poses.
     path, place = tmp_path / 'short.mcap', tmp_path / 'state'
-    write_bag(path, [joint_states(two_links(3, 400))])
+    write_bag(path, [joint_states(two_links(5, 400))])
     session = worked(session_of(path, place=place), until='Diagnose')
     uncertainty, = (text for text in session.stage.warnings
                     if 'away from the trained poses' in text)
