@@ -163,6 +163,14 @@ class KnownAxes(Shared):
                        is_exact=is_exact)
 
 
+    def at_near_angles(self) -> KnownAxes:
+        """Return the same with all angles as described, but those of an estimated vertical."""
+        is_exact = self.is_exact | (np.arange(self.n_angles) >= (0 if self.is_mounted else 2))
+        turned = np.where(is_exact, 0.0, self.turned)
+        return replace(self, geometry=_turned(self.described, turned), turned=turned,
+                       is_exact=is_exact)
+
+
 def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:
     """Return a geometry after two tilts of the base and N changes of zero angles."""
     zero = angles[2:]

@@ -77,7 +77,7 @@ class Shared(ABC):
         return self
 
     def at_near_angles(self) -> Shared:
-        """Return the same at the exact angles that are near, the same object without any."""
+        """Return the same at the exact angles that are near."""
         return self
 
     def torque(self, state: State) -> FloatArray:
