@@ -34,8 +34,8 @@ class KnownPriors:
     `parameter` and `inertia` as multiples of the largest torque over the column's RMS at speeds
     and accelerations of 1; `tilt` in rad of the base and `zero` in rad of a zero angle: a base is
     levelled and encoders are set to within half a degree. `vertical` in rad is that of the tilts
-    of a vertical that was estimated (`models.kinematic.vertical`); `exact` in rad that of an angle
-    as described.
+    of a vertical that was estimated (`models.kinematic.vertical`); `exact` in rad is the rounding
+    of an angle in a description, and `fixed` the standard deviation of one that is as described.
     """
 
     parameter: float = 3.0
@@ -44,6 +44,7 @@ class KnownPriors:
     vertical: float = 0.1
     zero: float = 0.01
     exact: float = 1e-4
+    fixed: float = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ class KnownAxes(Shared):
     def prior_std(self, scale: Scale) -> FloatArray:
         basis, p = self.basis, self.priors
         size = np.where(basis.is_static, p.parameter, p.inertia) * scale.largest / basis.size
-        return np.concatenate([np.where(self.is_exact, p.exact, self._angle_std), size])
+        return np.concatenate([np.where(self.is_exact, p.fixed, self._angle_std), size])
 
     @property
     def _angle_std(self) -> FloatArray:
