@@ -163,7 +163,6 @@ class KnownAxes(Shared):
         return replace(self, geometry=_turned(self.described, turned), turned=turned,
                        is_exact=is_exact)
 
-
     def at_near_angles(self) -> KnownAxes:
         """Return the same with all angles as described, but those of an estimated vertical."""
         is_exact = self.is_exact | (np.arange(self.n_angles) >= (0 if self.is_mounted else 2))
