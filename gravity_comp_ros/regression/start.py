@@ -56,7 +56,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     best = min(fits, key=_log_noise).shared
     assert isinstance(best, UnknownLengths)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
-    both = [with_common_terms(few, UnknownLengths.of(chain), effects)
+    both = [with_common_terms(problem, UnknownLengths.of(chain), effects)
             for chain in (best.chain, best.chain.with_first_reversed())]
     best = min(both, key=_log_noise).shared
     assert isinstance(best, UnknownLengths)

@@ -1,6 +1,7 @@
 """The workbench in a browser: names with markup, narrow pages, and uploads."""
 
 import base64
+from contextlib import suppress
 import re
 import time
 
@@ -25,6 +26,7 @@ WIDE = """() => {
 
 
 def test_a_narrow_dark_page_fits_long_names_and_escapes_them(folder, watched):
+    from playwright.sync_api import TimeoutError as Late
     with served(folder, EVIL_BAG) as (address, _), \
             watched(home(address), color_scheme='dark') as tab:
         page = tab.page
@@ -39,8 +41,9 @@ def test_a_narrow_dark_page_fits_long_names_and_escapes_them(folder, watched):
         while not page.locator('.fall').count():
             assert time.monotonic() < end
             # A click while the renamed stage is drawn again is lost.
-            if page.locator('#idle').count() and add.is_visible():
-                add.click()
+            if page.locator('#idle').count() and add.is_visible() and add.is_enabled():
+                with suppress(Late):
+                    add.click(timeout=2000)
             page.wait_for_timeout(500)
         page.locator('#idle').wait_for()
         for name in VIEWS:
