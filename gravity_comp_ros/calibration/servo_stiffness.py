@@ -16,8 +16,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -41,8 +42,7 @@ class StiffnessOptions:
     min_samples: int = 50
 
     def __post_init__(self) -> None:
-        if not min(vars(self).values()) > 0.0:
-            raise OptionError('stiffness: every number must be positive')
+        check_positive(self, 'stiffness')
 
 
 @dataclass(frozen=True, eq=False)

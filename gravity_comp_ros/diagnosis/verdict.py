@@ -120,7 +120,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, val
         return Verdict.LIKELY, (f'the effective sample size is {size:.0f}; '
                                 f'{options.min_effective:.0f} is required')
     if gain < options.established:
-        return Verdict.LIKELY, _little_evidence(gain, options.established)
+        return Verdict.LIKELY, _little_evidence(gain, options)
     return Verdict.ESTABLISHED, ''
 
 
@@ -151,8 +151,7 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     established = gain >= evidence.options.established
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
                    _sizes(sizes), held_out.before, held_out.after, 0.0, held_out.runs_better,
-                   '' if established else _little_evidence(
-                       gain, evidence.options.established), '', gain,
+                   '' if established else _little_evidence(gain, evidence.options), '', gain,
                    p_of(gain))
 
 
@@ -174,8 +173,8 @@ def _gain_of_dynamics(regression: Regression) -> float:
     return evidences[0] - evidences[1]
 
 
-def _little_evidence(gain: float, required: float) -> str:
-    return f'its evidence is {gain:.1f} nats; {required:.0f} are required'
+def _little_evidence(gain: float, options: DiagnosisOptions) -> str:
+    return f'its evidence is {gain:.1f} nats; {options.established:.0f} are required'
 
 
 def p_of(gain: float) -> float:

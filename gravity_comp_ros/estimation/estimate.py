@@ -24,7 +24,6 @@ from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
-from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.gains import gain_of
@@ -205,7 +204,6 @@ class _Work:
         geometry = self.options.geometry
         if geometry is None:
             return self.regress(self._start()), ''
-        samples = self.problem.samples.select(self.problem.rows.samples)
         known = self.regress(self._known(geometry))
         if is_white(known, self.options.white):
             return known, ''
@@ -215,7 +213,7 @@ class _Work:
             return known, ''
         return free, (
             f'the description is not used: with its axes the residual torque of '
-            f'{samples.names[worst]} is {known.noise[worst]:.2g} N·m, with free axes '
+            f'{self.problem.samples.names[worst]} is {known.noise[worst]:.2g} N·m, with free axes '
             f'{free.noise[worst]:.2g} N·m. Check that it is of this arm')
 
     def start_of(self, geometry: Geometry | None) -> Shared:
@@ -272,15 +270,9 @@ class _Work:
         return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
                        self.forced)
 
-    def _factory(self, shared: Shared) -> TermFactory:
-        motion = self.problem.motion.with_gravity(
-            shared.gravity(self.problem.samples.q), shared.gradient,
-            getattr(shared, 'chain', None), getattr(shared, 'geometry', None))
-        return TermFactory(motion, self.problem.rows, self.problem.scale, self.problem.terms)
-
     def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect]) -> tuple[Term, ...]:
         """Return terms of the effects of a model that are tested and testable here."""
-        factory, names, terms = self._factory(shared), self.problem.samples.names, []
+        factory, names, terms = self.problem.factory(shared), self.problem.samples.names, []
         tested = {effect.name: effect for effect in self.effects}
         for one in applied:
             effect = tested.get(one.name)
@@ -294,12 +286,12 @@ class _Work:
 
     def same_terms(self, shared: Shared, terms: Iterable[Term]) -> tuple[Term, ...]:
         """Return terms with their columns on these samples."""
-        factory = self._factory(shared)
+        factory = self.problem.factory(shared)
         return tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects at the settings with the largest gains."""
-        factory, terms, known = self._factory(first.shared), [], all_effects()
+        factory, terms, known = self.problem.factory(first.shared), [], all_effects()
         for name, joint in sorted(keys, key=str):
             effect = known[name]
             if not effect.is_shared:

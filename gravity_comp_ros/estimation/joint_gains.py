@@ -14,10 +14,10 @@ minimised, which does not depend on the units, from several gains at the start.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -75,10 +75,7 @@ class GainOptions:
     starts: int = 4
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'gains: {field.name} is {value}; it must be positive')
+        check_positive(self, 'gains')
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,13 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Needs
 from gravity_comp_ros.effects.live import LiveEffects
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import FRICTION, residual_noise, size
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -61,9 +62,7 @@ class ExternalTorqueOptions:
     std_period: float = 0.1
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 < value < np.inf:
-                raise OptionError(f'external torque: {name} is {value}; it must be positive')
+        check_positive(self, 'external torque')
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.data.option_checks import check_positive
 import numpy as np
 
 
@@ -79,7 +79,4 @@ class FactOptions:
     min_wide_joints: float = 3
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'facts: {each.name} is {value}; it must be positive')
+        check_positive(self, 'facts')

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
@@ -72,9 +72,7 @@ class AcceptanceOptions:
     min_end: float = 0.3
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0.0 < value < np.inf:
-                raise OptionError(f'acceptance: {name} is {value}; it must be positive')
+        check_positive(self, 'acceptance')
 
 
 OPTIONS = AcceptanceOptions()

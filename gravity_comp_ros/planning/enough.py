@@ -14,11 +14,12 @@ Joints whose angle is a linear function of the other angles are named for themse
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -69,10 +70,7 @@ class EnoughOptions:
     min_share: float = 0.05
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'motion: {field.name} is {value}; it must be positive')
+        check_positive(self, 'motion')
 
 
 @dataclass(frozen=True)

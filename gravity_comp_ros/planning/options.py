@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -61,10 +61,8 @@ class PlanOptions:
         return self.low is not None
 
     def __post_init__(self) -> None:
-        for name in ('duration', 'max_speed', 'max_acceleration', 'max_jerk', 'rate'):
-            value = getattr(self, name)
-            if not isfinite(value) or value <= 0.0:
-                raise OptionError(f'plan: {name} is {value}; it must be positive')
+        check_positive(self, 'plan', 'duration', 'max_speed', 'max_acceleration', 'max_jerk',
+                       'rate')
         if not self.reach > 0.0:
             raise OptionError(f'plan: reach is {self.reach}; it must be positive')
         if (self.low is None) != (self.high is None):

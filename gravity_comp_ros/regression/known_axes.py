@@ -158,14 +158,15 @@ class KnownAxes(Shared):
         gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
         if not self.is_mounted:
             gain[:2] = -np.inf
-        is_exact = self.is_exact | (gain > 0.0)
-        turned = np.where(is_exact, 0.0, self.turned)
-        return replace(self, geometry=_turned(self.described, turned), turned=turned,
-                       is_exact=is_exact)
+        return self._with_exact(self.is_exact | (gain > 0.0))
 
     def at_near_angles(self) -> KnownAxes:
         """Return the same with all angles as described, but those of an estimated vertical."""
-        is_exact = self.is_exact | (np.arange(self.n_angles) >= (0 if self.is_mounted else 2))
+        return self._with_exact(
+            self.is_exact | (np.arange(self.n_angles) >= (0 if self.is_mounted else 2)))
+
+    def _with_exact(self, is_exact: BoolArray) -> KnownAxes:
+        """Return the same with some angles (2 + N,) as described."""
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,
                        is_exact=is_exact)

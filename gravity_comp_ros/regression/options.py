@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from gravity_comp_ros.errors import OptionError
-import numpy as np
+from gravity_comp_ros.data.option_checks import check_positive
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,4 @@ class EngineOptions:
     halvings: int = 8
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'engine: {field.name} is {value}; it must be positive')
+        check_positive(self, 'engine')

@@ -53,12 +53,15 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
         clean += rough.clean
         if clean == _CLEAN:
             break
-    best = min(fits, key=_log_noise).shared
-    assert isinstance(best, UnknownLengths)
+    chain = _best_of(fits).chain
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
-    both = [with_common_terms(problem, UnknownLengths.of(chain), effects)
-            for chain in (best.chain, best.chain.with_first_reversed())]
-    best = min(both, key=_log_noise).shared
+    return _best_of([with_common_terms(problem, UnknownLengths.of(each), effects)
+                     for each in (chain, chain.with_first_reversed())])
+
+
+def _best_of(fits: Sequence[Linear]) -> UnknownLengths:
+    """Return the axes of the fit with the smallest noise."""
+    best = min(fits, key=_log_noise).shared
     assert isinstance(best, UnknownLengths)
     return best
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -54,10 +55,7 @@ class MultisineOptions:
     ramp: float = 5.0
 
     def __post_init__(self) -> None:
-        for field in ('max_speed', 'period', 'band', 'n_sines', 'ramp'):
-            value = getattr(self, field)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'multisine: {field} is {value}; it must be positive')
+        check_positive(self, 'multisine', 'max_speed', 'period', 'band', 'n_sines', 'ramp')
         if self.band * self.period < 1:
             raise OptionError(
                 f'multisine: no harmonic of {1 / self.period:.3g} Hz within {self.band:.3g} Hz; '

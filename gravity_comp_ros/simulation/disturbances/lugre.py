@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -48,10 +49,7 @@ class LuGre:
             value = getattr(self, field)
             if not np.isfinite(value) or value < 0:
                 raise OptionError(f'friction: {field} is {value}; it must be 0 or more')
-        for field in ('stribeck_speed', 'presliding'):
-            value = getattr(self, field)
-            if not np.isfinite(value) or value <= 0:
-                raise OptionError(f'friction: {field} is {value}; it must be positive')
+        check_positive(self, 'friction', 'stribeck_speed', 'presliding')
         if 0 < self.static < self.coulomb:
             raise OptionError(f'friction: breakaway at {self.static} N·m is below sliding at '
                               f'{self.coulomb} N·m')
