@@ -11,7 +11,7 @@ import time
 
 from gravity_comp_ros.api import results
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import known_arm, learn_gravity, LearnOptions
+from gravity_comp_ros.api.learn import known_arm, KnownArm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.data_check import check_data, DataCheck
@@ -56,7 +56,9 @@ def run(args: argparse.Namespace) -> int:
         recording = reading.load(args, report, is_gated=False)
         if model is not None:
             recording = refitting.without_held_out(model, recording)
-        base, recording = (model, recording) if model else _fitted(args, recording, report)
+        arm = known_arm(recording, _options(args))
+        facts = reading.arm_facts(recording, arm, args.accept, model)
+        base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
@@ -69,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
         _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
 
     def show() -> None:
+        # Faults of the recording precede its findings.
+        terminal.warn(*(fact.sentence for fact in facts))
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
         if recording.use is not None:
@@ -81,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
 
     document = {
         **results.Diagnosis(diagnosis).to_json(), 'model': args.model.name if args.model else None,
-        'data': check.to_json(), 'bags': [r.to_json() for r in reports],
+        'data': check.to_json(), 'facts': [fact.to_json() for fact in facts],
+        'bags': [r.to_json() for r in reports],
         'plan': None if planned is None else [each.to_json() for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
     terminal.answer(args, document, show, *(
@@ -89,19 +94,21 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.ProgressCallback
-            ) -> tuple[GravityModel | None, Recording]:
+def _options(args: argparse.Namespace) -> LearnOptions:
+    return LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
+
+
+def _fitted(args: argparse.Namespace, recording: Recording, arm: KnownArm,
+            report: terminal.ProgressCallback) -> tuple[GravityModel | None, Recording]:
     """
     Return a model of gravity and the recording with its joints in order.
 
     The diagnosis fits its own gravity; a model only provides the joint axes, the joint order and
     the predictions of a report. The model is None where none of them is required.
     """
-    options = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
-    arm = known_arm(recording, options)
     if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
         return None, arm.of(recording)
-    return learn_gravity(recording, options, report, arm), recording
+    return learn_gravity(recording, _options(args), report, arm), recording
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,

@@ -13,10 +13,12 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.display import percent, shortened
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import fitted_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
@@ -30,6 +32,9 @@ def run(args: argparse.Namespace) -> int:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
+        facts = reading.arm_facts(whole, arm, args.accept)
+        for fact in refused(facts):
+            raise DataError(fact.sentence)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
@@ -40,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     held_out = compare_model(model, held) if held else None
     if args.output:
         save_model(args.output, model)
-    facts, warnings = reading.arm_facts(whole, arm), refitting.warnings(refit) if refit else []
+    warnings = refitting.warnings(refit) if refit else []
     document = {
         'model': str(args.output) if args.output else None, **result.to_json(),
         'seconds': seconds, 'holdout': model.provenance['holdout'],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from gravity_comp_ros.api.learn import KnownArm
 from gravity_comp_ros.api.read import read_recording
@@ -16,9 +16,11 @@ from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import DataError, Hint
+from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.joint_gains import joint_gains
+from gravity_comp_ros.estimation.moved_base import moved_base
 from gravity_comp_ros.facts.axes import axis_facts
-from gravity_comp_ros.facts.fact import Fact
+from gravity_comp_ros.facts.fact import as_noted, Fact
 from gravity_comp_ros.facts.order import order_facts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
@@ -39,31 +41,43 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
 
 
-def arm_facts(recording: Recording, arm: KnownArm) -> list[Fact]:
+def arm_facts(recording: Recording, arm: KnownArm, accept: Collection[str] = (),
+              model: GravityModel | None = None) -> list[Fact]:
     """
     Return the facts on the joints against each other.
 
-    They are on the order of the names, the axes of the description and the gains of the efforts.
+    They are on the order of the names, the axes of the description, the gains of the efforts and
+    the vertical.
+
+    :param accept: names of kinds that are noted, whatever is done about them otherwise.
+    :param model: see `torque_facts`.
     """
     samples, geometry = arm.of(recording).samples, arm.axes.geometry
     if geometry is not None:
-        return axis_facts(samples, geometry.rotations) or gain_facts(samples, geometry.rotations)
-    by_name = arm.order.source in (NUMBERS, WORDS)
-    order = order_facts(samples, arm.order.joints) if by_name else []
-    return order or gain_facts(samples)
+        facts = axis_facts(samples, geometry.rotations) \
+            or torque_facts(samples, geometry.rotations, model)
+    else:
+        by_name = arm.order.source in (NUMBERS, WORDS)
+        facts = order_facts(samples, arm.order.joints) if by_name else []
+        facts = facts or torque_facts(samples, model=model)
+    return [as_noted(fact) if fact.kind.value in accept else fact for fact in facts]
 
 
-def gain_facts(samples: JointSamples, rotations: FloatArray | None = None,
-               model: GravityModel | None = None) -> list[Fact]:
+def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
+                 model: GravityModel | None = None) -> list[Fact]:
     """
-    Return the fact that gains of efforts disagree.
+    Return the fact that gains of efforts disagree, or that the vertical changes.
 
     :param model: of the arm before; the gains are relative to a joint that agrees with it.
     """
-    gains = joint_gains(samples, rotations)
-    if gains is None:
+    if not moves_enough(samples):
         return []
-    return (gains if model is None else gains.relative_to(model, samples)).facts()
+    fit = ArmFit(samples, rotations)
+    gains = joint_gains(fit)
+    if gains.facts():
+        return (gains if model is None else gains.relative_to(model, samples)).facts()
+    base = moved_base(fit)
+    return [] if base is None else base.facts()
 
 
 def lines(recording: Recording) -> list[str]:

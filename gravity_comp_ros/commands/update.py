@@ -16,7 +16,6 @@ from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.export.payload_lines import in_frame, Payload, payload_of
-from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
@@ -54,7 +53,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
         arm = None if args.flange is None else _arm(args, model)
-        _check_gains(args, model, recording)
+        _check_torques(args, model, recording)
         result, axes = update_on_axes(model, recording, axes)
         estimate = result.report.payload
         flange = in_frame(payload_of(result.model), arm, args.flange) \
@@ -73,18 +72,16 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     return 0
 
 
-def _check_gains(args: argparse.Namespace, model: GravityModel, recording: Recording) -> None:
+def _check_torques(args: argparse.Namespace, model: GravityModel, recording: Recording) -> None:
     """
-    Check that no gain of an effort has changed, which no payload does.
+    Check that neither a gain of an effort nor the vertical has changed, which no payload does.
 
     :raises DataError: if one has, and the reader does not accept it.
     """
-    if Kind.EFFORT_GAIN.value in args.accept:
-        return
-    facts = reading.gain_facts(recording.samples.joints(model.joints), model=model)
-    if facts:
-        raise DataError(f'{facts[0].sentence}. A payload changes no gain; --accept '
-                        f'{Kind.EFFORT_GAIN.value} updates the model all the same')
+    for fact in reading.torque_facts(recording.samples.joints(model.joints), model=model):
+        if fact.kind.value not in args.accept:
+            raise DataError(f'{fact.sentence}. A payload changes no gain and no vertical; '
+                            f'--accept {fact.kind.value} updates the model all the same')
 
 
 def _arm(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

@@ -32,6 +32,7 @@ class Kind(Enum):
     ORDER = 'joint_order'
     AXES = 'described_axes'
     COMPENSATED = 'compensated_gravity'
+    MOVED_BASE = 'moved_base'
     MOTION = 'motion'
 
 

@@ -103,6 +103,6 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     rows = slow[np.unique(np.linspace(0, len(slow) - 1, count).astype(int))]
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
     columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd])
-    poses = JointSamples.single_run(samples.names, np.arange(len(rows), dtype=np.float64), q, qd,
-                                    problem.y[rows])
+    poses = JointSamples(samples.names, problem.rows.t[rows], q, qd, problem.y[rows],
+                         problem.rows.run[rows], samples.run_labels)
     return poses, Nuisance(columns.transpose(2, 0, 1), np.array(_SPREAD))

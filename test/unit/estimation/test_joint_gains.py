@@ -1,17 +1,22 @@
-"""Gains of efforts that contradict one arm: found with their ratios, and not found falsely."""
+"""Gains and a base that contradict one arm: found with their sizes, and not found falsely."""
+
+from dataclasses import replace
 
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.joint_gains import GainOptions, joint_gains
-from gravity_comp_ros.facts.fact import Kind
+from gravity_comp_ros.estimation.moved_base import moved_base, MovedBaseOptions
+from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.simulation.arms import gravity_torque
+from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_base_tilt, with_payload
 import numpy as np
 import pytest
 
 ARM = parallel_axis_arm()
+HEAVY = with_payload(ARM, Payload(4.0, (0.05, 0.0, 0.1)))
 PERIODS = np.array([61.0, 43.0, 29.0, 37.0, 53.0, 47.0, 31.0])
 FRICTION = np.array([2.0, 3.0, 2.0, 1.0, 0.8, 0.5, 0.5])
 
@@ -32,7 +37,7 @@ def recorded(gains=1.0, more=None, arm=ARM, seed=0, noise=0.05, moment=0.0):
 
 
 def only(samples):
-    (fact,) = joint_gains(samples).facts()
+    (fact,) = joint_gains(ArmFit(samples)).facts()
     assert fact.kind is Kind.EFFORT_GAIN
     return fact
 
@@ -52,7 +57,7 @@ def test_a_unit_of_one_joint(factor):
 def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
     rated = np.array([300.0, 300.0, 150.0, 50.0, 50.0, 50.0])
     samples = recorded(1000.0 / rated)
-    gains = joint_gains(samples)
+    gains = joint_gains(ArmFit(samples))
     true = np.log(rated[gains.reference] / rated)
     known = gains.std < 0.1
     assert known.sum() >= 3
@@ -68,8 +73,7 @@ def test_coarse_counts_of_some_joints():
     gains = np.array([1.0, 1.0, 1.0, 80.0, 80.0, 80.0])
     samples = recorded(gains)
     tau = np.where(gains > 1, np.round(samples.tau), samples.tau)
-    gains = joint_gains(JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,
-                                                tau))
+    gains = joint_gains(ArmFit(replace(samples, tau=tau)))
     ratio = np.exp(gains.log - gains.log[3])
     assert ratio[1] == pytest.approx(1 / 80, rel=0.2)
     assert gains.facts()
@@ -80,25 +84,75 @@ def test_coarse_counts_of_some_joints():
     ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
     ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2.0),
     ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
+    ('body from 50 s on', lambda q, qd, t: (t > 50)[:, None] * (gravity_torque(
+        HEAVY, q) - gravity_torque(ARM, q))),
     ('contact', lambda q, qd, t: 20.0 * ((t > 50) & (t < 53))[:, None] + 0 * q),
 ])
-def test_other_effects_are_no_gains(name, more):
-    assert joint_gains(recorded(more=more)).facts() == []
+def test_other_effects_are_neither(name, more):
+    assert_neither(ArmFit(recorded(more=more)))
+
+
+def assert_neither(fit):
+    base = moved_base(fit)
+    assert joint_gains(fit).facts() == [] and (base is None or base.facts() == [])
 
 
 @pytest.mark.parametrize('seed', range(2))
 def test_a_random_arm_has_no_fact(seed):
-    assert joint_gains(recorded(arm=serial_arm(6, seed), seed=seed)).facts() == []
+    assert_neither(ArmFit(recorded(arm=serial_arm(6, seed), seed=seed)))
+
+
+def turned(pitch, begin, seconds, q, t):
+    """Return the change of gravity by a base that turns by `pitch` rad, in ten steps."""
+    gravity = gravity_torque(ARM, q)
+    change, share = np.zeros_like(q), np.clip((t - begin) / seconds, 0.0, 1.0)
+    for step in np.linspace(0.1, 1.0, 10):
+        rows = np.abs(share - step) <= 0.05 + 1e-9
+        change[rows] = gravity_torque(with_base_tilt(ARM, 0.3 * step * pitch, step * pitch),
+                                      q[rows]) - gravity[rows]
+    return change
+
+
+@pytest.mark.parametrize('pitch, begin, seconds', [
+    (0.12, 50.0, 0.1), (-0.4, 20.0, 15.0)])
+def test_a_base_that_turns(pitch, begin, seconds):
+    fit = ArmFit(recorded(more=lambda q, qd, t: turned(pitch, begin, seconds, q, t)))
+    (fact,) = moved_base(fit).facts()
+    assert (fact.kind, fact.action) == (Kind.MOVED_BASE, Action.REFUSED)
+    (turn,) = moved_base(fit).turns
+    assert turn.angle == pytest.approx(abs(pitch) * np.hypot(1.0, 0.3), rel=0.1)
+    assert (turn.begin, turn.end) == pytest.approx((begin, begin + seconds), abs=2.0)
+    assert f'by {np.degrees(turn.angle):.0f}° from' in fact.evidence
+
+
+def test_a_base_that_turns_and_returns():
+    fit = ArmFit(recorded(more=lambda q, qd, t: turned(0.2, 40.0, 3.0, q, t)
+                          - turned(0.2, 80.0, 3.0, q, t)))
+    (fact,) = moved_base(fit).facts()
+    assert 'from 40 s to 43 s and by 12° from 80 s to 83 s' in fact.evidence
+
+
+def test_a_base_that_turned_is_refused(tmp_path, capsys):
+    samples = recorded(more=lambda q, qd, t: turned(0.3, 60.0, 4.0, q, t))
+    path = str(tmp_path / 'mobile.mcap')
+    write_bag(path, [JointTopic('/joint_states', samples.names, samples.t, samples.q, samples.qd,
+                                samples.tau)])
+    assert main(['fit', path]) == 1
+    assert 'the vertical changes by 18° from 60 s to 64 s' in capsys.readouterr().err
+    assert main(['info', path, '--accept', 'moved_base']) == 0
+    assert 'refused' not in capsys.readouterr().out
 
 
 def test_too_little_motion_has_no_result():
     samples = recorded()
-    assert joint_gains(samples.select(np.arange(60))) is None
+    assert not moves_enough(samples.select(np.arange(60)))
     still = JointSamples.single_run(samples.names, samples.t, 0 * samples.q, 0 * samples.q,
                                     samples.tau)
-    assert joint_gains(still) is None
+    assert not moves_enough(still)
     with pytest.raises(OptionError):
         GainOptions(min_ratio=-1.0)
+    with pytest.raises(OptionError):
+        MovedBaseOptions(min_turn=0.0)
 
 
 def test_an_update_with_another_unit_is_refused(tmp_path, capsys):
