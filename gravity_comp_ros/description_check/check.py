@@ -14,7 +14,7 @@ from gravity_comp_ros.description_check.search import (
     CheckOptions, corrected, Evidence, FaultFit, search)
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 import numpy as np
 
 _MIN_SAMPLES = 50
@@ -92,10 +92,10 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, paramete
     q, qd = samples.q, samples.qd
     qdd = accelerations(samples)
     turned = replace(geometry, rotations=arm.rotations, origins=arm.origins)
-    columns = regressor(turned, arm.angles(q), arm.signs * qd[:, arm.order],
-                        arm.signs * qdd[:, arm.order])
-    dynamic = arm.recorded(columns @ np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
-    tau = samples.tau - dynamic
+    torque = inverse_dynamics(turned, arm.angles(q), arm.signs * qd[:, arm.order],
+                              arm.signs * qdd[:, arm.order],
+                              np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
+    tau = samples.tau - arm.recorded(torque)
     interval = np.median(np.diff(samples.t)) if samples.n_samples > 1 else options.correlation
     per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
     return Evidence(q, qd, tau, noise, per_error, arm, options)

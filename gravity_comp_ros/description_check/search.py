@@ -23,7 +23,7 @@ from gravity_comp_ros.errors import OptionError
 import numpy as np
 
 _STEPS = 12
-_STEP = 1e-4
+_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -95,14 +95,14 @@ class Evidence:
                         + (options.friction_discrepancy * np.array(friction)) ** 2)
         smallest = options.resolution * np.ptp(tau, axis=0).max() + 1e-12
         self.weight = 1.0 / (np.maximum(sigma, smallest) * np.sqrt(samples_per_error))
-        self._bases = [_basis(part) for part in columns]
+        self._bases = np.stack([_basis(part) for part in columns])
         self.target = self.weighted(tau)
 
     def weighted(self, torque: FloatArray) -> FloatArray:
         """Return a torque without offset and friction, in standard deviations, flat."""
-        rest = np.stack([column - basis @ (basis.T @ column)
-                         for basis, column in zip(self._bases, torque.T)], axis=1)
-        return np.asarray((rest * self.weight).ravel())
+        by_joint = torque.T[:, :, None]
+        rest = by_joint - self._bases @ (self._bases.transpose(0, 2, 1) @ by_joint)
+        return np.asarray((rest[:, :, 0].T * self.weight).ravel())
 
     def residual(self, arm: ArmState) -> FloatArray:
         """Return the residual of an arm in standard deviations, (M N,)."""
@@ -121,7 +121,7 @@ class Evidence:
         cost = _cost(residual, (p - prior) / scale)
         hessian = np.eye(len(p))
         for _ in range(_STEPS if len(p) else 0):
-            jacobian = self._jacobian(arm, faults, p, scale)
+            jacobian = self._jacobian(arm, faults, p, scale, residual)
             hessian = jacobian.T @ jacobian + np.eye(len(p))
             gradient = jacobian.T @ residual - (p - prior) / scale
             while damping < 1e6:
@@ -142,14 +142,11 @@ class Evidence:
         return p, covariance, -cost - 0.5 * float(np.linalg.slogdet(hessian)[1])
 
     def _jacobian(self, arm: ArmState, faults: Sequence[Fault], p: FloatArray,
-                  scale: FloatArray) -> FloatArray:
+                  scale: FloatArray, residual: FloatArray) -> FloatArray:
         """Return d torque / d parameters, in standard deviations of both."""
-        columns = []
-        for k, size in enumerate(scale):
-            step = _STEP * size * (np.arange(len(p)) == k)
-            columns.append((self.residual(changed(arm, faults, p - step))
-                            - self.residual(changed(arm, faults, p + step))) / (2.0 * _STEP))
-        return np.column_stack(columns)
+        return np.column_stack([
+            (residual - self.residual(changed(arm, faults, p + step))) / _STEP
+            for step in _STEP * np.diag(scale)])
 
 
 def changed(arm: ArmState, faults: Sequence[Fault], parameters: FloatArray) -> ArmState:
@@ -225,9 +222,9 @@ def _together(evidence: Evidence, arm: ArmState, fits: Sequence[FaultFit]) -> li
 
 
 def _basis(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of columns, some of which may be 0."""
+    """Return an orthonormal basis of columns, some of which may be 0, and are in the basis."""
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(basis[:, size > 1e-9 * size[0]])
+    return np.asarray(basis * (size > 1e-9 * size[0]))
 
 
 def corrected(arm: ArmState, fits: Sequence[FaultFit]) -> ArmState:

@@ -12,11 +12,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
-from gravity_comp_ros.models.kinematic.rigid_body import regressor
-import numpy as np
-
-# Maximum number of rows of one regressor.
-_MAX_ROWS = 4096
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 
 
 def motion_torque(samples: JointSamples, geometry: Geometry, moments: FloatArray,
@@ -29,7 +25,4 @@ def motion_torque(samples: JointSamples, geometry: Geometry, moments: FloatArray
     :param qdd: accelerations (M, N), rad/s^2.
     """
     parameters = nominal_parameters(geometry, moments)
-    torque = [regressor(geometry, samples.q[rows], samples.qd[rows], qdd[rows]) @ parameters
-              for start in range(0, len(samples), _MAX_ROWS)
-              for rows in [slice(start, start + _MAX_ROWS)]]
-    return np.concatenate(torque)
+    return inverse_dynamics(geometry, samples.q, samples.qd, qdd, parameters)

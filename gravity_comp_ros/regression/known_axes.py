@@ -13,10 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import Basis, basis_of, described_columns
+from gravity_comp_ros.models.kinematic.arm_columns import (
+    Basis, basis_of, described_columns, kept_parameters)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
@@ -142,8 +145,10 @@ class KnownAxes(Shared):
         return result
 
     def torque(self, state: State) -> FloatArray:
-        return np.asarray(described_columns(self.geometry, state.q, state.qd, state.qdd)
-                          @ self.values)
+        parameters = np.zeros(10 * self.geometry.n_joints)
+        parameters[kept_parameters(self.geometry)] = self.values
+        return inverse_dynamics(self.geometry, state.q, state.qd, state.qdd, parameters,
+                                STANDARD_GRAVITY)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)

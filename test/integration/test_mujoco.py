@@ -77,6 +77,7 @@ def test_a_search_that_ends_at_a_wrong_minimum_is_repeated(seed):
     assert error(model, MujocoArm(BUILD), box_poses(bare)) < 0.15
 
 
+@pytest.mark.campaign
 def test_a_load_corrects_axes_that_the_fit_has_wrong():
     # The last two axes carry next to nothing, so that the first fit has them in a wrong direction.
     seed, build = 12, 'six'

@@ -18,7 +18,7 @@ import pytest
 def folder(tmp_path_factory):
     """Return a folder with recordings whose joints are not in the order of the arm."""
     folder = tmp_path_factory.mktemp('same')
-    q, arm = motions.eq17(duration=40.0).q, arms.iiwa7()
+    q, arm = motions.eq17(duration=20.0).q, arms.iiwa7()
     (folder / 'robots' / 'one').mkdir(parents=True)
     recording(folder / 'robots' / 'one' / 'run', IIWA, arm, q,
               order=lambda names: tuple(reversed(JOINTS)))

@@ -48,10 +48,29 @@ def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray
         columns[:, i, own] = moment[:, 2]
         for j in range(i, 0, -1):
             # From the coordinates and origin of frame j to those of frame j - 1.
-            force = links[j].rotation @ force
-            moment = links[j].rotation @ moment + skew(geometry.origins[j]) @ force
+            force, moment = links[j].before(force, moment, geometry.origins[j])
             columns[:, j - 1, own] = moment[:, 2]
     return columns
+
+
+def inverse_dynamics(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
+                     parameters: FloatArray, gravity: float = 0.0) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m of parameters (10 N,): `regressor` times these, but faster.
+
+    The other arguments are those of `regressor`.
+    """
+    m, n = q.shape
+    torque = np.zeros((m, n))
+    force = moment = np.zeros((m, 3, 1))
+    links = _links(geometry, q, qd, qdd, gravity)
+    for i in range(n - 1, -1, -1):
+        own = parameters[10 * i:10 * i + 10, None]
+        force, moment = (part + wrench @ own
+                         for part, wrench in zip((force, moment), links[i].wrench()))
+        torque[:, i] = moment[:, 2, 0]
+        force, moment = links[i].before(force, moment, geometry.origins[i])
+    return torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +93,12 @@ class _Link:
         moment[:, :, 4:] = _times(self.alpha) + spin @ _times(self.omega)
         return force, moment
 
+    def before(self, force: FloatArray, moment: FloatArray,
+               origin: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return forces and moments (M, 3, K) in coordinates and at the origin of link i-1."""
+        force = self.rotation @ force
+        return force, self.rotation @ moment + skew(origin) @ force
+
 
 def _links(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
            gravity: float) -> list[_Link]:
@@ -85,15 +110,21 @@ def _links(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
         rotation = geometry.rotations[i] @ about_z(q[:, i])
         back = rotation.transpose(0, 2, 1)
         origin = geometry.origins[i]
-        a = a + np.cross(alpha, origin) + np.cross(omega, np.cross(omega, origin))
+        a = a + _cross(alpha, origin) + _cross(omega, _cross(omega, origin))
         a, omega, alpha = ((back @ part[:, :, None])[:, :, 0] for part in (a, omega, alpha))
         joint_rate = np.zeros((m, 3))
         joint_rate[:, 2] = qd[:, i]
-        alpha = alpha + np.cross(omega, joint_rate)
+        alpha = alpha + _cross(omega, joint_rate)
         alpha[:, 2] += qdd[:, i]
         omega = omega + joint_rate
         links.append(_Link(rotation, omega, alpha, a))
     return links
+
+
+def _cross(v: FloatArray, w: FloatArray) -> FloatArray:
+    """Return v x w of v (M, 3) and w (3,) or (M, 3); `np.cross` takes several times as long."""
+    (a, b, c), (x, y, z) = v.T, w.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _times(v: FloatArray) -> FloatArray:

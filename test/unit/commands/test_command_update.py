@@ -175,16 +175,15 @@ def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
 
 
 def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
-    path = tmp_path / 'known.json'
-    result = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
-    assert result['report']['formulation'] == 'chain' and result['report']['known_axes']
-    assert load_model(path).provenance['options']['known_axes']
-    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
-    assert 'axes from the URDF' in capsys.readouterr().out
-    assert 'potential does not use a robot description' in refused(
-        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
+    path, report = tmp_path / 'known.json', tmp_path / 'report.json'
     # A recording may list the joints in any order; the model uses the order of the arm.
     names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
-    run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path, '--joints',
-             ','.join(names))
-    assert load_model(path).joints == tuple(sorted(names))
+    capsys.readouterr()
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path), '--joints',
+                 ','.join(names), '--json', str(report)]) == 0
+    assert 'axes from the URDF' in capsys.readouterr().out
+    result, model = json.loads(report.read_text()), load_model(path)
+    assert result['report']['formulation'] == 'chain' and result['report']['known_axes']
+    assert model.provenance['options']['known_axes'] and model.joints == tuple(sorted(names))
+    assert 'potential does not use a robot description' in refused(
+        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')

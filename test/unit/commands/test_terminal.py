@@ -36,11 +36,11 @@ def test_names_and_numbers_are_whole_on_a_screen_of_any_width(files, verb, monke
         return output
 
     wide = shown(1000)
-    for width in (60, 120):
-        assert sorted(NUMBER.findall(shown(width))) == sorted(NUMBER.findall(wide))
+    narrow, fitting = shown(60), shown(120)
+    for text in (narrow, fitting):
+        assert sorted(NUMBER.findall(text)) == sorted(NUMBER.findall(wide))
     # A table that fits is not wider than the screen.
-    assert max(cell_len(line.rstrip()) for line in shown(120).splitlines() if bag not in line
-               ) <= 120
+    assert max(cell_len(line.rstrip()) for line in fitting.splitlines() if bag not in line) <= 120
 
 
 def test_in_a_pipe_each_joint_has_one_row(files, capsys):

@@ -1,5 +1,7 @@
 """Diagnosis of a serial arm whose recordings hardly separate effects from gravity."""
 
+from functools import cache
+
 from bench.planning.scenes import Scene, wide_motion
 from bench.shared.campaign import campaign
 from gravity_comp_ros.data.gate import slow_samples
@@ -11,6 +13,7 @@ from gravity_comp_ros.estimation.fit import fit
 import pytest
 
 
+@cache
 def poor_model(scene):
     return fit(slow_samples(scene.recorded()).samples, FitOptions('chain')).model
 

@@ -66,7 +66,7 @@ def test_a_ripple_of_a_hundredth_of_the_friction_is_found_if_there_is_one(seed, 
         assert low <= ripple <= high
 
 
-@pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
+@pytest.mark.parametrize('arm', ['iiwa7', *campaign('six_axis')])
 def test_friction_at_one_speed_is_ambiguous_and_has_no_correction(arm):
     """At one speed viscous friction was an established hysteresis with an unresolved friction."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)

@@ -16,7 +16,7 @@ from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
-from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.friction import Friction
@@ -50,6 +50,7 @@ def test_the_regressor_agrees_with_newton_euler(seed, n):
     gravity = abs(float(arm.model.gravity.linear[2]))
     whole = regressor(geometry, q, qd, qdd, gravity) @ theta
     assert whole == pytest.approx(arms.inverse_dynamics(arm, q, qd, qdd), abs=1e-9)
+    assert inverse_dynamics(geometry, q, qd, qdd, theta, gravity) == pytest.approx(whole, abs=1e-9)
     motion = regressor(geometry, q, qd, qdd) @ theta
     assert motion == pytest.approx(of_motion(arm, q, qd, qdd), abs=1e-9)
 
