@@ -8,7 +8,8 @@ The effort of joint j is its torque divided by k_j, the N·m per unit:
 where Y are the columns of the gravity of a chain on known axes with moments b, P the torque per
 mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
 is the small dynamic torque by the inertias of the description, if it has any.
-Friction is an offset and Coulomb friction of each recording, and viscous friction. Torque sensors
+Friction is an offset and friction that depends on the direction of motion, of each recording, and
+viscous friction. Torque sensors
 may have another offset after a restart; without one, both recordings have the same. No mass of
 the arm is used: the weight gives the absolute scale, and the moments, which all joints share,
 their ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
@@ -26,7 +27,7 @@ from gravity_comp_ros.description.links import DescribedArm, frame_parameters, I
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
-from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 import numpy as np
 
 
@@ -41,7 +42,8 @@ class WeightOptions:
     `correlation` in s is the time over which the errors of samples are dependent. `distance` in m
     is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
     is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
-    recording. `sign_width` in rad/s is the speed over which friction changes its sign.
+    recording. `sign_widths` in rad/s are speeds over which friction changes its sign: several, so
+    that friction that falls with speed (Stribeck) and presliding are included.
     `same_offset` is whether both recordings have the same offset.
 
     :raises OptionError: if a number is not positive.
@@ -51,11 +53,12 @@ class WeightOptions:
     distance: float = 0.2
     significance: float = 20.0
     min_samples: int = 50
-    sign_width: float = 0.01
+    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
     same_offset: bool = False
 
     def __post_init__(self) -> None:
-        numbers = [x for name, x in vars(self).items() if name != 'same_offset']
+        numbers = [self.correlation, self.distance, self.significance, self.min_samples,
+                   *self.sign_widths]
         if not min(numbers) > 0.0:
             raise OptionError('calibration: every number must be positive')
 
@@ -120,8 +123,8 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
 def _dynamic(samples: JointSamples, arm: DescribedArm,
              inertials: Mapping[str, Inertial]) -> FloatArray:
     """Return the dynamic torque (M, N) in N·m of the described arm without the weight."""
-    columns = regressor(arm.geometry, samples.q, samples.qd, accelerations(samples))
-    return np.asarray(columns @ frame_parameters(arm, inertials).ravel())
+    return inverse_dynamics(arm.geometry, samples.q, samples.qd, accelerations(samples),
+                            frame_parameters(arm, inertials).ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,12 +158,11 @@ class _Problem:
             ForwardKinematics(arm.geometry.rotations, q).moment_columns().transpose(2, 1, 0),
             np.concatenate(dynamic)[:, :, None], weight.mass * columns * is_loaded[:, None, None],
         ], axis=2)
-        sign = np.tanh(qd / options.sign_width)
         for j in range(self.n):
             offset = [np.ones(len(q))] if options.same_offset else [1.0 - is_loaded, is_loaded]
+            sign = np.tanh(qd[:, j] / np.array(options.sign_widths)[:, None])
             friction = np.column_stack([
-                *offset, sign[:, j] * (1.0 - is_loaded),
-                sign[:, j] * is_loaded, qd[:, j]])
+                *offset, *(sign * (1.0 - is_loaded)), *(sign * is_loaded), qd[:, j]])
             basis, size, _ = np.linalg.svd(friction, full_matrices=False)
             basis = basis[:, size > 1e-9 * size[0]]
             columns[:, j] -= basis @ (basis.T @ columns[:, j])
