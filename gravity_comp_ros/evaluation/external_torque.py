@@ -10,10 +10,11 @@ is a mean of the accelerations within the window, and w are its weights: a parab
 effort have the same delay of half a window. (A momentum observer uses the same numbers. Its filter
 is exponential, so that a push appears whole after several time constants.)
 
-The variance is the sum of the noise of the training, the uncertainty of the model at this pose, a
-share of the friction and of the dynamic torque, the size of effects that depend on earlier samples
-and are left out, and the friction that a slow joint has not built up: at rest friction takes any
-value between its two directions.
+The variance is the sum of the noise of the training, the scatter of the result between windows
+(noise of the effort, and of the speeds times the inertia), the uncertainty of the model at this
+pose, a share of the friction and of the dynamic torque, the size of effects that depend on earlier
+samples and are left out, and the friction that a slow joint has not built up: at rest friction
+takes any value between its two directions.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class ExternalTorqueOptions:
     Options of the external torque.
 
     `window` in s is that of the means. It holds at least `min_samples` messages, and begins again
-    after a gap of `max_gap` s. `significance` is the size in standard deviations above which
+    after a gap of `max_gap` s. `scatter_time` in s is the time constant of the mean in which the
+    scatter between windows is estimated: many windows, and less than motion takes to change.
+    `significance` is the size in standard deviations above which
     torque is significant. `friction_share` and `inertia_share` are relative errors of friction
     (temperature, load) and of dynamic torque; `rest_speed` in rad/s is the speed below which the
     direction of friction is uncertain. Farther than `margin` in rad outside the trained range
@@ -50,9 +53,10 @@ class ExternalTorqueOptions:
     :raises OptionError: if a number is not positive and finite.
     """
 
-    window: float = 0.05
+    window: float = 0.03
     min_samples: int = 4
     max_gap: float = 0.2
+    scatter_time: float = 1.0
     significance: float = 3.5
     friction_share: float = 0.3
     inertia_share: float = 0.3
@@ -70,8 +74,10 @@ class ExternalTorque:
     """
     External torque and its standard deviation in N·m, and whether it is significant.
 
-    All are (N,), or (M, N) of a recording. The standard deviation is NaN where it is unknown:
-    outside the trained range, and in a recording where there is no result.
+    All are (N,), or (M, N) of a recording. The standard deviation is NaN where it is unknown, and
+    nothing is significant there: outside the trained range, of a model without an uncertainty
+    (`per_joint`), of a joint with an effect that cannot be computed, and in a recording where
+    there is no result.
     """
 
     torque: FloatArray
@@ -90,9 +96,9 @@ class ExternalTorqueObserver:
     def __init__(self, model: GravityModel,
                  options: ExternalTorqueOptions = ExternalTorqueOptions()) -> None:
         self._model, self.options = model, options
+        every = (*model.applied.effects, *model.fitted.effects)
         # Without effects that another version has fitted: they cannot be computed.
-        effects = [effect for effect in (*model.applied.effects, *model.fitted.effects)
-                   if _size_of(model, effect) is not None]
+        effects = [effect for effect in every if _size_of(model, effect) is not None]
         library = all_effects()
 
         def live(needs: Needs, is_friction: bool) -> LiveEffects:
@@ -107,13 +113,22 @@ class ExternalTorqueObserver:
         left_out = [effect for effect in effects if effect.target not in included]
         self.left_out = tuple(effect.target for effect in left_out)
         self._noise = np.hypot(residual_noise(model), size(model, left_out))
+        for effect in every:
+            if effect not in effects:
+                self._noise[slice(None) if effect.joint is None
+                            else model.joints.index(effect.joint)] = np.nan
         self._at_rest = size(model, [e for e in effects if library[e.name].family == FRICTION])
         self._rows: deque[tuple[float, FloatArray]] = deque()
-        self._model_std, self._std_at, self._due = np.zeros(model.n_joints), -np.inf, -np.inf
+        # Results since one window ago, and the running mean square of changes with its weight.
+        self._results: deque[tuple[float, FloatArray]] = deque()
+        self._squares, self._weight = np.zeros(model.n_joints), 0.0
+        self._model_std = np.full(model.n_joints, np.nan)
+        self._std_at = self._due = -np.inf
 
     def restart(self) -> None:
         """Forget earlier samples: the clock has started again."""
         self._rows.clear()
+        self._results.clear()
         self._std_at = self._due = -np.inf
 
     def add(self, t: float, q: FloatArray, qd: FloatArray,
@@ -143,6 +158,25 @@ class ExternalTorqueObserver:
         times = np.array([row[0] for row in rows])
         return self._of_window(t, times - times.mean(), np.array([row[1] for row in rows]))
 
+    def _scatter(self, t: float, span: float, torque: FloatArray) -> FloatArray:
+        """
+        Return the variance (N,) in (N·m)^2 of the noise of the torque.
+
+        Windows without a common sample have independent noise: half the mean square of their
+        difference. A push in a single window hardly changes the mean.
+
+        :param span: duration of the window, s.
+        """
+        results = self._results
+        results.append((t, torque))
+        while len(results) > 1 and results[1][0] < t - span - 1e-9:
+            results.popleft()
+        if results[0][0] < t - span - 1e-9:
+            share = min(1.0, (t - results[-2][0]) / self.options.scatter_time)
+            self._weight += share * (1.0 - self._weight)
+            self._squares += share * ((torque - results[0][1]) ** 2 - self._squares)
+        return np.asarray(0.5 * self._squares / max(self._weight, 1e-9))
+
     def _of_window(self, t: float, times: FloatArray, values: FloatArray) -> ExternalTorque:
         """Return the external torque of a window: times (K,) in s, values (K, 5, N)."""
         options = self.options
@@ -153,10 +187,12 @@ class ExternalTorqueObserver:
         # Of a joint at rest, and of one that is so slow that the law of its friction rises.
         unknown = np.maximum(np.exp(-(qd / options.rest_speed) ** 2) * self._at_rest,
                              self._at_rest - np.abs(friction))
-        variance = (self._noise ** 2 + self._std_of_model(t, q) ** 2 + unknown ** 2
+        torque = rest - dynamics
+        variance = (self._noise ** 2 + self._scatter(t, float(np.ptp(times)), torque)
+                    + self._std_of_model(t, q) ** 2 + unknown ** 2
                     + (options.friction_share * friction) ** 2
                     + (options.inertia_share * dynamics) ** 2)
-        torque, std = rest - dynamics, np.sqrt(variance)
+        std = np.sqrt(variance)
         if (self._model.coverage.distance(q) > options.margin).any():
             std = np.full_like(std, np.nan)
         return ExternalTorque(torque, std, np.abs(torque) > options.significance * std)
@@ -167,7 +203,7 @@ class ExternalTorqueObserver:
             try:
                 self._model_std = self._model.predict_std(q)[0]
             except (DataError, np.linalg.LinAlgError):
-                self._model_std = np.zeros(len(q))
+                self._model_std = np.full(len(q), np.nan)
         return self._model_std
 
 

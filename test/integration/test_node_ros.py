@@ -18,6 +18,7 @@ from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 from gravity_comp_ros.node.outputs import LATCHED, model_message
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from lifecycle_msgs.msg import Transition
@@ -345,10 +346,11 @@ def test_simulated_time_and_an_error_in_a_callback(iiwa_model_file, bags, tmp_pa
 
 def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
     """A pendulum with a motor moves and is pushed by 2 N·m after a second."""
-    model = GravityModel(
-        ('a', 'b'), 'per_joint', tuple(Expansion(np.array([k]), np.array([w]))
-                                       for k, w in ((3, 8.0), (1, 3.0))), None, np.full(2, 0.1),
-        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100))
+    energy = Expansion(np.array([2, 6]), np.array([-3.0, -8.0]))  # cos q_b, cos q_a
+    model = GravityModel.from_energy(
+        ('a', 'b'), 'potential', energy, np.full(2, 0.1),
+        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), {},
+        uncertainty=EnergyUncertainty(energy.indices, 1e-6 * np.eye(2)))
     save_model(tmp_path / 'm.json', model)
     t = np.arange(0.0, 2.0, 0.01)
     q = np.column_stack([-0.5 + 0.1 * t, 0.4 + 0.1 * t])

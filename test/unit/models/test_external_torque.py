@@ -1,6 +1,6 @@
 """External torque: a push is found with its size, friction at rest and bad input are not."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
@@ -9,10 +9,11 @@ from gravity_comp_ros.evaluation.external_torque import (
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 import numpy as np
 import pytest
 
-NOISE, FRICTION, RATE = 0.1, 2.0, 100.0
+NOISE, FRICTION, RATE, COEFFICIENT_STD = 0.1, 2.0, 100.0, 0.05
 COULOMB = AppliedEffect('coulomb_friction', 'b', {'width': 0.002},
                         {'F_c': Value(FRICTION, 'N·m', (1.9, 2.1))})
 DRIFT = AppliedEffect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0},
@@ -20,10 +21,17 @@ DRIFT = AppliedEffect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0},
 
 
 def model(*fitted):
-    """Return tau = (8 sin q_a, 3 sin q_b), trained within 1 rad, and effects as nuisance terms."""
-    torques = tuple(Expansion(np.array([k]), np.array([w])) for k, w in ((3, 8.0), (1, 3.0)))
-    return GravityModel(('a', 'b'), 'per_joint', torques, None, np.full(2, NOISE),
-                        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), fitted=Applied(fitted))
+    """
+    Return tau = (8 sin q_a, 3 sin q_b), trained within 1 rad, and effects as nuisance terms.
+
+    The coefficients 8 and 3 have the standard deviation `COEFFICIENT_STD`.
+    """
+    energy = Expansion(np.array([2, 6]), np.array([-3.0, -8.0]))  # cos q_b, cos q_a
+    gravity = GravityModel.from_energy(
+        ('a', 'b'), 'potential', energy, np.full(2, NOISE),
+        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), {},
+        uncertainty=EnergyUncertainty(energy.indices, COEFFICIENT_STD ** 2 * np.eye(2)))
+    return replace(gravity, fitted=Applied(fitted))
 
 
 MODEL = model(COULOMB)
@@ -53,7 +61,11 @@ def test_a_push_of_five_standard_deviations_is_found_within_50_ms_with_its_size(
     samples = motion()
     before = external_torque(MODEL, samples)
     std = np.nanmedian(before.std[:, 1])
-    assert std == pytest.approx(np.hypot(NOISE, 0.3 * FRICTION), rel=1e-3)
+    assert std == pytest.approx(np.hypot(NOISE, 0.3 * FRICTION), rel=2e-2)
+    half = samples.t > 1.5  # where the uncertainty of the gravity of a is known to differ from 0
+    scatter = NOISE ** 2 / 4.0  # of four messages
+    np.testing.assert_allclose(before.std[half, 0], np.sqrt(
+        NOISE ** 2 + scatter + (COEFFICIENT_STD * np.sin(samples.q[half, 0])) ** 2), rtol=0.1)
     assert not before.significant.any() and np.abs(before.torque).max() < 3 * NOISE
     samples = motion(-5.0 * std)
     result = external_torque(MODEL, samples)
@@ -61,6 +73,17 @@ def test_a_push_of_five_standard_deviations_is_found_within_50_ms_with_its_size(
     assert result.torque[since > 0.06, 1] == pytest.approx(-5.0 * std, abs=3 * NOISE)
     assert not result.significant[since < -1e-9].any()
     assert result.significant[since > 0.05 - 1e-9, 1].all() and not result.significant[:, 0].any()
+
+
+def test_more_noise_than_in_training_is_in_the_deviation_and_no_push():
+    quiet = motion(duration=10.0, speed=0.05)
+    noise = 10.0 * NOISE * np.random.default_rng(3).normal(size=quiet.q.shape)
+    result = external_torque(MODEL, replace(quiet, tau=quiet.tau + noise))
+    later = quiet.t > 2.0
+    assert np.abs(result.torque[later, 0]).max() > 3.5 * NOISE
+    assert not result.significant[later].any()
+    spread = result.torque[later, 0].std()
+    assert np.median(result.std[later, 0]) == pytest.approx(np.hypot(spread, NOISE), rel=0.15)
 
 
 def test_friction_of_a_joint_at_rest_is_no_push():
@@ -85,9 +108,9 @@ def test_a_gap_or_a_clock_set_back_begins_a_new_window():
     def add(k, t):
         return observer.add(t, samples.q[k], samples.qd[k], samples.tau[k])
 
-    assert [add(k, 0.01 * k) is None for k in range(6)] == [True] * 4 + [False] * 2
+    assert [add(k, 0.01 * k) is None for k in range(6)] == [True] * 3 + [False] * 3
     assert add(6, 0.3) is None
-    assert [add(k, 0.3 + 0.01 * k) is None for k in range(1, 5)] == [True] * 3 + [False]
+    assert [add(k, 0.3 + 0.01 * k) is None for k in range(1, 5)] == [True] * 2 + [False] * 2
     assert add(5, 0.1) is None and add(6, 0.11) is None
 
 
@@ -103,13 +126,28 @@ def test_effects_that_need_earlier_samples_are_named():
     assert ExternalTorqueObserver(MODEL).left_out == ()
 
 
-def test_an_effect_of_another_version_is_left_out():
+def test_of_a_model_without_uncertainty_the_deviation_is_unknown_and_nothing_is_significant():
+    samples = motion(push=-50.0)
+    unsure = replace(MODEL, formulation='per_joint', energy=None, uncertainty=None)
+    result = external_torque(unsure, samples)
+    assert np.isnan(result.std).all() and not result.significant.any()
+    known = external_torque(MODEL, samples)
+    assert known.significant[:, 1].any()
+    np.testing.assert_array_equal(result.torque, known.torque)
+
+
+def test_an_effect_of_another_version_is_left_out_and_its_joint_is_uncertain():
     other = AppliedEffect('coulomb_friction', 'a', {'width': 0.002},
                           {'F_x': Value(1.0, 'N·m', (0.9, 1.1))})
     missing = AppliedEffect('not_installed', 'a', {}, {'x': Value(1.0, '', (0.9, 1.1))})
-    with_others, samples = model(COULOMB, other, missing), motion(-5.0)
-    for result in (external_torque(with_others, samples), external_torque(MODEL, samples)):
-        np.testing.assert_array_equal(result.torque, external_torque(MODEL, samples).torque)
+    samples = motion(-5.0)
+    result, known = (external_torque(one, samples)
+                     for one in (model(COULOMB, other, missing), MODEL))
+    np.testing.assert_array_equal(result.torque, known.torque)
+    assert np.isnan(result.std[:, 0]).all()
+    np.testing.assert_array_equal(result.std[:, 1], known.std[:, 1])
+    whole_arm = AppliedEffect('not_installed', None, {}, {'x': Value(1.0, '', (0.9, 1.1))})
+    assert np.isnan(external_torque(model(COULOMB, whole_arm), samples).std).all()
 
 
 @pytest.mark.parametrize('name', [each.name for each in fields(ExternalTorqueOptions)])
