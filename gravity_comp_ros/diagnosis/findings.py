@@ -39,8 +39,8 @@ class Finding:
     One effect, or an unexplained residual, on one joint (None: the whole arm).
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
-    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of its torque (RMS) that gravity
-    and the other terms absorb, `runs_better` the share of runs that it improves, `gain` its log
+    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of the torque (RMS) of its best
+    coefficient that gravity and all other columns absorb, `runs_better` the share of runs that it improves, `gain` its log
     evidence in nats. `rivals` are alternative explanations. `next_step` is the motion that
     resolves an open finding, '' for an effect to add. `verdict` is a `Verdict`, which compares
     and prints as its text. `is_predicted` is true if the model predicts it already, together with

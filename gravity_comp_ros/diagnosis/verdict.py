@@ -81,29 +81,30 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     regression = evidence.estimated.regression
     joint = None if term.joint is None else evidence.joints[term.joint]
     gain = regression.gains[term.key]
-    unabsorbed = regression.unabsorbed[term.key]
+    shares = regression.identified[term.key]
     values, std = regression.posterior.beta[regression.posterior.at[term]], \
-        regression.posterior.std(term)
+        regression.stds[term.key]
     held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
     others = tuple(_named(name, number, term, evidence.joints)
                    for name, number in regression.alternatives[term.key])
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
-    verdict, why = _verdict(evidence, term, gain, unabsorbed, values, std, held_out, others)
-    sizes = _sizes(values_of(listed, values, std)) \
-        if unabsorbed >= regression.problem.options.min_unabsorbed else {}
+    verdict, why = _verdict(evidence, term, gain, shares.max(), values, std, held_out, others)
+    identified = shares >= regression.problem.options.min_identified
+    sizes = {symbol: size for (symbol, size), given
+             in zip(_sizes(values_of(listed, values, std)).items(), identified) if given}
     return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
-                   1.0 - unabsorbed, held_out.runs_better, why, _next_step(term, verdict, joint),
+                   1.0 - float(shares.max()), held_out.runs_better, why, _next_step(term, verdict, joint),
                    gain, p_of(gain - term.log_odds), dict(term.setting))
 
 
-def _verdict(evidence: Evidence, term: Term, gain: float, unabsorbed: float, values: FloatArray,
+def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: FloatArray,
              std: FloatArray, held_out: _HeldOut,
              others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
     options, engine = evidence.options, evidence.estimated.regression.problem.options
-    if unabsorbed < engine.min_unabsorbed:
+    if share < engine.min_identified:
         return Verdict.UNTESTABLE, (
-            f'gravity absorbs all but {unabsorbed:.1%} of its torque in this motion: their sum is '
+            f'gravity absorbs all but {share:.1%} of its torque in this motion: their sum is '
             f'predicted, and its size is not identified')
     reason = term.effect.implausible(values, term.setting)
     if reason:

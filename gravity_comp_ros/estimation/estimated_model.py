@@ -48,7 +48,7 @@ def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
     limit = regression.problem.options.min_separate
-    return term.effect.is_static and regression.unabsorbed[term.key] < limit
+    return term.effect.is_static and bool(regression.identified[term.key].max() < limit)
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:
@@ -135,7 +135,7 @@ def _applied(estimate: Estimate, posterior: Posterior, term: Term,
     return AppliedEffect(
         term.name, None if term.joint is None else joints[term.joint], term.setting,
         values_of(effect.coefficients_of(motion, term.joint_number, term.setting),
-                  posterior.beta[posterior.at[term]], posterior.std(term)))
+                  posterior.beta[posterior.at[term]], estimate.regression.stds[term.key]))
 
 
 def _dynamics(estimate: Estimate, shared: KnownAxes | UnknownLengths,

@@ -21,6 +21,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
 from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.planning.sums import Sums
+from gravity_comp_ros.regression.gains import shares_left
 from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
@@ -187,12 +188,11 @@ def _eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) 
     return np.asarray(own - side.transpose(0, 2, 1) @ np.linalg.solve(whole, side))
 
 
-def unabsorbed(sums: Sums, question: Question, a: FloatArray) -> float:
-    """Return the share of a term's torque (RMS) that its base leaves with sums (L, L)."""
+def identified(sums: Sums, question: Question, a: FloatArray) -> float:
+    """Return the share that all other columns leave of a term's best coefficient (RMS)."""
     own, base = sums.at[question.term], sums.with_shared(question.base)
     information = _eliminated(a[None], base, own, sums.std)[0]
-    share = np.trace(information) / max(np.trace(a[np.ix_(own, own)]), 1e-300)
-    return float(np.sqrt(max(share, 0.0)))
+    return float(shares_left(information, np.diag(a)[own]).max())
 
 
 def coefficients(sums: Sums, places: IntArray, a: FloatArray, b: FloatArray

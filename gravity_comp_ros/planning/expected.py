@@ -38,8 +38,8 @@ class Expectation:
     is half the 95 % interval of each coefficient after the motion, by symbol, with its unit.
     `assumed` are estimates of the coefficients if `size_is_measured`, else the standard deviations
     of their prior. `untestable` gives the reason why the effect is not identified after the
-    motion, '' if it is. `unabsorbed` is the share of its torque (RMS) that the other terms
-    leave.
+    motion, '' if it is. `identified` is the share of the torque (RMS) of its best coefficient that
+    all other columns leave.
     """
 
     target: Target
@@ -53,7 +53,7 @@ class Expectation:
     separation_before: float
     separation: float
     untestable: str
-    unabsorbed: float = 1.0
+    identified: float = 1.0
 
     @property
     def is_likely(self) -> bool:
@@ -67,7 +67,7 @@ class Expectation:
         return {'effect': self.target.effect, 'joint': self.target.joint,
                 'chance_before': self.chance_before, 'chance': self.chance,
                 'gain': self.gain, 'separation_before': self.separation_before,
-                'separation': self.separation, 'unabsorbed': self.unabsorbed,
+                'separation': self.separation, 'identified': self.identified,
                 'untestable': self.untestable or None,
                 'closest_alternative': self.closest_alternative or None,
                 'assumed': self.assumed, 'size_is_measured': self.size_is_measured,

@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, of_all_joints, Part
 from gravity_comp_ros.planning.criterion import (
-    coefficients, Criterion, GravityQuestion, Question, unabsorbed)
+    coefficients, Criterion, GravityQuestion, identified, Question)
 from gravity_comp_ros.planning.evidence import evidence_after
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, Plan, PlannedPart)
@@ -109,12 +109,12 @@ class _Task:
         limits = regression.problem.options.min_gain, regression.problem.options.margin
         after = evidence_after(sums, question, added)
         before = evidence_after(sums, question, 0.0 * added)
-        unseen = (term.key in regression.candidates.untestable or unabsorbed(
-            sums, question, sums.recorded) < regression.problem.options.min_unabsorbed)
+        unseen = (term.key in regression.candidates.untestable or identified(
+            sums, question, sums.recorded) < regression.problem.options.min_identified)
         places = sums.with_shared((*question.base, term))
         _, covariance = coefficients(sums, places, sums.recorded + added, sums.score)
         std = np.sqrt(np.diag(covariance)[-term.n_columns:])
-        share = unabsorbed(sums, question, sums.recorded + added)
+        share = identified(sums, question, sums.recorded + added)
         listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
         # A coefficient that the other terms absorb is not published.
         widths = {c.symbol: (_Z95 * float(s) if not reason else np.inf, c.unit)

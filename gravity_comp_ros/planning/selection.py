@@ -7,7 +7,7 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.planning.candidates import Part, travel
-from gravity_comp_ros.planning.criterion import Criterion, total, unabsorbed
+from gravity_comp_ros.planning.criterion import Criterion, identified, total
 from gravity_comp_ros.planning.segments import Limits, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
@@ -214,13 +214,13 @@ def untestable(criterion: Criterion, path: Sequence[Segment], after: FloatArray)
     :param after: the sums (L, L) of both.
     """
     sums, reasons = criterion.sums, []
-    limit = sums.planned.regression.problem.options.min_unabsorbed
+    limit = sums.planned.regression.problem.options.min_identified
     both = sums.planned.joined(path) if criterion.questions else None
     for question in criterion.questions:
         assert both is not None
         term = question.term
         reason = term.effect.untestable(both, term.joint_number) or ''
-        share = unabsorbed(sums, question, after)
+        share = identified(sums, question, after)
         if not reason and share < limit:
             reason = f'the other terms absorb all but {share:.1%} of its torque'
         reasons.append(reason)

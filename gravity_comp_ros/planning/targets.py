@@ -56,13 +56,13 @@ def open_targets(regression: Regression, diagnosis: Diagnosis | None = None) -> 
 
 
 def _open_terms(regression: Regression) -> list[Target]:
-    posterior, limit = regression.posterior, regression.problem.options.min_unabsorbed
+    posterior, limit = regression.posterior, regression.problem.options.min_identified
     terms = []
     for term in regression.terms:
-        mean, std = posterior.beta[posterior.at[term]], posterior.std(term)
+        mean, std = posterior.beta[posterior.at[term]], regression.stds[term.key]
         uncertain = bool((np.abs(mean) < _Z95 * std).all())
         others = regression.alternatives[term.key]
-        if others or uncertain or regression.unabsorbed[term.key] < limit:
+        if others or uncertain or regression.identified[term.key].max() < limit:
             terms.append(_target(regression, term.key, others))
     return terms
 

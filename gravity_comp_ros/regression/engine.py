@@ -32,8 +32,9 @@ class Regression:
     The result: the shared part at its estimate, and the posterior of all coefficients.
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
-    the gains of the terms in nats, `unabsorbed` the shares of their torque (RMS) that all other
-    columns leave. `motion` is that of the samples at the estimated gravity.
+    the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
+    error of their law, `identified` the share of each coefficient's torque (RMS) that
+    all other columns leave. `motion` is that of the samples at the estimated gravity.
     """
 
     problem: Problem
@@ -44,7 +45,8 @@ class Regression:
     motion: Motion
     alternatives: Mapping[Key, tuple[Key, ...]]
     gains: Mapping[Key, float]
-    unabsorbed: Mapping[Key, float]
+    stds: Mapping[Key, FloatArray]
+    identified: Mapping[Key, FloatArray]
     steps: int
     converged: bool
 
@@ -103,10 +105,12 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
+    stds = {term.key: np.hypot(published.std(term), options.law_error * scores[
+        term.key].leverage(published.beta[published.at[term]])) for term in published.terms}
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
-                      fit.factory.motion, alternatives, gains,
-                      {key: s.unabsorbed for key, s in scores.items()}, steps, converged)
+                      fit.factory.motion, alternatives, gains, stds,
+                      {key: s.identified for key, s in scores.items()}, steps, converged)
 
 
 def _with_exact_angles(fit: Linear) -> Linear:

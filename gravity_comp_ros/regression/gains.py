@@ -36,14 +36,48 @@ class Score:
     """
     A term outside of a posterior: information M (K, K), score u (K,) and mean (K,).
 
-    `unabsorbed` is the share of the term's torque (RMS) that the other columns leave.
+    `own` (K, K) is the information if all other columns were 0.
     """
 
     term: Term
     information: FloatArray
     score: FloatArray
     mean: FloatArray
-    unabsorbed: float
+    own: FloatArray
+
+    @property
+    def unabsorbed(self) -> float:
+        """Return the share of the term's torque (RMS) that the columns of other terms leave."""
+        return float(np.sqrt(max(np.trace(self.information), 0.0)
+                             / max(float(np.trace(self.own)), 1e-300)))
+
+    @property
+    def identified(self) -> FloatArray:
+        """Return the share (K,) of each coefficient's torque (RMS) that all other columns leave."""
+        return shares_left(self.information, np.diag(self.own))
+
+    def leverage(self, beta: FloatArray) -> FloatArray:
+        """
+        Return the largest error (K,) of the coefficients per error of the law.
+
+        The error of a law is a share of the term's torque (RMS) at coefficients `beta` (K,). The
+        part that looks like what all other columns leave of a coefficient's column changes it.
+        """
+        torque = np.sqrt(beta @ self.own @ beta)
+        return np.asarray(torque / (self.identified * np.sqrt(np.diag(self.own))))
+
+
+def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
+    """
+    Return the share (K,) of the RMS of each column that all other columns leave.
+
+    :param information: that of the K columns after the others are eliminated, (K, K).
+    :param size: the sums of squares of the columns, (K,), weighted as in `information`.
+    """
+    scale = np.sqrt(np.maximum(size, 1e-300))
+    # In units of the columns the smallest number is far below any share that counts.
+    scaled = information / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    return np.asarray(np.sqrt(1.0 / np.diag(np.linalg.inv(scaled))))
 
 
 def score_of(posterior: Posterior, term: Term) -> Score:
@@ -58,13 +92,11 @@ def score_of(posterior: Posterior, term: Term) -> Score:
         side[:, places] += w * (z @ x.T)
         own += w * (z @ z.T)
         score += w * (z @ posterior.residual(j))
-    size = float(np.trace(own))
     information = own - side @ posterior.covariance @ side.T
     information = np.asarray(0.5 * (information + information.T), dtype=np.float64)
-    unabsorbed = float(np.sqrt(max(np.trace(information), 0.0) / max(size, 1e-300)))
     mean = np.asarray(np.linalg.solve(information + np.diag(term.prior_std ** -2.0), score),
                       dtype=np.float64)
-    return Score(term, information, score, mean, unabsorbed)
+    return Score(term, information, score, mean, own)
 
 
 def gain_of(posterior: Posterior, term: Term, kappa: float | None = None) -> float:

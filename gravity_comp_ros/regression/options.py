@@ -27,6 +27,8 @@ class EngineOptions:
     Noise:
 
     - `discrepancy`: model error as a share of a joint's torque scale. No law of friction is exact.
+    - `law_error`: error of the law of a term as a share of its torque (RMS). It widens the
+      published intervals of its coefficients.
     - `floor`: minimum noise as a share of the torque scale, against exact simulated data.
     - `min_scale`: minimum torque scale of a joint as a share of the largest; a joint with a
       vertical axis has none of its own.
@@ -40,9 +42,10 @@ class EngineOptions:
       which may raise the evidence by as much.
     - `significant`: gain of an exchange or a removal that counts as an improvement, against
       rounding.
-    - `min_unabsorbed`: share of a term's torque (RMS) that all other columns must leave; below it
-      the coefficient is not identified and is not published.
-    - `min_separate`: the same share, below which a static term is predicted with gravity: both
+    - `min_identified`: share of a coefficient's torque (RMS) that all other columns must leave;
+      below it the coefficient is not identified and is not published. What the law of the term
+      misses of the real torque is multiplied by the inverse.
+    - `min_separate`: the same share of a term's best coefficient, below which a static term is predicted with gravity: both
       alone would be wrong by many times their sum.
 
     Search:
@@ -66,6 +69,7 @@ class EngineOptions:
     cell_angle: float = 0.02
     block_seconds: float = 2.0
     discrepancy: float = 1e-4
+    law_error: float = 0.01
     floor: float = 1e-5
     min_scale: float = 0.1
     outlier: float = 4.0
@@ -73,7 +77,7 @@ class EngineOptions:
     margin: float = 3.0
     near: float = 30.0
     significant: float = 1.0
-    min_unabsorbed: float = 0.02
+    min_identified: float = 0.02
     min_separate: float = 0.05
     max_rounds: int = 20
     passes: int = 3

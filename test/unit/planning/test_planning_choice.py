@@ -9,7 +9,7 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import coefficients, Criterion, unabsorbed
+from gravity_comp_ros.planning.criterion import coefficients, Criterion, identified
 from gravity_comp_ros.planning.evidence import _log_evidence, evidence_after
 from gravity_comp_ros.planning.questions import questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
@@ -126,7 +126,7 @@ def test_more_motion_identifies_more():
     sums, question = asked(Target('coulomb_friction', 'elbow'), path)
     added = sums.added([path, path + path])
     after = [sums.recorded, *(sums.recorded + added)]
-    shares = [unabsorbed(sums, question, a) for a in after]
+    shares = [identified(sums, question, a) for a in after]
     assert shares[0] < 0.15 < min(shares[1:])
     places = sums.with_shared((*question.base, question.term))
     stds = [np.sqrt(coefficients(sums, places, a, sums.score)[1][-1, -1]) for a in after]

@@ -7,7 +7,8 @@ from bench.shared.regression_cases import (
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
-from gravity_comp_ros.regression.gains import gain_of, log_share_allowed, Ranking, score_of
+from gravity_comp_ros.regression.gains import (
+    gain_of, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import solve
@@ -201,6 +202,25 @@ def test_a_term_that_the_others_explain_has_no_gain():
     assert gain_of(posterior, same) < 0.0
     assert score_of(posterior, same).unabsorbed < 0.03
     assert score_of(solve(design, (), PRECISION), same).unabsorbed > 0.1
+
+
+def test_a_coefficient_is_identified_by_what_all_other_columns_leave_of_its_column():
+    # Two columns of lengths 2 and 3 at 30 degrees; a third column has half of the first one.
+    columns = np.array([[2.0, 0.0], [3.0 * np.cos(np.pi / 6), 1.5]])
+    own = columns @ columns.T
+    np.testing.assert_allclose(shares_left(own, np.diag(own)), 0.5, rtol=1e-6)
+    alone = Score(None, np.diag([1.0, 9.0]), np.zeros(2), np.zeros(2), np.diag([4.0, 9.0]))
+    np.testing.assert_allclose(alone.identified, [0.5, 1.0], rtol=1e-6)
+    # The torque of the coefficients 1, 1 has the length sqrt(13); 1 % of it that looks like the
+    # half of the first column changes its coefficient by 1 % x sqrt(13) / (0.5 x 2).
+    np.testing.assert_allclose(alone.leverage(np.ones(2)),
+                               np.sqrt(13.0) / np.array([1.0, 3.0]), rtol=1e-6)
+
+
+def test_a_column_that_is_a_sum_of_others_is_not_identified():
+    columns = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1e-7]])
+    own = columns @ columns.T
+    assert (shares_left(own, np.diag(own)) < 1e-4).all()
 
 
 def test_corrections_need_what_they_correct():
