@@ -70,7 +70,8 @@ def trial(train: gc.Recording, held_out: gc.Recording) -> int:
 
 def held_up(arm: Arm, q: FloatArray) -> FloatArray:
     """Return the torque (K, N) in N·m that holds the arm with its spring in poses q (K, N)."""
-    motion = Motion('poses', np.arange(float(len(q))), q, 0 * q, 0 * q, lambda t: (q, 0 * q, 0 * q))
+    motion = Motion('poses', np.arange(float(len(q))), q, 0 * q, 0 * q,
+                    lambda t: (q, 0 * q, 0 * q))
     return synthesise(arm, motion, SynthesisOptions(
         static=True, disturbances=[hidden(_SPRING, arm).disturbance])).tau
 

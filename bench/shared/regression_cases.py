@@ -84,7 +84,7 @@ def linear_problem(samples: JointSamples, shared: Shared,
     columns = problem.states.mean(shared.columns)
     weights = np.repeat(problem.rows.weights[:, None], samples.n_joints, axis=1)
     design = Design(problem.rows, problem.y, columns, shared.prior_std(problem.scale), weights)
-    return problem, design, TermFactory(motion, problem.rows, problem.scale)
+    return problem, design, TermFactory(lambda: motion, problem.rows, problem.scale)
 
 
 def first_terms(factory: TermFactory, joint: int, names: Sequence[str] = EFFECTS) -> list[Term]:

@@ -40,11 +40,11 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
     torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of the torque (RMS) of its best
-    coefficient that gravity and all other columns absorb, `runs_better` the share of runs that it improves, `gain` its log
-    evidence in nats. `rivals` are alternative explanations. `next_step` is the motion that
-    resolves an open finding, '' for an effect to add. `verdict` is a `Verdict`, which compares
-    and prints as its text. `is_predicted` is true if the model predicts it already, together with
-    gravity, from which this motion hardly separates it.
+    coefficient that gravity and all other columns absorb, `runs_better` the share of runs that it
+    improves, `gain` its log evidence in nats. `rivals` are alternative explanations. `next_step`
+    is the motion that resolves an open finding, '' for an effect to add. `verdict` is a
+    `Verdict`, which compares and prints as its text. `is_predicted` is true if the model predicts
+    it already, together with gravity, from which this motion hardly separates it.
 
     Of an unexplained residual `nrmse_before` is the held-out error with all effects;
     `nrmse_after` is that error without the part of the fitted residual that repeats with the

@@ -93,8 +93,9 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     sizes = {symbol: size for (symbol, size), given
              in zip(_sizes(values_of(listed, values, std)).items(), identified) if given}
     return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
-                   1.0 - float(shares.max()), held_out.runs_better, why, _next_step(term, verdict, joint),
-                   gain, p_of(gain - term.log_odds), dict(term.setting))
+                   1.0 - float(shares.max()), held_out.runs_better, why,
+                   _next_step(term, verdict, joint), gain, p_of(gain - term.log_odds),
+                   dict(term.setting))
 
 
 def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: FloatArray,

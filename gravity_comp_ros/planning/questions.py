@@ -91,7 +91,7 @@ class _Maker:
     @cached_property
     def _factory(self) -> TermFactory:
         problem = self.regression.problem
-        return TermFactory(self.regression.motion, problem.rows, problem.scale)
+        return TermFactory(lambda: self.regression.motion, problem.rows, problem.scale)
 
     def question(self, target: Target) -> Question:
         """Return the question of a target, its size from the prior."""

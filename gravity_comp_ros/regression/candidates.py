@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
@@ -15,12 +16,20 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class TermFactory:
-    """Makes terms of effects on a motion."""
+    """
+    Makes terms of effects on a motion.
 
-    motion: Motion
+    `motion_of` returns the motion: its gravity is computed when a term needs it.
+    """
+
+    motion_of: Callable[[], Motion]
     rows: Rows
     scale: Scale
     cache: dict[object, Term] = field(default_factory=dict)
+
+    @cached_property
+    def motion(self) -> Motion:
+        return self.motion_of()
 
     def term(self, effect: Effect, joint: int | None, setting: Setting,
              n_settings: int = 1) -> Term:

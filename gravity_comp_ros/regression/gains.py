@@ -53,7 +53,7 @@ class Score:
 
     @property
     def identified(self) -> FloatArray:
-        """Return the share (K,) of each coefficient's torque (RMS) that all other columns leave."""
+        """Return the share (K,) of each coefficient's torque (RMS) that other columns leave."""
         return shares_left(self.information, np.diag(self.own))
 
     def leverage(self, beta: FloatArray) -> FloatArray:

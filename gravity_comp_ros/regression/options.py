@@ -45,8 +45,8 @@ class EngineOptions:
     - `min_identified`: share of a coefficient's torque (RMS) that all other columns must leave;
       below it the coefficient is not identified and is not published. What the law of the term
       misses of the real torque is multiplied by the inverse.
-    - `min_separate`: the same share of a term's best coefficient, below which a static term is predicted with gravity: both
-      alone would be wrong by many times their sum.
+    - `min_separate`: the same share of a term's best coefficient, below which a static term is
+      predicted with gravity: both alone would be wrong by many times their sum.
 
     Search:
 

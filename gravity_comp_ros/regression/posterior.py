@@ -10,6 +10,7 @@ from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 from scipy.special import log_ndtr
 
 
@@ -27,7 +28,8 @@ class Posterior:
     precision: FloatArray
     beta: FloatArray
     covariance: FloatArray
-    _places: dict[int, tuple[IntArray, IntArray, FloatArray]] = field(default_factory=dict)
+    _places: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
+    _x: dict[int, FloatArray] = field(default_factory=dict)
     _residuals: dict[int, FloatArray] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -39,14 +41,13 @@ class Posterior:
             start += term.n_columns
         return places
 
-    def _of(self, j: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return coefficients that act on a joint, their columns of the design, and their rows."""
+    def _of(self, j: int) -> tuple[IntArray, IntArray]:
+        """Return the coefficients that act on a joint, and their columns of the design."""
         if j not in self._places:
             acting = [t for t in self.terms if j in t.joints(self.design.n_joints)]
             places = np.concatenate([np.arange(self.design.n_shared),
                                      *(self.at[t] for t in acting)])
-            columns = self.design.selected(j, acting)
-            self._places[j] = places, columns, self.design.x[j][columns]
+            self._places[j] = places, self.design.selected(j, acting)
         return self._places[j]
 
     def places(self, j: int) -> IntArray:
@@ -59,7 +60,9 @@ class Posterior:
 
     def x(self, j: int) -> FloatArray:
         """Return the weighted columns (K, R) that act on a joint."""
-        return self._of(j)[2]
+        if j not in self._x:
+            self._x[j] = self.design.x[j][self.columns(j)]
+        return self._x[j]
 
     def residual(self, j: int) -> FloatArray:
         """Return the weighted residual (R,) of a joint."""
@@ -113,7 +116,8 @@ class Posterior:
         beta = self.beta - gain @ self.beta[here]
         covariance = self.covariance - gain @ self.covariance[here]
         beta[here], covariance[here], covariance[:, here] = 0.0, 0.0, 0.0
-        return Posterior(self.design, self.terms, self.precision, beta, covariance, self._places)
+        return Posterior(self.design, self.terms, self.precision, beta, covariance, self._places,
+                         self._x)
 
 
 def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Posterior:
@@ -131,7 +135,9 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
         a[np.ix_(places, places)] += precision[j] * design.gram[j][np.ix_(cols, cols)]
         b[places] += precision[j] * design.cross[j][cols]
     size = 1.0 / np.sqrt(np.diag(a))
-    factor = cho_factor(a * np.outer(size, size) + 1e-13 * np.eye(len(a)), lower=True)
-    covariance = cho_solve(factor, np.eye(len(a))) * np.outer(size, size)
+    scale = np.outer(size, size)
+    factor = cho_factor(a * scale + 1e-13 * np.eye(len(a)), lower=True)
+    lower = np.tril(dpotri(factor[0], lower=True)[0])
+    covariance = (lower + np.tril(lower, -1).T) * scale
     return Posterior(design, terms, precision, size * cho_solve(factor, size * b), covariance,
                      draft._places)

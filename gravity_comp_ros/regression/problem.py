@@ -64,10 +64,12 @@ class Problem:
 
     def factory(self, shared: Shared) -> TermFactory:
         """Return the factory of terms on this motion with the gravity of a shared part."""
-        motion = self.motion.with_gravity(shared.gravity(self.samples.q), shared.gradient,
-                                          getattr(shared, 'chain', None),
-                                          getattr(shared, 'geometry', None))
-        return TermFactory(motion, self.rows, self.scale, self.terms)
+        def motion_of() -> Motion:
+            return self.motion.with_gravity(
+                shared.gravity(self.samples.q), shared.gradient, getattr(shared, 'chain', None),
+                getattr(shared, 'geometry', None))
+
+        return TermFactory(motion_of, self.rows, self.scale, self.terms)
 
 
 def _no_gradient(q: FloatArray) -> FloatArray:

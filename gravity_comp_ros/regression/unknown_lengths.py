@@ -24,7 +24,8 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque
+from gravity_comp_ros.models.kinematic.arm_columns import (
+    motion_columns, motion_torque, motion_torque_by_tilts)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
@@ -35,8 +36,6 @@ from scipy.linalg import block_diag
 _MAX_STEP = 0.2
 # Sine of the angle between axes above which a rotation about the first moves the second.
 _MIN_SINE = 0.5
-# Rotation in rad of a finite difference.
-_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -148,16 +147,11 @@ class UnknownLengths(Shared):
 
         :param turns: tilts about the axes of the frames (2N, 2N) per parameter.
         """
-        n = self.chain.n_joints
-        result = np.zeros((len(state.q), n, 2 * n))
         if not (self.lengths.any() or self.inertias.any()):
-            return result
-        torque = self._motion(self.chain, state)
-        for k in np.flatnonzero(~self.is_right):
-            step = np.zeros(4 * n)
-            step[:2 * n] = _DIFFERENCE * turns[:, k]
-            result[:, :, k] = (self._motion(self.chain.moved(step), state) - torque) / _DIFFERENCE
-        return result
+            return np.zeros((*state.q.shape, self.n_angles))
+        by_tilts = motion_torque_by_tilts(Chain(self.chain.axes, self.carried), self.lengths,
+                                          self.inertias, state.q, state.qd, state.qdd)
+        return by_tilts @ (turns * ~self.is_right)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)

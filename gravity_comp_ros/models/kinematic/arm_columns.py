@@ -65,15 +65,74 @@ def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: Fl
     :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
     """
     motion = _Motion.of(chain, q, qd, qdd)
-    arms = _combined(motion.links[:-1], lengths)
-    accelerated = motion.accelerated(arms)
-    # Moment about joint j: of each link for j <= i, of the lengths before j on the bodies beyond.
-    own = _inertia_moment(motion, inertias)
-    own[:-1] += (_cross(motion.beyond[1:], accelerated)
-                 + _cross(arms, motion.moved_beyond[1:]))
-    before = np.zeros_like(own)
-    np.cumsum(accelerated, axis=0, out=before[1:])
-    return _dot(motion.z, _suffix_sums(own) + _cross(motion.beyond, before)).T
+    moments, before = motion.moments(_combined(motion.links[:-1], lengths), inertias)
+    return _dot(motion.z, moments + _cross(motion.beyond, before)).T
+
+
+def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArray,
+                           q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+    """
+    Return the derivative (B, N, 2N) of `motion_torque` by the tilts of the axes (`Chain.moved`).
+
+    A tilt by e of frame k turns all links from k on. As seen from them, the link before k turns by
+    -e: its angular velocity changes by -w, w = e x omega, and with c = e x alpha - w x omega the
+    acceleration of a vector v of a link i >= k by -(c x v + 2 w x (omega_i x v)). The torques of
+    the joints from k on change by that alone, which is linear in c and w. The joints before k
+    carry the turned links.
+    """
+    motion = _Motion.of(chain, q, qd, qdd)
+    n, z, beyond = chain.n_joints, motion.z, motion.beyond
+    arms = np.concatenate([_combined(motion.links[:-1], lengths), np.zeros((1, *z.shape[1:]))])
+    moments, before = motion.moments(arms[:-1], inertias)
+    velocities = _cross(motion.omega, arms)
+    position, velocity = (_prefix_sums(each) for each in (arms, velocities))
+    moving = _suffix_sums(_cross(motion.omega, beyond - _next(beyond)))
+    by_c, by_w = _turned_moments(motion, inertias, arms, velocities, moving)
+    lever = _cross(z, beyond)
+    own_c, own_w = _times(by_c, z), _times(by_w, z)
+    result = np.zeros((n, 2, n, len(q)))
+    for k in range(1, n):                      # the base does not move
+        e, omega, alpha = motion.frames[k, :2], motion.omega[k - 1], motion.alpha[k - 1]
+        w = _cross(e, omega)
+        c = _cross(e, alpha) - _cross(w, omega)
+        within, carriers = slice(k, None), slice(None, k)
+        from_k = lever[within]
+        result[k, :, within] = -(
+            _dot(c[:, None], own_c[within] + _cross(position[within] - position[k], from_k))
+            + _dot(w[:, None], own_w[within]
+                   + 2.0 * _cross(velocity[within] - velocity[k], from_k))
+            + _dot(e[:, None], _cross(before[k], from_k)))
+        moment = (_cross(e, moments[k]) + _cross(_cross(e, beyond[k]), before[k])
+                  - _times(by_c[k], c) - _times(by_w[k].swapaxes(0, 1), w))
+        force = (_cross(e, motion.moved_beyond[k]) - _cross(c, beyond[k])
+                 - 2.0 * _cross(w, moving[k]))
+        arm = _cross(z[carriers], position[k] - position[carriers])
+        result[k, :, carriers] = (_dot(z[carriers], moment[:, None])
+                                  + _dot(arm, force[:, None]))
+    return np.ascontiguousarray(result.reshape(2 * n, n, -1).transpose(2, 1, 0))
+
+
+def _turned_moments(motion: _Motion, inertias: FloatArray, arms: FloatArray,
+                    velocities: FloatArray, moving: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return X_j and Y_j, (N, 3, 3, B): the moment about joint j is X_j c + Y_j' w less.
+
+    X_j is the inertia of the links from j on.
+    """
+    axes, matrices = motion.links, _matrices(inertias)
+    turned = (matrices @ axes.reshape(len(axes), 3, -1)).reshape(axes.shape)
+    inertia = np.asarray(sum(axes[:, k, :, None] * turned[:, k, None] for k in range(3)))
+    beyond, moved = _next(motion.beyond), _next(moving)
+    one = np.eye(3)[:, :, None]
+    spin = motion.omega[:, None]
+    by_c = (inertia + 2.0 * one * _dot(arms, beyond)[:, None, None]
+            - _outer(beyond, arms) - _outer(arms, beyond))
+    # omega x I and I x omega, column by column of the symmetric I.
+    crossed = _cross(spin, inertia).swapaxes(1, 2)
+    by_w = (crossed + crossed.swapaxes(1, 2) + _skew(_times(inertia, motion.omega))
+            + 2.0 * (one * (_dot(velocities, beyond) + _dot(moved, arms))[:, None, None]
+                     - _outer(beyond, velocities) - _outer(arms, moved)))
+    return _suffix_sums(by_c), _suffix_sums(by_w)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +140,15 @@ class _Motion:
     """
     The moving links of a chain, vectors in the base at B states.
 
-    `links` (N, axis, xyz, B) are their axes and `z` (N, xyz, B) the joints'; `omega` and `alpha`
-    (N, xyz, B) their angular velocities and accelerations. `beyond` and `moved_beyond` (N, xyz, B)
+    `links` and `frames` (N, axis, xyz, B) are the axes of their frames after and before the
+    rotation of their joint; `omega` and `alpha` (N, xyz, B) their angular velocities and
+    accelerations. `beyond` and `moved_beyond` (N, xyz, B)
     are sums over a link and all beyond it: of the first moments over g, and of their
     accelerations.
     """
 
     links: FloatArray
-    z: FloatArray
+    frames: FloatArray
     omega: FloatArray
     alpha: FloatArray
     beyond: FloatArray
@@ -102,9 +162,14 @@ class _Motion:
         omega = np.cumsum(speeds, axis=0)
         alpha = np.cumsum(z * qdd.T[:, None] + _cross(omega - speeds, speeds), axis=0)
         moments = _combined(kinematics.rotated[:, :2], chain.moments / STANDARD_GRAVITY)
-        own = cls(kinematics.rotated, z, omega, alpha, moments, moments)
+        own = cls(kinematics.rotated, kinematics.frames, omega, alpha, moments, moments)
         return replace(own, beyond=_suffix_sums(moments),
                        moved_beyond=_suffix_sums(own.accelerated(moments)))
+
+    @property
+    def z(self) -> FloatArray:
+        """Return the axes of the joints, (N, xyz, B)."""
+        return self.frames[:, 2]
 
     def accelerated(self, fixed: FloatArray) -> FloatArray:
         """
@@ -121,6 +186,23 @@ class _Motion:
                           - square * fixed)
 
 
+    def moments(self, arms: FloatArray, inertias: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Return moments and accelerations of joint j, (N, xyz, B).
+
+        The moments are those of the links from j on. The accelerations are those of the origin of
+        j: the links before j act by them on the bodies beyond.
+
+        :param arms: the lengths in the base, (N - 1, xyz, B).
+        """
+        accelerated = self.accelerated(arms)
+        own = _inertia_moment(self, inertias)
+        own[:-1] += _cross(self.beyond[1:], accelerated) + _cross(arms, self.moved_beyond[1:])
+        before = np.zeros_like(own)
+        np.cumsum(accelerated, axis=0, out=before[1:])
+        return _suffix_sums(own), before
+
+
 def _combined(axes: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the sums (K, xyz, B) of the axes (K, A, xyz, B) with weights (K, A)."""
     return np.asarray(sum(weights[:, k, None, None] * axes[:, k] for k in range(axes.shape[1])))
@@ -128,13 +210,19 @@ def _combined(axes: FloatArray, weights: FloatArray) -> FloatArray:
 
 def _inertia_moment(motion: _Motion, inertias: FloatArray) -> FloatArray:
     """Return I alpha + omega x I omega in the base, (N, xyz, B)."""
-    matrices = np.empty((len(inertias), 3, 3))
-    for k, (x, y) in enumerate(_PAIRS):
-        matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
+    matrices = _matrices(inertias)
     w = _dot(motion.links, motion.omega[:, None])
     a = _dot(motion.links, motion.alpha[:, None])
     moment = matrices @ a + _cross(w, matrices @ w)
     return np.asarray(sum(motion.links[:, k] * moment[:, k, None] for k in range(3)))
+
+
+def _matrices(inertias: FloatArray) -> FloatArray:
+    """Return the matrices (N, 3, 3) of inertias (N, 6), ordered as in `_PAIRS`."""
+    matrices = np.empty((len(inertias), 3, 3))
+    for k, (x, y) in enumerate(_PAIRS):
+        matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
+    return matrices
 
 
 def _inertia_columns(motion: _Motion) -> FloatArray:
@@ -161,6 +249,34 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
         np.subtract(a[..., i, :] * b[..., j, :], a[..., j, :] * b[..., i, :],
                     out=result[..., k, :])
     return result
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a b', (N, 3, 3, B), of vectors (N, 3, B)."""
+    return np.asarray(a[:, :, None] * b[:, None])
+
+
+def _times(matrices: FloatArray, v: FloatArray) -> FloatArray:
+    """Return matrices (..., 3, 3, B) times vectors (..., 3, B)."""
+    return np.asarray((matrices * v[..., None, :, :]).sum(axis=-2))
+
+
+def _skew(v: FloatArray) -> FloatArray:
+    """Return the matrices (N, 3, 3, B) of v x for v (N, 3, B)."""
+    matrices = np.zeros((len(v), 3, 3, v.shape[-1]))
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        matrices[:, j, i], matrices[:, i, j] = v[:, k], -v[:, k]
+    return matrices
+
+
+def _next(values: FloatArray) -> FloatArray:
+    """Return the values of the next joint, 0 for the last."""
+    return np.concatenate([values[1:], np.zeros_like(values[:1])])
+
+
+def _prefix_sums(values: FloatArray) -> FloatArray:
+    """Return the sums over all joints before each."""
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values[:-1], axis=0)])
 
 
 def _suffix_sums(values: FloatArray) -> FloatArray:

@@ -71,7 +71,7 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
     old, shared = estimated().regression.problem, estimated().regression.shared
     problem = Problem.of(played(Trajectory(NAMES, t, q, qd, qdd)), None, old.options)
     motion = problem.motion.with_gravity(shared.gravity(q), shared.gradient, shared.chain)
-    factory = TermFactory(motion, problem.rows, old.scale)
+    factory = TermFactory(lambda: motion, problem.rows, old.scale)
     columns = problem.rows.mean(shared.columns(State(q, qd, motion.qdd)))
     design = Design(problem.rows, problem.y, columns, shared.prior_std(old.scale),
                     np.ones_like(problem.y))
