@@ -1,9 +1,9 @@
 """
-Run the commands of docs/first_hour.md again, and write their output into the page.
+Run the commands of docs/first_hour.md and docs/tables.md again, and write their output there.
 
     python3 docs/make_first_hour.py [--recordings FOLDER]
 
-The commands are those of the page, in an empty folder. FOLDER contains the public recordings of
+The commands are those of a page, in an empty folder. FOLDER contains the public recordings of
 real arms; without it their part of the page is kept, with its note on an earlier estimator, which
 a run with FOLDER makes obsolete. `...` replaces the sections of an output that are not shown.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from contextlib import chdir, redirect_stderr, redirect_stdout
 import io
+import json
 import os
 from pathlib import Path
 import re
@@ -22,9 +23,11 @@ import tempfile
 import textwrap
 
 from gravity_comp_ros.cli import main as gravity_comp
+from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 PAGE = Path(__file__).resolve().parent / 'first_hour.md'
+TABLES = PAGE.with_name('tables.md')
 REAL = '## Recordings of real arms'
 WIDTH = 110
 # First words of the sections of an output that the page shows, by verb; '' is the first section.
@@ -50,6 +53,15 @@ def page(text: str, folder: Path, recordings: Path | None = None) -> str:
                 shutil.copy(path, path.name)
             real = with_outputs(real, SHOWN_OF_REAL)
     return simulated + title + real
+
+
+def tables_page(text: str, folder: Path) -> str:
+    """Return the page on tables with the output of its commands, run in a folder."""
+    os.environ['COLUMNS'] = str(WIDTH)
+    with chdir(folder):
+        write_data_set(Path('pick_cubes'))
+        write_currents(Path('currents.csv'))
+        return with_outputs(text, SHOWN)
 
 
 def with_outputs(text: str, shown: Shown) -> str:
@@ -100,8 +112,8 @@ def wrapped(line: str) -> str:
                          break_on_hyphens=False)
 
 
-def write_table(path: Path) -> None:
-    """Write a table of an arm with three joints in the format of a logger."""
+def three_joints(friction: tuple[float, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times (M,) in s, angles (M, 3) in rad and torques (M, 3) in N·m of an arm."""
     rng = np.random.default_rng(1)
     t = np.arange(6000) / 50.0
     q, qd = np.zeros((2, len(t), 3))
@@ -113,7 +125,13 @@ def write_table(path: Path) -> None:
     # Gravity of two heavy links, Coulomb friction and noise, in N·m.
     fore = 5.0 * np.sin(q[:, 1] + q[:, 2])
     tau = np.column_stack([np.zeros(len(t)), 12.0 * np.sin(q[:, 1]) + fore, fore])
-    tau += np.array([0.6, 0.0, 0.4]) * np.tanh(qd / 0.003) + 0.03 * rng.normal(size=tau.shape)
+    tau += np.array(friction) * np.tanh(qd / 0.003) + 0.03 * rng.normal(size=tau.shape)
+    return t, q, tau
+
+
+def write_table(path: Path) -> None:
+    """Write a table of an arm with three joints in the format of a logger."""
+    t, q, tau = three_joints((0.6, 0.0, 0.4))
     names = [f'{joint}_{kind}' for kind in ('pos', 'eff')
              for joint in ('base', 'shoulder', 'elbow')]
     rows = np.column_stack([np.round(1000 * t), np.degrees(q), tau])
@@ -121,14 +139,46 @@ def write_table(path: Path) -> None:
         ';'.join(f'{x:.5g}'.replace('.', ',') for x in row) for row in rows)]) + '\n')
 
 
+def write_data_set(folder: Path) -> None:
+    """Write a LeRobot data set of an arm with three joints and a gripper: degrees, per mille."""
+    import pyarrow
+    from pyarrow import parquet
+    t, q, tau = three_joints((0.3, 0.5, 0.2))
+    grip = 20 + 20 * np.sign(np.sin(t))
+    columns = {'pos': np.column_stack([np.degrees(q), grip]),
+               'load': np.column_stack([np.round(1000 * tau / [10, 30, 10]), 3 * grip])}
+    names = [f'{joint}.{kind}' for kind in columns
+             for joint in ('shoulder_pan', 'shoulder_lift', 'elbow_flex', 'gripper')]
+    data = folder / 'data' / 'chunk-000'
+    data.mkdir(parents=True)
+    (folder / 'meta').mkdir()
+    (folder / 'meta' / 'info.json').write_text(
+        json.dumps({'features': {'observation.state': {'names': names}}}))
+    parquet.write_table(pyarrow.table({
+        'observation.state': list(np.hstack(list(columns.values()))), 'timestamp': t % 60.0,
+        'episode_index': (t // 60.0).astype(int)}), data / 'file-000.parquet')
+
+
+def write_currents(path: Path) -> None:
+    """Write a table of an arm with three joints: motor currents in A, motors of gear 1:100."""
+    t, q, tau = three_joints((0.6, 0.8, 0.4))
+    current = tau / (100 * np.array([0.05, 0.05, 0.03]))
+    names = [f'{kind}_{joint}' for kind in ('angle', 'current') for joint in (1, 2, 3)]
+    np.savetxt(path, np.column_stack([t, q, current]), '%.6g', ',',
+               header=','.join(['time', *names]), comments='')
+
+
 def main() -> None:
-    """Write the page."""
+    """Write the pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--recordings', type=Path)
     recordings = parser.parse_args().recordings
     with tempfile.TemporaryDirectory() as folder:
         PAGE.write_text(page(PAGE.read_text(encoding='utf-8'), Path(folder),
                              recordings and recordings.resolve()), encoding='utf-8')
+    with tempfile.TemporaryDirectory() as folder:
+        TABLES.write_text(tables_page(TABLES.read_text(encoding='utf-8'), Path(folder)),
+                          encoding='utf-8')
 
 
 if __name__ == '__main__':

@@ -4,13 +4,14 @@ Table of all facts over recordings: those of the tests, and files of a folder, s
     python3 -m bench.inputs.facts_table [FOLDER...]
 
 The recordings are those of `bags`, the iiwa7 along another motion with one hidden effect after
-another, and the MCAP and .db3 files of the folders.
+another, and the MCAP, .db3 and CSV files of the folders. A table without times has 100 rows per
+second.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 import io
 from pathlib import Path
 import sys
@@ -26,13 +27,19 @@ from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.planning.enough import enough_motion
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.simulation.hidden import KINDS
+from gravity_comp_ros.simulation.hidden_sizes import SIZES
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
-ENDINGS = ('.mcap', '.db3')
+ENDINGS = ('.mcap', '.db3', '.csv')
 
 
 def facts_of(path: Path) -> list[Fact]:
     """Return all facts of a file, as `info` prints them."""
+    if path.suffix == '.csv':
+        table = path
+        path = Path(tempfile.mkdtemp()) / 'table.mcap'
+        for rate in ([], ['--rate', '100']):
+            quiet(['convert', str(table), *rate, '-o', str(path)])
     read = read_bag(path, ReadOptions(refuse=False))
     data = Recording(read.samples, reports=(read.report,))
     arm = known_arm(data)
@@ -44,13 +51,17 @@ def simulated(folder: Path) -> Iterator[Path]:
     """Yield a recording of the arm with friction, and one with each effect in addition."""
     for effect in ('', *KINDS):
         path = folder / f'{effect or "friction"}.mcap'
-        hidden = ['coulomb_friction:2', *([f'{effect}:4'] if KINDS.get(effect) else [])]
-        with redirect_stdout(io.StringIO()):
-            gravity_comp(['synth', '--motion', 'multisine', '--rate', '20', '--noise', '0.1',
-                          *(word for each in dict.fromkeys(hidden) for word in ('--hidden', each)),
-                          '-o', str(path)])
-        if path.exists():
-            yield path
+        where = '' if effect and SIZES[effect].whole_arm else ':4'
+        hidden = ['coulomb_friction:2', *([f'{effect}{where}'] if effect else [])]
+        quiet(['synth', '--motion', 'multisine', '--rate', '20', '--noise', '0.1',
+               *(word for each in hidden for word in ('--hidden', each)), '-o', str(path)])
+        yield path
+
+
+def quiet(call: list[str]) -> None:
+    """Run a command without its output."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        gravity_comp(call)
 
 
 def rows(paths: Iterable[Path]) -> Iterator[tuple[str, str]]:

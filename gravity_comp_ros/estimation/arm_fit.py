@@ -1,5 +1,5 @@
 """
-Quick fit of one arm to the torques of a recording, with gains of efforts and turns of the base.
+Quick fit of one arm to the torques of a recording, with gains of efforts and tilts of its base.
 
     effort_n = exp(g_n) gravity_n(axes, moments, base) + friction, offset and inertia of joint n
 
@@ -31,9 +31,9 @@ _SPREAD = np.array([3.0, *[30.0] * len(WIDTHS), 300.0, 30.0])
 # Largest step of an axis or the base in rad, and of the logarithm of a gain.
 _MAX_TILT, _MAX_GAIN = 0.3, 0.7
 # Prior standard deviations of a tilt in rad (of described axes), of a moment in the largest, of
-# the logarithm of a gain (per mille of a rated torque are a factor of 10 to 100), and of a turn of
+# the logarithm of a gain (per mille of a rated torque are a factor of 10 to 100), and of a tilt of
 # the base in rad.
-_TILT, _EXACT, _MOMENT, _GAIN, _TURN = 10.0, 1e-4, 60.0, 3.0, 0.5
+_TILT, _EXACT, _MOMENT, _GAIN, _BASE = 10.0, 1e-4, 60.0, 3.0, 0.5
 _NONE = np.zeros(0, dtype=np.int64)
 # Levenberg's damping: the first, its factors, and its limits.
 _DAMPING, _FACTOR, _LOW_DAMPING, _HIGH_DAMPING = 1e-2, 5.0, 1e-7, 1e6
@@ -44,15 +44,14 @@ _CONVERGED, _FLOOR = 0.3, 1e-4
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """
-    A chain, logarithms of gains (N,), turns (K, 2) of the base in rad, and the residual (M, N).
+    A chain, logarithms of gains (N,), `base_tilts` (K, 2) in rad, and the residual (M, N).
 
-    The base at each pose is turned by the sum of the turns times their shares. The cost is in
-    nats.
+    The base at each pose has the sum of the tilts times their shares. The cost is in nats.
     """
 
     chain: Chain
     log: FloatArray
-    turns: FloatArray
+    base_tilts: FloatArray
     residual: FloatArray
     cost: float
 
@@ -63,7 +62,7 @@ def cost_of(state: ArmState) -> float:
 
 class ArmFit:
     """
-    Levenberg-Marquardt on axes, moments, gains and turns of the base.
+    Levenberg-Marquardt on axes, moments, gains and tilts of the base.
 
     :param samples: in the order of the arm; some joints move, some efforts are not 0.
     :param rotations: of described axes (`Geometry`); None for unknown axes.
@@ -83,10 +82,14 @@ class ArmFit:
         self.floor = _FLOOR * np.maximum(self.size, 0.1 * self.size.max())
 
     @cached_property
-    def plain(self) -> ArmState:
-        """The fit of equal gains and a base at rest."""
+    def plains(self) -> list[ArmState]:
+        """Fits of equal gains and a base at rest, the best one first."""
         seeds = 1 if self.rotations is not None else 2
-        return min((self.run(self.start(seed)) for seed in range(seeds)), key=cost_of)
+        return sorted((self.run(self.start(seed)) for seed in range(seeds)), key=cost_of)
+
+    @property
+    def plain(self) -> ArmState:
+        return self.plains[0]
 
     def start(self, seed: int = 0, log: FloatArray | None = None,
               rows: slice = slice(None)) -> Chain:
@@ -101,33 +104,33 @@ class ArmFit:
                          SearchOptions(_STARTS, seed)).chain
 
     def run(self, chain: Chain, log: FloatArray | None = None, free: IntArray = _NONE,
-            shares: FloatArray | None = None, turns: FloatArray | None = None) -> ArmState:
+            shares: FloatArray | None = None, base_tilts: FloatArray | None = None) -> ArmState:
         """
         Return the minimum near a start.
 
         :param log: logarithms of gains (N,), 0 if not given.
         :param free: the joints with a free gain.
-        :param shares: (M, K) of each turn of the base at each pose.
-        :param turns: of the base at the start (K, 2), 0 if not given.
+        :param shares: (M, K) of each tilt of the base at each pose.
+        :param base_tilts: of the base at the start (K, 2), 0 if not given.
         """
         n = self.q.shape[1]
         shares = np.zeros((len(self.q), 0)) if shares is None else shares
         k = shares.shape[1]
         state = self._state(chain, np.zeros(n) if log is None else log, shares,
-                            np.zeros((k, 2)) if turns is None else turns)
+                            np.zeros((k, 2)) if base_tilts is None else base_tilts)
         damping = _DAMPING
         for _ in range(_STEPS):
             matrix, vector = self._normal(state, free, shares)
             while damping < _HIGH_DAMPING:
                 step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), vector)
-                tilts, moments, gains, turned = np.split(
+                tilts, moments, gains, base = np.split(
                     step, np.cumsum([2 * n, 2 * n, len(free)]))
                 logs = state.log.copy()
                 logs[free] += np.clip(gains, -_MAX_GAIN, _MAX_GAIN)
                 tried = self._state(
                     state.chain.moved(np.concatenate(
                         [np.clip(tilts, -_MAX_TILT, _MAX_TILT), moments])), logs, shares,
-                    state.turns + np.clip(turned.reshape(k, 2), -_MAX_TILT, _MAX_TILT))
+                    state.base_tilts + np.clip(base.reshape(k, 2), -_MAX_TILT, _MAX_TILT))
                 if tried.cost < state.cost:
                     break
                 damping *= _FACTOR
@@ -144,6 +147,14 @@ class ArmFit:
         covariance = np.linalg.inv(self._normal(state, free, np.zeros((len(self.q), 0)))[0])
         return np.asarray(np.sqrt(self.time(state) * np.diag(covariance)[4 * self.q.shape[1]:]))
 
+    def gains(self, chain: Chain) -> FloatArray:
+        """Return the gains (N,) that each joint's effort has relative to a chain, 1 if unknown."""
+        torque = self._projected(chain.torque(self.q).T[None])[0]
+        square = (torque ** 2).sum(axis=1)
+        gains = (torque * self.y).sum(axis=1) / np.maximum(square, 1e-300)
+        known = (gains > 0.0) & (square > len(self.q) * self.floor ** 2)
+        return np.asarray(np.where(known, gains, 1.0))
+
     def time(self, state: ArmState) -> float:
         """Return the longest correlation time of the joints' residuals, in rows."""
         return float(correlation_times(state.residual, self.poses.runs).max())
@@ -156,35 +167,38 @@ class ArmFit:
         """Return columns (P, N, M) without what the nuisance of each joint explains."""
         return np.stack([x[:, n] - (x[:, n] @ b) @ b.T for n, b in enumerate(self.bases)], axis=1)
 
-    def _turned(self, chain: Chain, shares: FloatArray, turns: FloatArray) -> ForwardKinematics:
-        return ForwardKinematics(chain.axes, self.q, None, shares @ turns if len(turns) else None)
+    def _on_base(self, chain: Chain, shares: FloatArray, base_tilts: FloatArray
+                 ) -> ForwardKinematics:
+        moving = shares @ base_tilts if len(base_tilts) else None
+        return ForwardKinematics(chain.axes, self.q, None, moving)
 
-    def _state(self, chain: Chain, log: FloatArray, shares: FloatArray, turns: FloatArray
+    def _state(self, chain: Chain, log: FloatArray, shares: FloatArray, base_tilts: FloatArray
                ) -> ArmState:
-        torque = (self._turned(chain, shares, turns).torque(chain.moments) * np.exp(log)).T
+        torque = (self._on_base(chain, shares, base_tilts).torque(chain.moments) * np.exp(log)).T
         residual = (self.y - self._projected(torque[None])[0]).T
         noise = np.sqrt((residual ** 2).mean(axis=0) + self.floor ** 2)
-        return ArmState(chain, log, turns, residual, float(len(residual) * np.log(noise).sum()))
+        cost = float(len(residual) * np.log(noise).sum())
+        return ArmState(chain, log, base_tilts, residual, cost)
 
     def _normal(self, state: ArmState, free: IntArray, shares: FloatArray
                 ) -> tuple[FloatArray, FloatArray]:
         """Return the matrix (P, P) with the prior and the vector (P,) of the normal equations."""
         n, m = self.q.shape[1], len(self.q)
         gain, moments = np.exp(state.log), state.chain.moments
-        arm = self._turned(state.chain, shares, state.turns)
+        arm = self._on_base(state.chain, shares, state.base_tilts)
         by_gain = np.zeros((len(free), n, m))
         for k, joint in enumerate(free):
             by_gain[k, joint] = arm.torque(moments)[:, joint]
-        by_turn = shares.T[:, None, None] * arm.base_columns(moments)
+        by_tilt = shares.T[:, None, None] * arm.base_columns(moments)
         x = self._projected(np.concatenate([
             arm.axis_columns(moments), arm.moment_columns(), by_gain,
-            by_turn.reshape(-1, n, m)]) * gain[None, :, None])
+            by_tilt.reshape(-1, n, m)]) * gain[None, :, None])
         noise = np.sqrt((state.residual ** 2).mean(axis=0) + self.floor ** 2)
         x = (x / noise[None, :, None]).reshape(len(x), -1)
         largest = max(float(np.abs(moments).max()), float(self.size.max()))
         std = np.concatenate([np.full(2 * n, _TILT if self.rotations is None else _EXACT),
                               np.full(2 * n, _MOMENT * largest),
-                              np.full(len(free), _GAIN), np.full(state.turns.size, _TURN)])
+                              np.full(len(free), _GAIN), np.full(state.base_tilts.size, _BASE)])
         prior = np.diag(std ** -2.0)
         return x @ x.T + prior, x @ (state.residual / noise).T.ravel()
 

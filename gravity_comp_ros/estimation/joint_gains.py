@@ -118,8 +118,16 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     free = np.array([k for k in range(n) if k != reference and fit.size[k] > 0])
     equal, rng = fit.plain, np.random.default_rng(0)
     fits = [fit.run(equal.chain, free=free)]
-    time = fit.time(fits[0])
-    if time > options.max_time or equal.cost - fits[0].cost > options.min_gain * time:
+    for each in fit.plains:
+        # The chain may be that of one joint, to which the gains of the others are relative.
+        log = np.zeros(n)
+        gains = fit.gains(each.chain)
+        log[free] = np.log(gains[free] / gains[reference])
+        moments = each.chain.moments * gains[reference]
+        fits.append(fit.run(replace(each.chain, moments=moments), log, free))
+    best = min(fits, key=cost_of)
+    time = fit.time(best)
+    if time > options.max_time or equal.cost - best.cost > options.min_gain * time:
         for seed in range(1, options.starts):
             log = np.zeros(n)
             log[free] = rng.normal(0.0, options.spread, len(free))

@@ -1,4 +1,4 @@
-"""A base that turns during a recording, so that the vertical changes once or a few times."""
+"""A base that tilts during a recording, so that the vertical changes once or a few times."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ import numpy as np
 @dataclass(frozen=True)
 class MovedBaseOptions:
     """
-    Limits of a base that turns.
+    Limits of a base that tilts.
 
-    - `min_turn`, rad: a smaller turn may be a soft floor, with little torque.
-    - `linear`, rad: the effect `base_tilt` is linear in the turn, and describes a smaller one.
+    - `min_tilt`, rad: a smaller tilt may be a soft floor, with little torque.
+    - `linear`, rad: the effect `base_tilt` is linear in the tilt, and describes a smaller one.
     - `max_time`: correlation time of the residuals, in rows of some tenths of a second; that of a
-      base that moved is that of the motion, and that of the base that turns must be less.
+      base that moved is that of the motion, and that of the base that tilts must be less.
     - `min_gain`: log evidence in nats, over the autocorrelation time, for each of the four numbers
-      of a turn.
-    - `max_turns`: a base that turns more often is not searched for.
-    - `places`: number of times at which a turn is tried first.
+      of a tilt.
+    - `max_tilts`: a base that tilts more often is not searched for.
+    - `places`: number of times at which a tilt is tried first.
 
     :raises OptionError: if a value is not positive.
     """
 
-    min_turn: float = 0.05
+    min_tilt: float = 0.05
     linear: float = 0.1
     max_time: float = 10.0
     min_gain: float = 3.0
-    max_turns: int = 3
+    max_tilts: int = 3
     places: int = 12
 
     def __post_init__(self) -> None:
@@ -41,8 +41,8 @@ class MovedBaseOptions:
 
 
 @dataclass(frozen=True)
-class Turn:
-    """A turn of the base by `angle` rad, from `begin` to `end` in s of the runs named `runs`."""
+class Tilt:
+    """A tilt of the base by `angle` rad, from `begin` to `end` in s of the runs named `runs`."""
 
     angle: float
     begin: float
@@ -62,24 +62,24 @@ class MovedBase:
     The vertical of a recording.
 
     `time` is the correlation time of the residual in rows, `evidence` in nats that of a base that
-    turns, less `min_gain` for each number of the turns.
+    tilts, less `min_gain` for each number of the tilts.
     """
 
-    turns: tuple[Turn, ...]
+    tilts: tuple[Tilt, ...]
     time: float
     evidence: float
 
     def facts(self, options: MovedBaseOptions = MovedBaseOptions()) -> list[Fact]:
         """Return the fact that the vertical changes, if it does."""
-        turns = [turn for turn in self.turns if turn.angle >= options.min_turn]
-        if self.evidence < 0.0 or self.time > options.max_time or not turns:
+        tilts = [tilt for tilt in self.tilts if tilt.angle >= options.min_tilt]
+        if self.evidence < 0.0 or self.time > options.max_time or not tilts:
             return []
-        evidence = f'the vertical changes {" and ".join(map(str, turns))}'
-        if max(turn.angle for turn in turns) < options.linear:
+        evidence = f'the vertical changes {" and ".join(map(str, tilts))}'
+        if max(tilt.angle for tilt in tilts) < options.linear:
             return [Fact(Kind.MOVED_BASE, (), evidence, Action.NOTED,
-                         'the base turned, as the effect base_tilt describes')]
+                         'the base tilted, as the effect base_tilt describes')]
         return [Fact(
-            Kind.MOVED_BASE, (), evidence, Action.REFUSED, 'the base turned, and a model has one '
+            Kind.MOVED_BASE, (), evidence, Action.REFUSED, 'the base tilted, and a model has one '
             'vertical; learn from the parts before and after it separately (`gravity_comp cut` '
             'with --to and --from)', f'--accept {Kind.MOVED_BASE.value} learns from all of it')]
 
@@ -90,36 +90,37 @@ def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> M
     if fit.time(plain) <= options.max_time:
         return None
     state, ramps, time, evidence = plain, np.zeros((0, 2)), 0.0, 0.0
-    for _ in range(options.max_turns):
+    for _ in range(options.max_tilts):
         before = evidence
         state, ramps = _one_more(fit, state, ramps, options)
         time = fit.time(state)
         evidence = (plain.cost - state.cost) / time - 4.0 * options.min_gain * len(ramps)
-        # The first of two opposite turns has no evidence of its own.
+        # The first of two opposite tilts has no evidence of its own.
         if time <= options.max_time or evidence < before and len(ramps) > 1:
             break
     t, runs, labels = fit.poses.t, fit.poses.runs, fit.poses.run_labels
     last = len(t) - 1
-    turns = []
-    for turn, (begin, end) in zip(state.turns, ramps):
+    tilts = []
+    for tilt, (begin, end) in zip(state.base_tilts, ramps):
         rows = [int(np.clip(round(row), 0, last)) for row in (begin, end)]
-        turns.append(Turn(float(np.linalg.norm(turn)), float(t[rows[0]]), float(t[rows[1]]),
+        tilts.append(Tilt(float(np.linalg.norm(tilt)), float(t[rows[0]]), float(t[rows[1]]),
                           (labels[runs[rows[0]]], labels[runs[rows[1]]])))
-    return MovedBase(tuple(sorted(turns, key=lambda turn: turn.begin)), time, evidence)
+    return MovedBase(tuple(sorted(tilts, key=lambda tilt: tilt.begin)), time, evidence)
 
 
 def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBaseOptions
               ) -> tuple[ArmState, FloatArray]:
-    """Return the best fit with another turn, and the rows (K, 2) where turns begin and end."""
-    rows, turns = len(fit.q), np.vstack([state.turns, np.zeros((1, 2))])
-    # The longer part before or after the turn has one vertical.
+    """Return the best fit with another tilt, and the rows (K, 2) where tilts begin and end."""
+    rows, tilts = len(fit.q), np.vstack([state.base_tilts, np.zeros((1, 2))])
+    # The longer part before or after the tilt has one vertical.
     halves = [fit.start(rows=slice(rows // 2)), fit.start(rows=slice(rows // 2, None))] \
         if not len(ramps) else [state.chain] * 2
     width = rows / (options.places + 1)
     best, at = None, ramps
     for place in width * np.arange(1, options.places + 1):
         tried = np.vstack([ramps, [place, place]])
-        near = fit.run(halves[int(place < rows / 2)], shares=_shares(tried, rows), turns=turns)
+        near = fit.run(halves[int(place < rows / 2)], shares=_shares(tried, rows),
+                       base_tilts=tilts)
         if best is None or near.cost < best.cost:
             best, at = near, tried
     assert best is not None
@@ -132,14 +133,15 @@ def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBas
             tried[-1] += begin, end
             if tried[-1, 0] > tried[-1, 1]:
                 continue
-            near = fit.run(best.chain, shares=_shares(tried, rows), turns=best.turns)
+            near = fit.run(best.chain, shares=_shares(tried, rows),
+                           base_tilts=best.base_tilts)
             if near.cost < best.cost:
                 best, at = near, tried
     return best, at
 
 
 def _shares(ramps: FloatArray, rows: int) -> FloatArray:
-    """Return the shares (M, K) of turns between rows (K, 2)."""
+    """Return the shares (M, K) of tilts between rows (K, 2)."""
     begin, end = ramps.T
     return np.asarray(np.clip((np.arange(rows)[:, None] - begin)
                               / np.maximum(end - begin, 0.1), 0.0, 1.0))

@@ -100,13 +100,13 @@ class ForwardKinematics:
     in the base) the torque is tau_n = e_z . (z_n x S_n).
 
     :param sin_cos: the sines and cosines (N, M) of q, if already computed.
-    :param turns: rotation vectors (M, 2) in rad of a moving base about two horizontal axes; None
-        for a base at rest.
+    :param base_tilts: rotation vectors (M, 2) in rad of a moving base about two horizontal axes;
+        None for a base at rest.
     """
 
     def __init__(self, axes: FloatArray, q: FloatArray,
                  sin_cos: tuple[FloatArray, FloatArray] | None = None,
-                 turns: FloatArray | None = None) -> None:
+                 base_tilts: FloatArray | None = None) -> None:
         n, m = len(axes), q.shape[0]
         sin, cos = (np.sin(q.T), np.cos(q.T)) if sin_cos is None else sin_cos
         self.frames, self.rotated = np.empty((n, 3, 3, m)), np.empty((n, 3, 3, m))
@@ -116,10 +116,10 @@ class ForwardKinematics:
             if i:
                 np.matmul(axes[i].T, self.rotated[i - 1].reshape(3, 3 * m),
                           out=frame.reshape(3, 3 * m))
-            elif turns is None:
+            elif base_tilts is None:
                 frame[:] = axes[0].T[:, :, None]
             else:
-                frame[:] = (tilt(turns) @ axes[0]).transpose(2, 1, 0)
+                frame[:] = (tilt(base_tilts) @ axes[0]).transpose(2, 1, 0)
             np.multiply(cos[i], frame[:2], out=rotated[:2])
             rotated[0] += np.multiply(sin[i], frame[1], out=scratch)
             rotated[1] -= np.multiply(sin[i], frame[0], out=scratch)
@@ -176,7 +176,7 @@ class ForwardKinematics:
         return columns.reshape(2 * n, n, m)
 
     def base_columns(self, moments: FloatArray) -> FloatArray:
-        """Return d tau / d turn, shape (2, N, M), for small turns of the base about x and y."""
+        """Return d tau / d tilt, shape (2, N, M), of the base about x and y."""
         z, s = self.frames[:, 2], self._carried(moments)
         return np.stack([z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2],
                          z[:, 2] * s[:, 1] - z[:, 1] * s[:, 2]])

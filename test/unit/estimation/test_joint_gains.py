@@ -69,6 +69,22 @@ def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
             assert float(scales[name]) == pytest.approx(np.exp(-true[n]), rel=0.15)
 
 
+def test_torque_constants_of_two_parallel_joints():
+    # Axes of 90, 0 degrees; the efforts are currents of motors with different constants.
+    rng, t = np.random.default_rng(1), np.arange(6000) / 50.0
+    q, qd = np.zeros((2, len(t), 3))
+    for joint in range(3):
+        for size, omega in zip(rng.uniform(0.14, 0.35, 3), rng.uniform(0.08, 0.22, 3)):
+            phase = rng.uniform(0, 2 * np.pi)
+            q[:, joint] += size * np.sin(omega * t + phase)
+            qd[:, joint] += size * omega * np.cos(omega * t + phase)
+    fore = 5.0 * np.sin(q[:, 1] + q[:, 2])
+    tau = np.column_stack([0 * t, 12.0 * np.sin(q[:, 1]) + fore, fore])
+    tau += 0.5 * np.tanh(qd / 0.003) + 0.03 * rng.standard_normal(tau.shape)
+    fact = only(JointSamples.single_run('abc', t, q, qd, tau / [5.0, 5.0, 3.0]))
+    assert fact.values == {'b': pytest.approx(0.6, rel=0.02)}
+
+
 def test_coarse_counts_of_some_joints():
     gains = np.array([1.0, 1.0, 1.0, 80.0, 80.0, 80.0])
     samples = recorded(gains)
@@ -119,10 +135,10 @@ def test_a_base_that_turns(pitch, begin, seconds):
     fit = ArmFit(recorded(more=lambda q, qd, t: turned(pitch, begin, seconds, q, t)))
     (fact,) = moved_base(fit).facts()
     assert (fact.kind, fact.action) == (Kind.MOVED_BASE, Action.REFUSED)
-    (turn,) = moved_base(fit).turns
-    assert turn.angle == pytest.approx(abs(pitch) * np.hypot(1.0, 0.3), rel=0.1)
-    assert (turn.begin, turn.end) == pytest.approx((begin, begin + seconds), abs=2.0)
-    assert f'by {np.degrees(turn.angle):.0f}° from' in fact.evidence
+    (tilt,) = moved_base(fit).tilts
+    assert tilt.angle == pytest.approx(abs(pitch) * np.hypot(1.0, 0.3), rel=0.1)
+    assert (tilt.begin, tilt.end) == pytest.approx((begin, begin + seconds), abs=2.0)
+    assert f'by {np.degrees(tilt.angle):.0f}° from' in fact.evidence
 
 
 def test_a_base_that_turns_and_returns():
@@ -152,7 +168,7 @@ def test_too_little_motion_has_no_result():
     with pytest.raises(OptionError):
         GainOptions(min_ratio=-1.0)
     with pytest.raises(OptionError):
-        MovedBaseOptions(min_turn=0.0)
+        MovedBaseOptions(min_tilt=0.0)
 
 
 def test_an_update_with_another_unit_is_refused(tmp_path, capsys):
