@@ -34,11 +34,11 @@ from bench.real_robots.arms import arm_of, urdf
 from bench.real_robots.laws import (
     gear_friction, Hidden, Known, level_of, MAKERS, packed, Site, unpacked)
 from gravity_comp_ros.atomic import replacing
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.simulation import arms as simulated
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
-from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.friction import Friction, JointFriction
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
@@ -102,6 +102,13 @@ class Case:
         joints = {one.joint for one in self.hidden}
         return (*(one.known for one in self.hidden if one.known is not None),
                 *(level_of(one, MAX_SPEED) for one in self.friction if one.joint not in joints))
+
+    @property
+    def has_lugre(self) -> BoolArray:
+        """Return whether a joint has LuGre friction, its own or a hidden one, (N,)."""
+        laws = (*self.friction, *(one.law for one in self.hidden
+                                  if isinstance(one.law, JointFriction)))
+        return np.isin(np.arange(len(self.joints)), [law.joint for law in laws])
 
     def static(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds (K, N) in N·m of the true torque at rest in poses q (K, N) in rad."""

@@ -26,9 +26,9 @@ class Bounds:
     Bounds of a right case.
 
     `error` is that of the rms residual of every joint on the unseen run, in noise levels of that
-    joint. `of_oracle` is an alternative bound with LuGre friction, relative to the oracle's error
-    of that joint, 0 for none. `static` is that of the rms error of the static torque, worst
-    joint, as a share of the arm's largest gravity torque.
+    joint. `of_oracle` is an alternative bound of joints with LuGre friction, relative to the
+    oracle's error of that joint, 0 for none. `static` is that of the rms error of the static
+    torque, worst joint, as a share of the arm's largest gravity torque.
     """
 
     error: float = 1.5
@@ -111,7 +111,7 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
              and not present & set(_pairs(f))]
     errors = error_ratios(one, torque)
     of_oracle = None if oracle is None else error_ratios(one, oracle)
-    reference = of_oracle if one.friction and of_oracle is not None else np.zeros_like(errors)
+    reference = np.zeros_like(errors) if of_oracle is None else one.has_lugre * of_oracle
     low, high = one.static(one.poses)
     off = np.maximum(np.maximum(low - static, static - high), 0.0) / one.largest
     rms = np.sqrt((off ** 2).mean(axis=0))

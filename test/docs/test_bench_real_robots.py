@@ -217,13 +217,20 @@ def test_friction_on_a_joint_with_friction_is_not_false(drawn):
 
 
 def test_with_lugre_friction_the_bound_follows_the_oracle(drawn):
-    one = replace(with_offset(drawn), friction=(Friction(2, LuGre(0.1)),))
+    one = with_offset(drawn)
+    gears = tuple(Friction(joint, LuGre(0.1)) for joint in range(len(one.joints)))
+    one = replace(one, friction=gears)
     answers, static = [finding('torque_offset', one.joints[1])], one.static(one.poses)[0]
     torque, oracle = one.unseen.tau + 2.4 * one.noise, one.unseen.tau + 2.0 * one.noise
     assert score(one, answers, torque, static).why == ('error 2.40 x noise',)
     judged = score(one, answers, torque, static, oracle)
     assert judged.why and judged.why_oracle == ()
     assert score(replace(one, friction=()), answers, torque, static, oracle).why_oracle
+    # A hidden friction counts on its joint.
+    hidden = replace(one, friction=(), hidden=(*one.hidden, replace(
+        OFFSET, law=gears[2], static=False)))
+    off = one.unseen.tau + 2.4 * one.noise * (np.arange(len(gears)) == 2)
+    assert score(hidden, answers, off, static, oracle).why_oracle == ()
     # Each joint has its own oracle.
     oracle[:, 3] = one.unseen.tau[:, 3]
     assert score(one, answers, torque, static, oracle).why_oracle == ('error 2.40 x noise',)
