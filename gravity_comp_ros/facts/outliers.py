@@ -52,7 +52,7 @@ def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | 
     """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
     bad = np.zeros_like(signals.q, dtype=bool)
     for n, column in enumerate(signals.q.T):
-        deviation = np.abs(column - median_of_five(column))
+        deviation = _deviation(column)
         limit = max(options.min_glitch, options.spike_spread * _spread(deviation))
         bad[:, n] = deviation > limit
     return _set_aside(signals, bad, options, Kind.GLITCHES,
@@ -63,7 +63,7 @@ def spikes(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
     """Return the mask (M,) of samples with an effort far outside its range, and the fact."""
     bad = np.zeros_like(signals.tau, dtype=bool)
     for n, column in enumerate(signals.tau.T):
-        deviation = np.abs(column - median_of_five(column))
+        deviation = _deviation(column)
         low, high = np.quantile(column, [0.02, 0.98])
         margin = options.spike_margin * (high - low)
         far = (column > high + margin) | (column < low - margin)
@@ -83,6 +83,14 @@ def median_of_five(x: FloatArray) -> FloatArray:
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
     return np.asarray(np.maximum(np.minimum(low, high),
                                  np.minimum(np.maximum(low, high), c)))
+
+
+def _deviation(x: FloatArray) -> FloatArray:
+    """Return deviations (M,) from the neighbours; of the first and last sample from a line."""
+    deviation = np.abs(x - median_of_five(x))
+    for edge, near, next_ in ((0, 1, 2), (-1, -2, -3)):
+        deviation[edge] = abs(x[edge] - 2.0 * x[near] + x[next_])
+    return np.asarray(deviation)
 
 
 def _spread(deviation: FloatArray) -> float:

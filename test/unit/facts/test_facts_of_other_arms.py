@@ -44,6 +44,16 @@ FAULTS = {
     'spikes of 300 N·m on the third joint': (
         {'tau': changed(TAU, np.arange(37, 3600, 190), 2, -300.0)},
         Kind.SPIKES, Action.LEFT_OUT, {'bend'}),
+    'a spike in the first sample': (
+        {'tau': changed(TAU, 0, 1, 900.0)}, Kind.SPIKES, Action.LEFT_OUT, {'luff'}),
+    'an angle of 0 before the first reading': (
+        {'q': changed(Q, 0, 1, 0.0)}, Kind.GLITCHES, Action.LEFT_OUT, {'luff'}),
+    'a rail in mm that has the name of an arm joint': (
+        with_joint('axis0', 400 + 250 * np.sin(T / 9), 20 * np.sign(np.cos(T / 9))),
+        Kind.LINEAR_JOINT, Action.LEFT_OUT, {'axis0'}),
+    'drive off at the end': ({'tau': np.where((T > 80)[:, None], 0.0, TAU)},
+                             Kind.DISABLED, Action.LEFT_OUT, set()),
+    'velocity of the other sign': ({'qd': -QD}, Kind.VELOCITY, Action.CORRECTED, set(NAMES)),
     'glitches of one encoder turn of a motor of 1:50': (
         {'q': Q + np.isin(np.arange(3600), [410, 1733, 2900])[:, None] * [0, 0, 0, 0.126, 0, 0]},
         Kind.GLITCHES, Action.LEFT_OUT, {'pitch'}),
