@@ -61,10 +61,11 @@ class Score:
         Return the largest error (K,) of the coefficients per error of the law.
 
         The error of a law is a share of the term's torque (RMS) at coefficients `beta` (K,). The
-        part that looks like what all other columns leave of a coefficient's column changes it.
+        part that looks like what all other columns leave of a coefficient's column changes it. A
+        column of zeros has the uncertainty of its prior already.
         """
-        torque = np.sqrt(beta @ self.own @ beta)
-        return np.asarray(torque / (self.identified * np.sqrt(np.diag(self.own))))
+        torque, size = np.sqrt(beta @ self.own @ beta), np.sqrt(np.diag(self.own))
+        return np.divide(torque, self.identified * size, out=np.zeros_like(size), where=size > 0.0)
 
 
 def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:

@@ -215,6 +215,8 @@ def test_a_coefficient_is_identified_by_what_all_other_columns_leave_of_its_colu
     # half of the first column changes its coefficient by 1 % x sqrt(13) / (0.5 x 2).
     np.testing.assert_allclose(alone.leverage(np.ones(2)),
                                np.sqrt(13.0) / np.array([1.0, 3.0]), rtol=1e-6)
+    none = Score(None, np.diag([1.0, 0.0]), np.zeros(2), np.zeros(2), np.diag([4.0, 0.0]))
+    assert none.identified[1] < 1e-3 and none.leverage(np.ones(2))[1] == 0.0
 
 
 def test_a_column_that_is_a_sum_of_others_is_not_identified():
