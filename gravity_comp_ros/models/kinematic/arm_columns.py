@@ -185,7 +185,6 @@ class _Motion:
         return np.asarray(_cross(alpha, fixed) + omega * _dot(omega, fixed)[..., None, :]
                           - square * fixed)
 
-
     def moments(self, arms: FloatArray, inertias: FloatArray) -> tuple[FloatArray, FloatArray]:
         """
         Return moments and accelerations of joint j, (N, xyz, B).
