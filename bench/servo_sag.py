@@ -7,7 +7,9 @@ Sag of a position-controlled arm in MuJoCo without and with `~/position_offset`.
 The servos have a random stiffness of 100 to 400 N·m/rad, no integral part, and 1 N·m of friction.
 They follow a slow path for 75 s; gravity and then the stiffness are learned from that recording.
 At random poses the arm then holds a goal for 2 s without and 3 s with the offset of the node's
-core, which receives joint states at 100 Hz. Sag is goal minus position, RMS over poses.
+core, which receives joint states at 100 Hz. Friction holds a joint on the side from which it
+comes, so that each goal is approached slowly from both sides. Sag is goal minus position, the mean
+of both sides, RMS over poses and joints; half their difference is what friction holds.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 EVERY = 10
+# Distance in rad from which a goal is approached, and the time in s.
+APPROACH, SLOWLY = 0.05, 1.0
 
 
 class Servos:
@@ -65,9 +69,20 @@ class Servos:
 
     def sag(self, goal: np.ndarray, seconds: float, core: NodeCore | None = None,
             stiffness: np.ndarray | None = None) -> np.ndarray:
-        """Return goal minus position (N,) after some seconds at a goal, with the node or not."""
-        for _ in range(round(seconds / (STEP * EVERY))):
-            measured = self.next(goal, 0.0 * goal)
+        """
+        Return goal minus position (2, N) after some seconds at a goal, from either side.
+
+        With a core the offset of the node is added to the goals.
+        """
+        return np.array([self._error(goal, side * APPROACH, seconds, core, stiffness)
+                         for side in (-1.0, 1.0)])
+
+    def _error(self, goal: np.ndarray, start: float, seconds: float, core: NodeCore | None,
+               stiffness: np.ndarray | None) -> np.ndarray:
+        for k in range(round((SLOWLY + seconds) / (STEP * EVERY))):
+            rest = max(1.0 - k * STEP * EVERY / SLOWLY, 0.0)
+            measured = self.next(goal + start * rest, np.full_like(
+                goal, -start / SLOWLY * (rest > 0.0)))
             if core is not None and stiffness is not None:
                 t = 10.0 + self.step * STEP
                 reading = core.read(joint_state(self.arm.joints, t, *measured), t)
@@ -78,7 +93,7 @@ class Servos:
 
 
 def measure(build: str, seed: int, poses: int, folder: Path) -> tuple[np.ndarray, ...]:
-    """Return true and found stiffness (N,), and the sag (P, N) without and with the offset."""
+    """Return true and found stiffness (N,), and errors (P, 2, N) without and with the offset."""
     servos = Servos(build, seed)
     samples, goals = servos.record(75.0)
     (folder / 'arm.urdf').write_text(urdf(servos.arm.links))
@@ -101,6 +116,11 @@ def measure(build: str, seed: int, poses: int, folder: Path) -> tuple[np.ndarray
     return servos.control.kp, stiffness, np.array(without), np.array(with_offset)
 
 
+def rms(error: np.ndarray) -> float:
+    """Return the RMS of an error in rad, in degrees."""
+    return float(np.degrees(np.sqrt((error ** 2).mean())))
+
+
 def main() -> None:
     """Print the sag of each arm."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
@@ -112,11 +132,12 @@ def main() -> None:
         for seed in args.seeds:
             with tempfile.TemporaryDirectory() as folder:
                 true, measured, without, after = measure(build, seed, args.poses, Path(folder))
-            before, rest = (np.degrees(np.sqrt((x ** 2).mean())) for x in (without, after))
-            known, worst = measured < 1e6, np.degrees(np.abs(after).max())
+            before, rest = (rms(errors.mean(axis=1)) for errors in (without, after))
+            known, worst = measured < 1e6, np.degrees(np.abs(after.mean(axis=1)).max())
             error = np.abs(measured / true - 1.0)[known].max()
             print(f'{build} {seed}: sag {before:.2f} -> {rest:.2f} degrees RMS, falls by '
-                  f'{100 * (1 - rest / before):.1f} %, worst {worst:.2f} degrees; stiffness '
+                  f'{100 * (1 - rest / before):.1f} %, worst {worst:.2f} degrees; friction holds '
+                  f'{rms(0.5 * np.diff(after, axis=1)):.2f} degrees; stiffness '
                   f'of {known.sum()} of {len(true)} joints, worst error '
                   f'{100 * error:.1f} %', flush=True)
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
 from gravity_comp_ros.errors import DataError, OptionError
@@ -57,10 +58,7 @@ class WeightOptions:
     same_offset: bool = False
 
     def __post_init__(self) -> None:
-        numbers = [self.correlation, self.distance, self.significance, self.min_samples,
-                   *self.sign_widths]
-        if not min(numbers) > 0.0:
-            raise OptionError('calibration: every number must be positive')
+        check_positive(self, 'calibration', *(x for x in vars(self) if x != 'same_offset'))
 
 
 @dataclass(frozen=True)

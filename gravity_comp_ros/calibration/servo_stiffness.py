@@ -30,15 +30,16 @@ class StiffnessOptions:
     Options of the stiffness.
 
     `correlation` in s is the time over which the errors of samples are dependent, `significance`
-    the least size of 1 / k in standard deviations, `sign_width` in rad/s the speed over which
-    friction changes its sign, `min_samples` the least number of samples.
+    the least size of 1 / k in standard deviations, `sign_widths` in rad/s speeds over which
+    friction changes its sign: several, so that their sum has its fall and rise with the speed.
+    `min_samples` is the least number of samples.
 
     :raises OptionError: if a number is not positive.
     """
 
     correlation: float = 2.0
     significance: float = 10.0
-    sign_width: float = 0.01
+    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
     min_samples: int = 50
 
     def __post_init__(self) -> None:
@@ -79,10 +80,11 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
                         f'{options.min_samples} are needed')
     samples, goal = samples.select(known), goal[known]
     torque, per_error = model.predict(samples.q), _per_error(samples, options)
+    widths = np.array(options.sign_widths)[:, None]
     stiffness, left_out, sag, rmse = {}, {}, {}, {}
     for j, joint in enumerate(model.joints):
         columns = np.column_stack([torque[:, j], np.ones(len(goal)), samples.qd[:, j],
-                                   np.tanh(samples.qd[:, j] / options.sign_width)])
+                                   *np.tanh(samples.qd[:, j] / widths)])
         error = goal[:, j] - samples.q[:, j]
         solution = np.linalg.lstsq(columns, error, rcond=None)[0]
         rest = float((error - columns @ solution).std())

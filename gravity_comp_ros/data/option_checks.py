@@ -8,7 +8,7 @@ import numpy as np
 
 def check_positive(options: object, what: str, *names: str) -> None:
     """
-    Check that numbers of a dataclass of options are positive and finite.
+    Check that numbers of a dataclass of options, or of its tuples, are positive and finite.
 
     :param what: subject of the message.
     :param names: of the numbers; all by default.
@@ -16,5 +16,6 @@ def check_positive(options: object, what: str, *names: str) -> None:
     """
     for name in names or vars(options):
         value = getattr(options, name)
-        if not 0.0 < value < np.inf:
+        numbers = np.asarray(value, dtype=np.float64)
+        if not ((numbers > 0.0) & (numbers < np.inf)).all():
             raise OptionError(f'{what}: {name} is {value}; it must be positive')

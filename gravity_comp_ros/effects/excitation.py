@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import BoolArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -12,6 +12,8 @@ STILL = 0.01
 _MIN_SHARE = 0.01
 _MIN_SAMPLES = 5
 _MIN_REVERSALS = 4
+# Minimum standard deviation of a load relative to its mean; the evidence judges more variation.
+_MIN_VARIATION = 0.02
 
 
 def travel(motion: Motion, joint: int) -> float:
@@ -80,11 +82,10 @@ def insufficient_speeds(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def insufficient_load(motion: Motion, joint: int) -> str | None:
-    """Return the reason if the gravity torque of a joint hardly varies in size."""
-    load = np.abs(motion.gravity[:, joint])
+def insufficient_load(load: FloatArray) -> str | None:
+    """Return the reason if a load (M,) in N·m hardly varies."""
     mean, std = float(load.mean()), float(load.std())
-    if std < max(0.1 * mean, 0.02):
+    if std <= _MIN_VARIATION * abs(mean):
         return (f'the load hardly varies (mean {mean:.3g} N·m, standard deviation {std:.2g} N·m)')
     return None
 

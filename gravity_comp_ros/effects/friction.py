@@ -173,7 +173,8 @@ class LoadDependentFriction(DirectionEffect):
         return np.array([0.1])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return super().untestable(motion, joint) or excitation.insufficient_load(motion, joint)
+        return super().untestable(motion, joint) or excitation.insufficient_load(
+            np.abs(motion.gravity[:, joint]))
 
 
 class CoupledFriction(DirectionEffect):

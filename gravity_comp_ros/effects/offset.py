@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import has_clock, origin_of, since
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
@@ -97,10 +98,7 @@ class TorqueGain(Effect):
         return motion.gravity[:, [joint]]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if float(motion.gravity[:, joint].std()) < 0.02:
-            return ('the gravity torque hardly varies, so that a scale error cannot be '
-                    'distinguished from an offset')
-        return None
+        return excitation.insufficient_load(motion.gravity[:, joint])
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.1])
