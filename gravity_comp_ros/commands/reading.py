@@ -20,7 +20,7 @@ from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.joint_gains import joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
 from gravity_comp_ros.facts.axes import axis_facts
-from gravity_comp_ros.facts.fact import as_noted, Fact
+from gravity_comp_ros.facts.fact import as_noted, Fact, Kind
 from gravity_comp_ros.facts.order import order_facts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
@@ -61,6 +61,15 @@ def arm_facts(recording: Recording, arm: KnownArm, accept: Collection[str] = (),
         facts = order_facts(samples, arm.order.joints) if by_name else []
         facts = facts or torque_facts(samples, model=model)
     return [as_noted(fact) if fact.kind.value in accept else fact for fact in facts]
+
+
+def accepted(args: argparse.Namespace) -> frozenset[str]:
+    """
+    Return the names of kinds of facts that are noted, whatever is done about them otherwise.
+
+    Joints that the user names may be a part of the arm. The others then move the vertical of it.
+    """
+    return frozenset(args.accept) | ({Kind.MOVED_BASE.value} if args.joints else frozenset())
 
 
 def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,

@@ -382,11 +382,15 @@ def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
         JointState(header=m.header, name=m.name, effort=m.position)
         for m in received['position_offset']])
     np.testing.assert_allclose(offsets, model.predict(q[rows]) / [160.0, 60.0], atol=1e-9)
-    for name, expected in (('external_torque', -2.0), ('external_torque_significant', -2.0),
-                           ('external_torque_std', 0.1)):
+    for name, before, after in (('external_torque', 0.0, -2.0),
+                                ('external_torque_significant', 0.0, -2.0),
+                                ('external_torque_std', 0.1, None)):
         rows, values = published(samples, received[name])
-        late = t[rows] > 1.2
-        assert late.any() and (t[rows] < 0.9).any()
-        np.testing.assert_allclose(values[late, 1], expected, atol=1e-2)
-        if name != 'external_torque_std':
-            np.testing.assert_allclose(values[t[rows] < 0.9], 0.0, atol=1e-9)
+        early, late = values[t[rows] < 0.9, 1], values[t[rows] > 1.2, 1]
+        assert len(early) and len(late)
+        np.testing.assert_allclose(early, before, atol=1e-2)
+        if after is not None:
+            np.testing.assert_allclose(late, after, atol=1e-2)
+        else:
+            # The push is a scatter between windows, of which a second forgets most.
+            assert 0.1 < late[-1] < late[0] < 0.3

@@ -76,7 +76,8 @@ def test_expansion_is_exact(n, seed):
     names = tuple(f'j{k}' for k in range(n))
     model = GravityModel.from_energy(names, 'chain', expand(chain), np.zeros(n),
                                      Coverage(-np.ones(n), np.ones(n), 1), {})
-    np.testing.assert_allclose(model.predict(q), chain.torque(q), atol=1e-7)
+    # The expansion omits weights within rounding of the largest one.
+    np.testing.assert_allclose(model.predict(q), chain.torque(q), atol=1e-6)
 
 
 def test_expansion_drops_only_rounding_errors():
