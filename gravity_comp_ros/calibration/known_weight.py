@@ -9,10 +9,10 @@ where Y are the columns of the gravity of a chain on known axes with moments b, 
 mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
 is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
-viscous friction. Torque sensors
-may have another offset after a restart; without one, both recordings have the same. No mass of
-the arm is used: the weight gives the absolute scale, and the moments, which all joints share,
-their ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
+viscous friction. Torque sensors may have another offset after a restart; without one, both
+recordings have the same. No mass of the arm is used: the weight gives the absolute scale, and the
+moments, which all joints share, their ratios. Moments, gains and an unknown centre are fitted
+together by Gauss-Newton.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ import numpy as np
 
 _STEPS = 50
 
+# Speeds in rad/s over which friction changes its sign: several, so that their sum has presliding
+# and the fall of friction with speed (Stribeck).
+SIGN_WIDTHS = (0.003, 0.01, 0.03)
+
 
 @dataclass(frozen=True)
 class WeightOptions:
@@ -43,9 +47,8 @@ class WeightOptions:
     `correlation` in s is the time over which the errors of samples are dependent. `distance` in m
     is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
     is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
-    recording. `sign_widths` in rad/s are speeds over which friction changes its sign: several, so
-    that friction that falls with speed (Stribeck) and presliding are included.
-    `same_offset` is whether both recordings have the same offset.
+    recording. `sign_widths` in rad/s are those of friction. `same_offset` is whether both
+    recordings have the same offset.
 
     :raises OptionError: if a number is not positive.
     """
@@ -54,7 +57,7 @@ class WeightOptions:
     distance: float = 0.2
     significance: float = 20.0
     min_samples: int = 50
-    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
+    sign_widths: tuple[float, ...] = SIGN_WIDTHS
     same_offset: bool = False
 
     def __post_init__(self) -> None:

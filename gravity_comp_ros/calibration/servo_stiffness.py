@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gravity_comp_ros.calibration.known_weight import SIGN_WIDTHS
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError
@@ -30,16 +31,15 @@ class StiffnessOptions:
     Options of the stiffness.
 
     `correlation` in s is the time over which the errors of samples are dependent, `significance`
-    the least size of 1 / k in standard deviations, `sign_widths` in rad/s speeds over which
-    friction changes its sign: several, so that their sum has its fall and rise with the speed.
-    `min_samples` is the least number of samples.
+    the least size of 1 / k in standard deviations, `sign_widths` in rad/s those of friction,
+    `min_samples` the least number of samples.
 
     :raises OptionError: if a number is not positive.
     """
 
     correlation: float = 2.0
     significance: float = 10.0
-    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
+    sign_widths: tuple[float, ...] = SIGN_WIDTHS
     min_samples: int = 50
 
     def __post_init__(self) -> None:

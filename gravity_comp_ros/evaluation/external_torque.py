@@ -43,12 +43,11 @@ class ExternalTorqueOptions:
     `window` in s is that of the means. It holds at least `min_samples` messages, and begins again
     after a gap of `max_gap` s. `scatter_time` in s is the time constant of the mean in which the
     scatter between windows is estimated: many windows, and less than motion takes to change.
-    `significance` is the size in standard deviations above which
-    torque is significant. `friction_share` and `inertia_share` are relative errors of friction
-    (temperature, load) and of dynamic torque; `rest_speed` in rad/s is the speed below which the
-    direction of friction is uncertain. Farther than `margin` in rad outside the trained range
-    nothing is significant. A result is computed every `period` s at most, the uncertainty of the
-    model every `std_period` s.
+    `significance` is the size in standard deviations above which torque is significant.
+    `friction_share` and `inertia_share` are relative errors of friction (temperature, load) and of
+    dynamic torque; `rest_speed` in rad/s is the speed below which the direction of friction is
+    uncertain. Farther than `margin` in rad outside the trained range nothing is significant. A
+    result is computed every `period` s at most, the uncertainty of the model every `std_period` s.
 
     :raises OptionError: if a number is not positive and finite.
     """
@@ -163,7 +162,7 @@ class ExternalTorqueObserver:
         Return the variance (N,) in (N·m)^2 of the noise of the torque.
 
         Windows without a common sample have independent noise: half the mean square of their
-        difference. A push in a single window hardly changes the mean.
+        difference. The start of a push counts as such a difference for the duration of a window.
 
         :param span: duration of the window, s.
         """

@@ -33,8 +33,8 @@ class Regression:
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
     the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
-    error of their law, `identified` the share of each coefficient's torque (RMS) that
-    all other columns leave. `motion` is that of the samples at the estimated gravity.
+    error of their law, `identified` the share of each coefficient's torque (RMS) that all other
+    columns leave. `motion` is that of the samples at the estimated gravity.
     """
 
     problem: Problem

@@ -158,8 +158,11 @@ def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angl
 
 
 def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
-    """Return the linearised problem: the target is the torque that the columns explain."""
-    columns, y = problem.states.mean(shared.columns), problem.y
-    if shared.n_angles:
-        y = y - problem.states.mean(shared.torque) + columns @ shared.point
-    return Design(problem.rows, y, columns, shared.prior_std(problem.scale), weights)
+    """
+    Return the linearised problem.
+
+    Its target is the measured torque: the torque is linear in all parameters but the angles, which
+    are 0 at the point.
+    """
+    return Design(problem.rows, problem.y, problem.states.mean(shared.columns),
+                  shared.prior_std(problem.scale), weights)

@@ -41,7 +41,7 @@ class Shared(ABC):
     @property
     @abstractmethod
     def point(self) -> FloatArray:
-        """Return the parameters (P,) at which the columns are linearised."""
+        """Return the parameters (P,) at which the columns are linearised; angles are 0 there."""
 
     @property
     def n_angles(self) -> int:

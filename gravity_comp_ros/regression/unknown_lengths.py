@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import (
-    motion_columns, motion_torque, motion_torque_by_tilts)
+from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque_by_tilts
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
@@ -125,15 +124,6 @@ class UnknownLengths(Shared):
                 Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
             columns[:, :, :2 * n] += self._motion_by_tilts(state, turns)
         return columns
-
-    def torque(self, state: State) -> FloatArray:
-        return self.chain.torque(state.q) + self._motion(self.chain, state)
-
-    def _motion(self, chain: Chain, state: State) -> FloatArray:
-        if state.still or not (self.lengths.any() or self.inertias.any()):
-            return np.zeros_like(state.q)
-        return motion_torque(Chain(chain.axes, self.carried), self.lengths, self.inertias,
-                             state.q, state.qd, state.qdd)
 
     def renewed(self) -> UnknownLengths:
         return replace(self, carried=self.chain.moments)

@@ -57,28 +57,20 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
     return np.ascontiguousarray(columns.transpose(2, 0, 1))
 
 
-def motion_torque(chain: Chain, lengths: FloatArray, inertias: FloatArray, q: FloatArray,
-                  qd: FloatArray, qdd: FloatArray) -> FloatArray:
-    """
-    Return the torque of motion (B, N) in N·m: `motion_columns` times lengths and inertias.
-
-    :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
-    """
-    motion = _Motion.of(chain, q, qd, qdd)
-    moments, before = motion.moments(_combined(motion.links[:-1], lengths), inertias)
-    return _dot(motion.z, moments + _cross(motion.beyond, before)).T
-
-
 def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArray,
                            q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
     """
-    Return the derivative (B, N, 2N) of `motion_torque` by the tilts of the axes (`Chain.moved`).
+    Return the derivative (B, N, 2N) of the torque of motion by the tilts of the axes.
+
+    The torque is `motion_columns` times lengths and inertias; `Chain.moved` defines the tilts.
 
     A tilt by e of frame k turns all links from k on. As seen from them, the link before k turns by
     -e: its angular velocity changes by -w, w = e x omega, and with c = e x alpha - w x omega the
     acceleration of a vector v of a link i >= k by -(c x v + 2 w x (omega_i x v)). The torques of
     the joints from k on change by that alone, which is linear in c and w. The joints before k
     carry the turned links.
+
+    :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
     """
     motion = _Motion.of(chain, q, qd, qdd)
     n, z, beyond = chain.n_joints, motion.z, motion.beyond
@@ -142,9 +134,8 @@ class _Motion:
 
     `links` and `frames` (N, axis, xyz, B) are the axes of their frames after and before the
     rotation of their joint; `omega` and `alpha` (N, xyz, B) their angular velocities and
-    accelerations. `beyond` and `moved_beyond` (N, xyz, B)
-    are sums over a link and all beyond it: of the first moments over g, and of their
-    accelerations.
+    accelerations. `beyond` and `moved_beyond` (N, xyz, B) are sums over a link and all beyond it:
+    of the first moments over g, and of their accelerations.
     """
 
     links: FloatArray
