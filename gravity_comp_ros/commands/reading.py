@@ -67,7 +67,7 @@ def accepted(args: argparse.Namespace) -> frozenset[str]:
     """
     Return the names of kinds of facts that are noted, whatever is done about them otherwise.
 
-    Joints that the user names may be a part of the arm. The others then move the vertical of it.
+    Joints that the user names may be a part of the arm, on a link that other joints tilt.
     """
     return frozenset(args.accept) | ({Kind.MOVED_BASE.value} if args.joints else frozenset())
 
