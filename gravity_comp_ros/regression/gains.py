@@ -62,10 +62,11 @@ class Score:
 
         The error of a law is a share of the term's torque (RMS) at coefficients `beta` (K,). The
         part that looks like what all other columns leave of a coefficient's column changes it. A
-        column of zeros has the uncertainty of its prior already.
+        column of which nothing is left has the uncertainty of its prior already.
         """
-        torque, size = np.sqrt(beta @ self.own @ beta), np.sqrt(np.diag(self.own))
-        return np.divide(torque, self.identified * size, out=np.zeros_like(size), where=size > 0.0)
+        torque, rest = np.sqrt(beta @ self.own @ beta), self.identified * np.sqrt(
+            np.diag(self.own))
+        return np.divide(torque, rest, out=np.zeros_like(rest), where=rest > 0.0)
 
 
 def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
@@ -78,7 +79,9 @@ def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(size, 1e-300))
     # In units of the columns the smallest number is far below any share that counts.
     scaled = information / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
-    return np.asarray(np.sqrt(1.0 / np.diag(np.linalg.inv(scaled))))
+    inverse = np.diag(np.linalg.inv(scaled))
+    # Rounding may make the information of a column that the others explain negative.
+    return np.asarray(np.sqrt(np.where(inverse > 0.0, 1.0 / inverse, 0.0)))
 
 
 def score_of(posterior: Posterior, term: Term) -> Score:

@@ -223,6 +223,8 @@ def test_a_column_that_is_a_sum_of_others_is_not_identified():
     columns = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1e-7]])
     own = columns @ columns.T
     assert (shares_left(own, np.diag(own)) < 1e-4).all()
+    negative = Score(None, np.diag([1.0, -1e-9]), np.zeros(2), np.zeros(2), np.eye(2))
+    assert negative.identified[1] == 0.0 and negative.leverage(np.ones(2))[1] == 0.0
 
 
 def test_corrections_need_what_they_correct():
