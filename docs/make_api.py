@@ -15,9 +15,9 @@ import pdoc
 HERE = Path(__file__).resolve().parent
 # Modules of the public functions and results; internal modules are documented in the source.
 MODULES = ('gravity_comp_ros', 'gravity_comp_ros.api.loop', 'gravity_comp_ros.api.recording',
-           'gravity_comp_ros.api.model', 'gravity_comp_ros.api.results',
-           'gravity_comp_ros.api.steps', 'gravity_comp_ros.evaluation.compare',
-           'gravity_comp_ros.planning.plan', 'gravity_comp_ros.planning.options',
+           'gravity_comp_ros.api.model', 'gravity_comp_ros.api.steps',
+           'gravity_comp_ros.evaluation.compare',
+           'gravity_comp_ros.planning.expected', 'gravity_comp_ros.planning.options',
            'gravity_comp_ros.diagnosis.findings', 'gravity_comp_ros.data.samples',
            'gravity_comp_ros.data.gate', 'gravity_comp_ros.errors')
 

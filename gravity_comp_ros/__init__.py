@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.model import save as save
     from gravity_comp_ros.api.read import read as read
     from gravity_comp_ros.api.recording import Recording as Recording
-    from gravity_comp_ros.api.results import Diagnosis as Diagnosis
-    from gravity_comp_ros.api.results import MotionPlan as MotionPlan
     from gravity_comp_ros.data.gate import GateOptions as GateOptions
+    from gravity_comp_ros.diagnosis.findings import Diagnosis as Diagnosis
     from gravity_comp_ros.diagnosis.findings import Finding as Finding
     from gravity_comp_ros.diagnosis.findings import Verdict as Verdict
     from gravity_comp_ros.errors import GravityCompError as GravityCompError
     from gravity_comp_ros.errors import Hint as Hint
     from gravity_comp_ros.evaluation.compare import Comparison as Comparison
+    from gravity_comp_ros.planning.expected import MotionPlan as MotionPlan
     from gravity_comp_ros.planning.options import PlanOptions as PlanOptions
 
 __version__ = '0.1.0'
@@ -52,8 +52,8 @@ _MODULES = {
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
     'load': 'api.model', 'save': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
-    'Comparison': 'evaluation.compare', 'Diagnosis': 'api.results',
-    'MotionPlan': 'api.results', 'PlanOptions': 'planning.options',
+    'Comparison': 'evaluation.compare', 'Diagnosis': 'diagnosis.findings',
+    'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.options',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
     'GravityCompError': 'errors', 'Hint': 'errors',
 }

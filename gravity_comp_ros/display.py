@@ -49,7 +49,7 @@ class Displayable(ABC):
         """Return a description in one line."""
 
     @abstractmethod
-    def parts(self) -> Iterable[str | TextTable]:
+    def details(self) -> Iterable[str | TextTable]:
         """Return the sentences and tables that follow the summary."""
 
     def __repr__(self) -> str:
@@ -57,11 +57,11 @@ class Displayable(ABC):
 
     def __str__(self) -> str:
         parts = [part if isinstance(part, TextTable) else printable(part)
-                 for part in (self.summary(), *self.parts())]
+                 for part in (self.summary(), *self.details())]
         return '\n'.join(str(part) for part in parts)
 
     def _repr_html_(self) -> str:
-        first, *parts = (self.summary(), *self.parts())
+        first, *parts = (self.summary(), *self.details())
         return f'<p><b>{escape(printable(str(first)))}</b></p>' + ''.join(
             part.html() if isinstance(part, TextTable) else f'<p>{escape(printable(part))}</p>'
             for part in parts)

@@ -37,8 +37,8 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
-from gravity_comp_ros.planning.outcome import outcome
+from gravity_comp_ros.planning import Expectation, MotionPlan, plan, PlanOptions, Target
+from gravity_comp_ros.planning.expected import outcome
 from gravity_comp_ros.simulation import motions
 import numpy as np
 
@@ -151,8 +151,8 @@ class Case:
     def planned(self, seconds: float, **limits: Any) -> tuple[motions.Motion, dict[str, Any]]:
         """Return the planned motion, its parts and its expected results."""
         started = time.process_time()
-        planned: Plan = plan(self.old, self.model, self.targets, PlanOptions(seconds, **limits),
-                             self.first)
+        planned: MotionPlan = plan(self.old, self.model, self.targets,
+                                   PlanOptions(seconds, **limits), self.first)
         return played(planned.trajectory), {
             'plan_seconds': time.process_time() - started,
             'parts': [part.sentence for part in planned.parts],

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.targets import named_targets
+from gravity_comp_ros.planning.questions import named_targets
 
 TARGETS = (None, ('coulomb_friction:iiwa_joint_2',), ('coulomb_friction',), ('gravity',),
            ('base_tilt',), ('joint_flexibility:iiwa_joint_2', 'base_tilt', 'gravity'))

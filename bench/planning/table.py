@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.planning.targets import OPEN
+from gravity_comp_ros.planning.questions import OPEN
 import numpy as np
 
 # Columns of the table by motion; the last column is that of a user who follows the plan.

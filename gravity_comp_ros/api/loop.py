@@ -10,19 +10,19 @@ from gravity_comp_ros.api.axes import AxesOptions, known_axes
 from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.results import Diagnosis, MotionPlan
 from gravity_comp_ros.api.steps import add_to_model, compare_model, update_on_axes
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
-from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.collision import collision_check
+from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
-from gravity_comp_ros.planning.targets import named_targets
+from gravity_comp_ros.planning.questions import named_targets
 
 
 def fit(recording: Recording, *, formulation: str | None = None,
@@ -92,7 +92,7 @@ def diagnose(recording: Recording, model: Model | None = None, *,
         known_effect(name)
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
     gravity = (model or fit(recording, progress=progress)).gravity
-    return Diagnosis(diagnose_samples(recording.used, gravity, options, progress))
+    return diagnose_samples(recording.used, gravity, options, progress)
 
 
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
@@ -166,4 +166,4 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
     check, note = collision_check(None if urdf is None else Path(urdf), model.joints, samples.q)
     motion = plan_motion(samples, model.gravity, targets, options, progress=progress,
                          obstacles=check)
-    return MotionPlan(replace(motion, notes=(*motion.notes, note)))
+    return replace(motion, notes=(*motion.notes, note))

@@ -73,7 +73,7 @@ class FitReport(Displayable):
         return (f'gravity model, {self.formulation}: {counted(self.n_samples, "sample")} of '
                 f'{counted(self.n_runs, "run")}{effects}')
 
-    def parts(self) -> Iterable[str | TextTable]:
+    def details(self) -> Iterable[str | TextTable]:
         """Return a table of the joints, the payload and the warnings."""
         columns = ['joint', 'terms', 'from rad', 'to rad', 'RMSE N·m']
         rows = []
@@ -176,9 +176,9 @@ class Model(Displayable):
         """Return one line: formulation, samples, effects."""
         return self.report.summary()
 
-    def parts(self) -> Iterable[str | TextTable]:
+    def details(self) -> Iterable[str | TextTable]:
         """Return the report and the equations."""
-        yield from self.report.parts()
+        yield from self.report.details()
         yield 'torque in N·m (s2, c2: sine and cosine of the angle of the second joint)'
         for name, joint in self.report.joints.items():
             yield f'{name} = {joint.equation}'

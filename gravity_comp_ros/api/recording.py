@@ -167,7 +167,7 @@ class Recording(Displayable):
         return (f'{counted(len(self.joints), "joint")}, {counted(self.n_runs, "run")}, '
                 f'{len(self.samples)} samples over {seconds:.1f} s{part}')
 
-    def parts(self) -> Iterable[str | TextTable]:
+    def details(self) -> Iterable[str | TextTable]:
         """Return the gate result, and a table with the range and speed of each joint."""
         try:
             yield self.gated.sentence()

@@ -9,7 +9,6 @@ from pathlib import Path
 import shlex
 import time
 
-from gravity_comp_ros.api import results
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.learn import known_arm, KnownArm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
@@ -28,7 +27,7 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning.outcome import Outcome, outcomes, read_expected, summary
+from gravity_comp_ros.planning.expected import Outcome, outcomes, read_expected, summary
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from rich.table import Table
@@ -84,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         terminal.show(f'diagnosed in {seconds:.1f} s')
 
     document = {
-        **results.Diagnosis(diagnosis).to_json(), 'model': args.model.name if args.model else None,
+        **diagnosis.to_json(), 'model': args.model.name if args.model else None,
         'data': check.to_json(), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
         'plan': None if planned is None else [each.to_json() for each in planned],
@@ -181,7 +180,7 @@ def _width(value: float | None, unit: str) -> str:
 
 def _table(diagnosis: Diagnosis) -> Table:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
-             results.coefficients(f), wording.change(f)] for f in diagnosis.findings]
+             wording.coefficients(f.coefficients), wording.change(f)] for f in diagnosis.findings]
     # Names are copied from here, so they are never folded; coefficients may be.
     return terminal.table('missing effects', _FINDINGS, rows,
                           left=('effect', 'verdict', 'coefficient, 95 %'),

@@ -6,15 +6,15 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
+from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.collision import collision_check
-from gravity_comp_ros.planning.targets import named_targets
+from gravity_comp_ros.planning.expected import EXPECTED
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
@@ -83,14 +83,13 @@ def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArra
     return low + 0.02 * (high - low), high - 0.02 * (high - low)
 
 
-def _show(args: argparse.Namespace, planned: Plan, links: str) -> None:
+def _show(args: argparse.Namespace, planned: MotionPlan, links: str) -> None:
     length = f'{planned.trajectory.duration:.1f} s'
     terminal.show(f'[bold]{counted(len(planned.parts), "part")}, {length}[/bold]')
     for part in planned.parts:
         terminal.show(f'  {terminal.safe(part.sentence)}')
-    rows = [list(results.expected_row(each)) for each in planned.expectations]
-    terminal.show('', terminal.table('expected results', results.EXPECTED, rows,
-                                     results.EXPECTED[3:]))
+    rows = [each.row() for each in planned.expectations]
+    terminal.show('', terminal.table('expected results', EXPECTED, rows, EXPECTED[3:]))
     terminal.show(*(f'  {terminal.safe(each.sentence)}' for each in planned.gravity))
     start = ', '.join(f'{value:.3f}' for value in planned.trajectory.q[0])
     terminal.show('', terminal.safe(f'move the arm to {start} rad first'),
@@ -107,7 +106,7 @@ def _show(args: argparse.Namespace, planned: Plan, links: str) -> None:
                                      model=args.model))
 
 
-def _advice(planned: Plan, options: PlanOptions, model: GravityModel) -> list[str]:
+def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> list[str]:
     """Return options that may resolve effects the planned motion does not resolve."""
     names = ', '.join(each.target.name for each in planned.expectations if not each.is_likely)
     lines = []

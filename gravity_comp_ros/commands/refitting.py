@@ -8,10 +8,10 @@ from pathlib import Path
 
 from gravity_comp_ros.api.provenance import held_out_blocks, now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.api.steps import compare_model, not_held_out
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.holdout import within
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.display import change
 from gravity_comp_ros.errors import DataError, OptionError
@@ -137,7 +137,7 @@ def effect_lines(result: Refit) -> list[str]:
 
 def numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and nonlinear parameters in one line."""
-    return ', '.join([*effect_numbers(effect), *(
+    return ', '.join([wording.numbers(effect), *(
         f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
+
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import Displayable, TextTable
+from gravity_comp_ros.models.applied_effects import Quantity
 
 
 class Verdict(StrEnum):
@@ -19,18 +23,8 @@ class Verdict(StrEnum):
     UNEXPLAINED = 'unexplained'
 
 
-VERDICTS = tuple(Verdict)
 # Verdicts of effects that can be added to the model.
 FOUND = (Verdict.ESTABLISHED, Verdict.LIKELY)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A coefficient in its unit, with its 95 % interval."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -55,7 +49,7 @@ class Finding:
     effect: str | None
     verdict: str
     rivals: tuple[str, ...]
-    coefficients: Mapping[str, Estimate]
+    coefficients: Mapping[str, Quantity]
     nrmse_before: float
     nrmse_after: float
     base_absorbed: float
@@ -115,20 +109,49 @@ class JointReport:
                 'untestable': dict(self.untestable)}
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Displayable):
     """
-    All findings, the strongest first, and the reports of all joints.
+    Effects that a model does not include, the strongest first, and the reports of all joints.
 
-    `untestable` maps effects of the whole arm to the reason why they cannot be tested.
+        for finding in diagnosis.found:
+            print(finding.effect, finding.joint, finding.nrmse_before, finding.nrmse_after)
+
+    `findings` are all findings. `untestable` maps effects of the whole arm to the reason why they
+    cannot be tested.
     """
 
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """Return the established and likely findings."""
+        return tuple(finding for finding in self.findings if finding.is_missing)
+
+    def finding(self, effect: str, joint: str | None) -> Finding | None:
+        """Return the finding on an effect of a joint (None: of the whole arm), None without it."""
+        return next((f for f in self.findings if (f.effect, f.joint) == (effect, joint)), None)
+
     def to_json(self) -> dict[str, Any]:
-        """Return the document of `diagnose --json`."""
+        """Return the diagnosis part of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
-                'untestable': dict(self.untestable)}
+                'untestable': dict(self.untestable), 'verdict': self.summary()}
+
+    def summary(self) -> str:
+        """Return the overall verdict in one sentence."""
+        return wording.verdict(self)
+
+    def details(self) -> Iterable[str | TextTable]:
+        """Return a table of the findings, and the evidence for the first one."""
+        if not self.findings:
+            return
+        yield TextTable(
+            ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error', 'with it'),
+            tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
+                   wording.coefficients(f.coefficients), *wording.before_and_after(f))
+                  for f in self.findings), left=4)
+        yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
+                    for f in self.findings[:1] if f.why)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.findings import Estimate as Size
 from gravity_comp_ros.diagnosis.findings import Finding, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import all_effects
@@ -91,7 +90,7 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     verdict, why = _verdict(evidence, term, gain, shares.max(), values, std, held_out, others)
     identified = shares >= regression.problem.options.min_identified
     sizes = {symbol: size for (symbol, size), given
-             in zip(_sizes(values_of(listed, values, std)).items(), identified) if given}
+             in zip(values_of(listed, values, std).items(), identified) if given}
     return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
                    1.0 - float(shares.max()), held_out.runs_better, why,
                    _next_step(term, verdict, joint), gain, p_of(gain - term.log_odds),
@@ -152,7 +151,7 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
                       motion_parameters(shared, std))
     established = gain >= evidence.options.established
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
-                   _sizes(sizes), held_out.before, held_out.after, 0.0, held_out.runs_better,
+                   sizes, held_out.before, held_out.after, 0.0, held_out.runs_better,
                    '' if established else _little_evidence(gain, evidence.options), '', gain,
                    p_of(gain))
 
@@ -189,11 +188,6 @@ def _named(name: str, number: int | None, term: Term, joints: tuple[str, ...]) -
     if number == term.joint:
         return name
     return target(name, None if number is None else joints[number])
-
-
-def _sizes(values: Mapping[str, object]) -> dict[str, Size]:
-    return {symbol: Size(x.value, x.unit, x.ci95)  # type: ignore[attr-defined]
-            for symbol, x in values.items()}
 
 
 def _next_step(term: Term, verdict: Verdict, joint: str | None) -> str:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import TYPE_CHECKING
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity, target
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 
 _MAX_COEFFICIENTS = 2
 
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the diagnosis in one sentence."""
-    findings = [f for f in diagnosis.findings if f.is_missing]
+    findings = diagnosis.found
     if findings:
         if len(findings) == 1:
             return f'Missing: {sentence(findings[0])}.'
@@ -73,7 +76,7 @@ def title(effect: str) -> str:
     return full if first in ('Coulomb', 'Stribeck') else full[0].lower() + full[1:]
 
 
-def sizes(coefficients: Mapping[str, Estimate], limit: int = _MAX_COEFFICIENTS) -> str:
+def sizes(coefficients: Mapping[str, Quantity], limit: int = _MAX_COEFFICIENTS) -> str:
     """Return coefficients with their intervals, '' for more than `limit` coefficients."""
     items = dict(coefficients)
     if not items or len(items) > limit:
@@ -83,7 +86,22 @@ def sizes(coefficients: Mapping[str, Estimate], limit: int = _MAX_COEFFICIENTS) 
     return ', '.join(f'{symbol} {plus_minus(x)}' for symbol, x in items.items())
 
 
-def plus_minus(estimate: Estimate) -> str:
+def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
+    """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
+    items = list(values.items())
+    texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items[:limit])
+    more = len(items) - limit
+    return texts + (f' and {more} more' if more > 0 else '') or '–'
+
+
+def numbers(effect: AppliedEffect, limit: int = 6) -> str:
+    """Return the first `limit` coefficients of an effect of a model, in one line."""
+    parts = [f'{symbol} = {plus_minus(x)}' for symbol, x in effect.coefficients.items()]
+    return ', '.join([*parts[:limit], *([f'{len(parts) - limit} more'] if len(parts) > limit
+                                        else ())])
+
+
+def plus_minus(estimate: Quantity) -> str:
     """Return `0.790 ± 0.028 N·m`, with two significant digits of the half-width."""
     low, high = estimate.ci95
     half = 0.5 * (high - low)

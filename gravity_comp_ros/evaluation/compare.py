@@ -89,7 +89,7 @@ class Comparison(Displayable):
         return (f'error of the model on {worst.n} samples; largest on {self.worst}, RMSE '
                 f'{worst.rmse:.4g} N·m')
 
-    def parts(self) -> Iterable[str | TextTable]:
+    def details(self) -> Iterable[str | TextTable]:
         """Return the errors of every joint, and the worst regions of the worst joint."""
         yield TextTable(
             ('joint', 'RMSE N·m', 'nRMSE', 'bias N·m', 'std N·m', 'max N·m', 'in 95 % band'),

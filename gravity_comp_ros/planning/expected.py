@@ -1,13 +1,27 @@
-"""Planned motion, descriptions of its parts, and the expected result of each target."""
+"""Planned motion, its parts, and the expected and the actual result of each target."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
+from gravity_comp_ros.display import Displayable, TextTable
+from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.printable import counted
 import numpy as np
+
+# Columns of `Expectation.row`.
+EXPECTED = ('to resolve', 'chance now', 'chance then', 'coefficient, 95 %',
+            'closest alternative')
+# Verdicts on a target without a finding: the recordings excite the effect, or they do not.
+ABSENT, UNTESTABLE = 'absent', 'untestable'
+RESOLVED = (*map(str, FOUND), ABSENT)
 
 
 @dataclass(frozen=True)
@@ -60,6 +74,14 @@ class Expectation:
         """Return whether the motion resolves the target with a chance of at least one half."""
         return self.chance >= 0.5
 
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of the columns `EXPECTED`."""
+        widths = ', '.join(
+            f'{symbol} ± {width:.2g} {unit}'.strip() if np.isfinite(width) else f'{symbol} unknown'
+            for symbol, (width, unit) in self.half_width.items())
+        return (self.target.name, f'{100 * self.chance_before:.0f} %',
+                f'{100 * self.chance:.0f} %', widths, self.closest_alternative or '–')
+
     def to_json(self) -> dict[str, Any]:
         """Return one object of `expected` of `plan --json`."""
         widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
@@ -93,12 +115,16 @@ class GravityExpectation:
                 f'fit that includes this motion')
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class MotionPlan(Displayable):
     """
-    A motion, its parts and its expected results; `notes` are messages to the user.
+    A motion that excites unresolved effects, its parts, and the expected results.
 
-    `gravity` has the joints whose gravity torque is uncertain.
+        plan.save('motion.yaml')
+        plan.expectations[0].chance      # probability that the effect is resolved
+
+    `gravity` has the joints whose gravity torque is uncertain. `notes` are messages to the user.
+    Obstacles and people near the arm are not checked.
     """
 
     trajectory: Trajectory
@@ -106,6 +132,26 @@ class Plan:
     expectations: tuple[Expectation, ...]
     notes: tuple[str, ...]
     gravity: tuple[GravityExpectation, ...] = ()
+
+    def save(self, path: str | Path) -> None:
+        """
+        Write the motion as JointTrajectory (.yaml), table (.csv) or JointState bag (.mcap).
+
+        :raises BagError: if the file cannot be written, or its ending is unknown.
+        """
+        from gravity_comp_ros.recordings.trajectory_files import write_trajectory
+        write_trajectory(Path(path), self.trajectory, [part.sentence for part in self.parts])
+
+    def summary(self) -> str:
+        """Return one line: duration of the motion and number of parts."""
+        return (f'a motion of {self.trajectory.duration:.1f} s in '
+                f'{counted(len(self.parts), "part")}')
+
+    def details(self) -> Iterable[str | TextTable]:
+        """Return the parts of the motion, a table of the expectations, and notes."""
+        yield from (part.sentence for part in self.parts)
+        yield TextTable(EXPECTED, tuple(each.row() for each in self.expectations))
+        yield from self.notes
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of `plan --json`."""
@@ -116,3 +162,94 @@ class Plan:
             'expected': [expected.to_json() for expected in self.expectations],
             'gravity': [asdict(each) for each in self.gravity],
             'notes': list(self.notes)}
+
+
+def outcome(target: Target, diagnosis: Diagnosis) -> str:
+    """Return the verdict on a target, `absent` or `untestable`."""
+    finding = diagnosis.finding(target.effect, target.joint)
+    if finding is not None:
+        return str(finding.verdict)
+    reasons = (diagnosis if target.joint is None else diagnosis.joints[target.joint]).untestable
+    return UNTESTABLE if target.effect in reasons else ABSENT
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    Expected and actual result of a target.
+
+    `verdict` is that of a finding, `absent` or `untestable`. `half_width` (expected) and
+    `found_half_width` are half the 95 % interval of the first coefficient; None without one.
+    """
+
+    target: Target
+    chance: float
+    verdict: str
+    half_width: float | None
+    found_half_width: float | None
+    unit: str
+
+    @property
+    def resolved(self) -> bool:
+        return self.verdict in RESOLVED
+
+    @property
+    def as_expected(self) -> bool:
+        """Return whether the more probable of resolved and open occurred."""
+        return self.resolved == (self.chance >= 0.5)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return one object of `plan` of `diagnose --json`."""
+        return {'effect': self.target.effect, 'joint': self.target.joint, 'chance': self.chance,
+                'verdict': self.verdict, 'settled': self.resolved,
+                'as_expected': self.as_expected, 'half_width': self.half_width,
+                'found_half_width': self.found_half_width}
+
+
+def read_expected(path: Path) -> list[dict[str, Any]]:
+    """
+    Return the `expected` objects of a file of `plan --json`.
+
+    :raises BagError: if the file is not from that command.
+    """
+    try:
+        document = json.loads(path.read_text(encoding='utf-8'))
+        expected = document['expected']
+        for one in expected:
+            one['effect'], one['joint'], float(one['chance']), one['half_width'].items()
+    except OSError as problem:
+        raise BagError(f'{path}: {problem.strerror or problem}') from None
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise BagError(f'{path} is not what `plan --json` writes') from None
+    return list(expected)
+
+
+def outcomes(expected: list[dict[str, Any]], diagnosis: Diagnosis) -> list[Outcome]:
+    """
+    Return the outcome of each target.
+
+    :raises BagError: if the diagnosis does not contain the joint of a target.
+    """
+    return [_outcome(one, diagnosis) for one in expected]
+
+
+def _outcome(one: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
+    target = Target(one['effect'], one['joint'])
+    if target.joint is not None and target.joint not in diagnosis.joints:
+        raise BagError(f'the plan is for joint {target.joint}, which is not among '
+                       f'{", ".join(diagnosis.joints)}')
+    finding = diagnosis.finding(target.effect, target.joint)
+    widths: Mapping[str, Mapping[str, Any]] = one['half_width']
+    symbol = next(iter(widths), '')
+    width = widths.get(symbol, {})
+    estimate = finding.coefficients.get(symbol) if finding is not None else None
+    return Outcome(target, float(one['chance']), outcome(target, diagnosis), width.get('value'),
+                   None if estimate is None else 0.5 * (estimate.ci95[1] - estimate.ci95[0]),
+                   str(width.get('unit', '')))
+
+
+def summary(results: list[Outcome]) -> str:
+    """Return the number of resolved targets, and the expected number."""
+    resolved = sum(one.resolved for one in results)
+    return (f'{resolved} of {len(results)} targets of the plan are resolved; expected by the '
+            f'stated chances: {sum(one.chance for one in results):.1f}')

@@ -14,16 +14,14 @@ from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, of_all_joints, Part
 from gravity_comp_ros.planning.criterion import (
-    coefficients, Criterion, GravityQuestion, identified, Question)
-from gravity_comp_ros.planning.evidence import evidence_after
+    coefficients, Criterion, evidence_after, GravityQuestion, identified, Question)
 from gravity_comp_ros.planning.expected import (
-    Expectation, GravityExpectation, Plan, PlannedPart)
+    Expectation, GravityExpectation, MotionPlan, PlannedPart)
 from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
-from gravity_comp_ros.planning.questions import questions_of
+from gravity_comp_ros.planning.questions import MAX_TARGETS, open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, sampled, Segment
 from gravity_comp_ros.planning.selection import Selector, untestable
 from gravity_comp_ros.planning.sums import PlannedMotion, Sums
-from gravity_comp_ros.planning.targets import MAX_TARGETS, open_targets
 from gravity_comp_ros.planning.workspace import Obstacles, Workspace, workspace
 import numpy as np
 
@@ -46,7 +44,7 @@ _Z95 = 1.96
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
          progress: Progress | None = None, obstacles: Obstacles | None = None,
-         estimated: Estimate | None = None) -> Plan:
+         estimated: Estimate | None = None) -> MotionPlan:
     """
     Return the motion of largest utility for the targets, within the limits.
 
@@ -79,8 +77,8 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     expected = task.expectations(motion, added)
     report('plan', 1.0)
     notes = (*task.notes, *(_unlikely(each) for each in expected if not each.is_likely))
-    return Plan(Trajectory(model.joints, t, q, qd, qdd), task.planned_parts(times, chosen),
-                expected, notes, task.gravity_expectations(added))
+    return MotionPlan(Trajectory(model.joints, t, q, qd, qdd), task.planned_parts(times, chosen),
+                      expected, notes, task.gravity_expectations(added))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.planning.candidates import Part, travel
-from gravity_comp_ros.planning.criterion import Criterion, identified, total
+from gravity_comp_ros.planning.criterion import Criterion, identified
 from gravity_comp_ros.planning.segments import Limits, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
@@ -90,7 +90,8 @@ class Selector:
         return np.asarray(self._gains_alone.sum(axis=1))
 
     def _sums(self, chosen: Sequence[int]) -> FloatArray:
-        return total(self._criterion.sums, [self._added[k] for k in chosen])
+        """Return the sums (L, L) of the recordings and of chosen parts."""
+        return np.asarray(sum((self._added[k] for k in chosen), self._criterion.sums.recorded))
 
     def _utility(self, chosen: Sequence[int]) -> float:
         return float(self._criterion.utilities(self._sums(chosen)[None]).sum())

@@ -9,7 +9,7 @@ from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.models.applied_effects import target as effect_name
-from gravity_comp_ros.planning.targets import OPEN
+from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import plan_panel, widgets

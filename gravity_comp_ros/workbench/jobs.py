@@ -17,8 +17,9 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.plan import Plan, plan
-from gravity_comp_ros.planning.targets import named_targets
+from gravity_comp_ros.planning.expected import MotionPlan
+from gravity_comp_ros.planning.plan import plan
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 import numpy as np
@@ -107,7 +108,7 @@ class PlanMotion:
 
 
 Job = Read | Learn | Diagnose | Add | PlanMotion
-Answer = ReadResult | Learned | Diagnosis | Refit | Plan
+Answer = ReadResult | Learned | Diagnosis | Refit | MotionPlan
 
 
 class JobRunner:

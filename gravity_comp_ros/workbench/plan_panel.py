@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from bokeh.layouts import column, row
 from bokeh.models import UIElement
-from gravity_comp_ros.api.results import EXPECTED, expected_row, MotionPlan
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.planning.targets import OPEN
+from gravity_comp_ros.planning.expected import EXPECTED
+from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench import widgets
@@ -54,29 +54,28 @@ def open_effects(diagnosis: Diagnosis) -> list[str]:
 
 def planned(session: Session, actions: PlanActions) -> list[UIElement]:
     """Return the description, the expected results, and the downloads of a planned motion."""
-    raw = session.plan
-    if raw is None:
+    plan = session.plan
+    if plan is None:
         return []
-    plan = MotionPlan(raw)
     start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
-        raw.trajectory.joints, raw.trajectory.q[0]))
-    sentences = [part.sentence for part in raw.parts]
+        plan.trajectory.joints, plan.trajectory.q[0]))
+    sentences = [part.sentence for part in plan.parts]
     text = (
         f'<h3 id="planned">Planned: {markup.text(plan.summary())}</h3>{markup.bullets(sentences)}'
-        + markup.table(EXPECTED, map(expected_row, raw.expectations), EXPECTED[3:])
+        + markup.table(EXPECTED, [each.row() for each in plan.expectations], EXPECTED[3:])
         + markup.paragraph(f'Move the arm to {start} rad first. Obstacles, people and '
                            f'self-collisions are not checked: keep the space around the arm '
                            f'clear.', 'warning')
-        + ''.join(markup.paragraph(note, 'quiet') for note in raw.notes)
+        + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
         + markup.paragraph('Play it, record it, and drop the recording into this page.'))
     files = row(
         widgets.button('Save as trajectory (YAML)', lambda: actions.give(
-            'motion.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences)),
+            'motion.yaml', 'application/yaml', to_yaml(plan.trajectory, sentences)),
             name='plan-yaml'),
         widgets.button('Save as action goal', lambda: actions.give(
-            'goal.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences, True)),
+            'goal.yaml', 'application/yaml', to_yaml(plan.trajectory, sentences, True)),
             name='plan-goal'),
         widgets.button('Save as CSV', lambda: actions.give(
-            'motion.csv', 'text/csv', to_csv(raw.trajectory)), name='plan-csv'),
+            'motion.csv', 'text/csv', to_csv(plan.trajectory)), name='plan-csv'),
         styles={'flex-wrap': 'wrap'})
     return [column(widgets.html(text), files, sizing_mode='stretch_width')]

@@ -18,7 +18,7 @@ from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
-from gravity_comp_ros.planning.plan import Plan
+from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.jobs import (
@@ -59,7 +59,7 @@ class Session:
         self.progress: Progress | None = None
         self.version = 0
         self.page: object | None = None
-        self._plan: tuple[PlanMotion, Plan] | None = None
+        self._plan: tuple[PlanMotion, MotionPlan] | None = None
 
     @property
     def stage(self) -> Stage | None:
@@ -78,7 +78,7 @@ class Session:
         return self._reading().gives_same_samples(self.read_as)
 
     @property
-    def plan(self) -> Plan | None:
+    def plan(self) -> MotionPlan | None:
         """Return the motion planned for the current model and choice."""
         if self._plan is None or self.stage is None:
             return None
@@ -211,7 +211,7 @@ class Session:
         elif isinstance(job, Add) and isinstance(answer, Refit):
             self._append(Stage(added_name(answer.added), answer.model, job.choice, answer.added,
                                warnings=tuple(answer.warnings())))
-        elif isinstance(job, PlanMotion) and isinstance(answer, Plan):
+        elif isinstance(job, PlanMotion) and isinstance(answer, MotionPlan):
             self._plan = job, answer
         elif isinstance(job, Diagnose) and isinstance(answer, Diagnosis) and self.at is not None:
             self.stages[self.at] = replace(self._current(), diagnosis=answer,

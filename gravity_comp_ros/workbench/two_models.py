@@ -6,6 +6,7 @@ from bokeh.layouts import column, gridplot, row
 from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.display import change
 from gravity_comp_ros.errors import GravityCompError
@@ -16,7 +17,6 @@ from gravity_comp_ros.report.contents import plot_time
 from gravity_comp_ros.report.decimate import keep_extremes
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import AFTER, BEFORE, FAINT, padded, plot, short
-from gravity_comp_ros.report.views.equations import numbers
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import NamedModel, Results
 from gravity_comp_ros.workbench.views import element
@@ -80,8 +80,8 @@ def _contents_table(results: Results, a: NamedModel, b: NamedModel) -> str:
     """Return a table of the provenance and the effects of both models."""
     of_a, of_b = results.facts(a), results.facts(b)
     rows = [[what, of_a[what], of_b[what]] for what in of_a]
-    in_a, in_b = ({effect.target: numbers(effect) for effect in named.model.applied.effects}
-                  for named in (a, b))
+    in_a, in_b = ({effect.target: markup.units(wording.numbers(effect))
+                   for effect in named.model.applied.effects} for named in (a, b))
     rows += [[target, in_a.get(target, 'not included'), in_b.get(target, 'not included')]
              for target in dict.fromkeys([*in_a, *in_b])]
     return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bokeh.layouts import column, gridplot
 from bokeh.models import Label, Slope, UIElement
 from bokeh.plotting import figure
-from gravity_comp_ros.api import results
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.motion import Motion
@@ -76,7 +75,7 @@ def label(finding: Finding) -> str:
 
 def coefficients(finding: Finding, max_count: int = _MAX_COEFFICIENTS) -> str:
     """Return at most `max_count` coefficients with units and 95 % intervals in one line."""
-    return markup.units(results.coefficients(finding, max_count))
+    return markup.units(wording.coefficients(finding.coefficients, max_count))
 
 
 def _bars(findings: tuple[Finding, ...]) -> list[Bars]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from bokeh.models import BasicTickFormatter, ColumnDataSource
 from bokeh.plotting import figure
-from gravity_comp_ros.api.results import effect_numbers
-from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
@@ -29,7 +28,7 @@ def section(contents: Contents, selector: JointSelector) -> Section:
     if applied:
         lead += '<h3>Effects in addition to gravity</h3>' + markup.table(
             ['effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'],
-            [[e.name, e.joint or 'the whole arm', numbers(e),
+            [[e.name, e.joint or 'the whole arm', markup.units(wording.numbers(e)),
               ', '.join(f'{k} {x:.3g}' for k, x in e.setting.items()) or '–'] for e in applied],
             left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
     after = markup.paragraph(
@@ -38,11 +37,6 @@ def section(contents: Contents, selector: JointSelector) -> Section:
         'Yu 2022, Figs. 8 and 11).', 'quiet')
     plots = selector.place(lambda k: [_stems(contents, contents.numbers[k])], 200)
     return Section('model', 'The model', lead, plots, after)
-
-
-def numbers(effect: AppliedEffect, max_count: int = 6) -> str:
-    """Return an effect's coefficients with units and intervals in one line."""
-    return markup.units(', '.join(effect_numbers(effect, max_count)))
 
 
 def terms(contents: Contents, n: int) -> list[tuple[float, str]]:

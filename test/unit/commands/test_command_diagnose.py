@@ -9,7 +9,7 @@ import shlex
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands.diagnose import show_next_steps
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, VERDICTS
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
 from gravity_comp_ros.diagnosis.wording import sentence
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
@@ -54,7 +54,7 @@ def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
     for finding in result['findings']:
         assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
                 'nrmse_after', 'base_absorbed', 'runs_better', 'why', 'next_step'} <= set(finding)
-        assert finding['verdict'] in VERDICTS
+        assert finding['verdict'] in tuple(Verdict)
         for value in finding['coefficients'].values():
             assert set(value) == {'value', 'unit', 'ci95'}
             assert value['ci95'][0] <= value['value'] <= value['ci95'][1]

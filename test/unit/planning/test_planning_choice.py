@@ -9,12 +9,11 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import coefficients, Criterion, identified
-from gravity_comp_ros.planning.evidence import _log_evidence, evidence_after
-from gravity_comp_ros.planning.questions import questions_of
+from gravity_comp_ros.planning.criterion import (
+    _log_evidence, coefficients, Criterion, evidence_after, identified)
+from gravity_comp_ros.planning.questions import open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.sums import PlannedMotion, Sums
-from gravity_comp_ros.planning.targets import open_targets
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.posterior import solve

@@ -3,7 +3,7 @@
 from bench.shared.planning_arm import model, one_way
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.planning.targets import open_targets
+from gravity_comp_ros.planning.questions import open_targets
 
 
 def finding(effect, joint, verdict, alternatives=()):

@@ -5,8 +5,8 @@ from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.criterion import GravityQuestion
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.sums import PlannedMotion, Sums
-from gravity_comp_ros.planning.targets import named_targets
 import numpy as np
 import pytest
 

@@ -5,8 +5,8 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.candidates import of_all_joints
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.segments import Hold, Limits, Line, sampled, wave_within
-from gravity_comp_ros.planning.targets import named_targets
 from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.recordings.trajectory_files import (
     from_csv, from_yaml, read_trajectory, to_csv, to_yaml, write_trajectory)
