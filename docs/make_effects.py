@@ -6,7 +6,9 @@ Generator of docs/effects.md from the texts of the library.
 
 from __future__ import annotations
 
+from gravity_comp_ros.effects.change_points import UNITS
 from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.motion_direction import LAW_UNITS
 from gravity_comp_ros.effects.registry import library_effects
 
 _HEAD = """# Effects
@@ -15,25 +17,28 @@ To see what an effect that `gravity_comp diagnose` names means, how it is confir
 confused with. Generated from the library by `python3 docs/make_effects.py > docs/effects.md`.
 
 Every effect is a torque that is linear in a few coefficients, positive in the direction of
-positive q. Its columns are computed from the motion and the predicted gravity torque g, never from
-the measured torque. q, qd and qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n
-is the joint of the effect, N the number of joints. Several values of its nonlinear parameters are
-compared, and the best is used.
+positive q, and computed from the motion and the predicted gravity torque g, never from the
+measured torque. q, qd and qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is
+the joint of the effect, N the number of joints. The best of several values of its nonlinear
+parameters is used.
 
 - **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / `width`), qd_n / `ramp` limited to
-  ±1, or a direction that persists at rest and reverses over a `distance` (Dahl's element).
-- **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s within one run.
-- **Time**: warm-up and drift continue over recordings with stamps on one clock, from the time
-  `origin` on; otherwise they start again with every run, as presliding friction always does.
+  ±1 (both in rad/s), or a direction that persists at rest and reverses over a `distance` in rad
+  (Dahl's element).
+- **Time**: recordings with stamps on one clock are one session, from the time `origin` in s on;
+  otherwise every run is one. Presliding friction starts again with every run.
 - **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at
-  a `clock` time. Gravity is that of the end of the recording, and absorbs an error that is there
-  throughout.
+  a `clock` time in s. Gravity is that of the end of the recording, and absorbs an error that is
+  there throughout.
 
-An effect that the motion does not excite is *untestable*, with the reason. The literature of each
-effect is the attribute `source` of its class (`gravity_comp_ros/effects/`). Your own effects:
-`examples/custom_effect` is a template of a package with the entry-point group
-`gravity_comp_ros.effects`; effects that cannot be loaded are skipped and reported.
+An effect that the motion does not excite is *untestable*, with the reason. The literature is the
+attribute `source` of each class (`gravity_comp_ros/effects/`). Your own effects:
+[examples/custom_effect](../examples/custom_effect); effects that cannot be loaded are skipped and
+reported.
 """
+
+# Nonlinear parameters that the head of the page explains.
+_SHARED = {**LAW_UNITS, **UNITS, 'origin': 's'}
 
 
 def document() -> str:
@@ -50,22 +55,21 @@ def document() -> str:
 
 def _section(effect: Effect) -> list[str]:
     varies = type(effect).coefficients_of is not Effect.coefficients_of
-    more = ' (and further coefficients of these kinds)' if varies else ''
+    more = ' (and further ones of these kinds)' if varies else ''
     lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
              f'    {effect.equation}', '']
-    lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}: {c.meaning}'
+    sign = ', not negative' if effect.why_not_negative else ''
+    lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}{sign}: {c.meaning}'
               for c in effect.coefficients]
     lines[-1] += more
-    if effect.setting_units:
-        lines.append('- nonlinear parameters: ' + ', '.join(
-            f'{name} in {unit}' if unit else name
-            for name, unit in effect.setting_units.items()))
+    parameters = [f'{name} in {unit}' if unit else name
+                  for name, unit in effect.setting_units.items() if name not in _SHARED]
+    if parameters:
+        lines.append('- nonlinear parameters: ' + ', '.join(parameters))
     if effect.is_shared:
         lines.append('- estimated by every fit, not selected')
     if effect.corrects:
         lines.append('- corrects one of: ' + _links(effect.corrects))
-    if effect.why_not_negative:
-        lines.append(f'- not negative: {effect.why_not_negative}')
     if effect.confounders:
         lines.append('- confounders: ' + _links(effect.confounders))
     lines.append(f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}')

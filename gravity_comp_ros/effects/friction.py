@@ -45,8 +45,7 @@ class CoulombFriction(DirectionEffect):
     title = 'Coulomb friction'
     family = 'friction'
     equation = 'tau_n = F_c d_n'
-    description = ('Constant torque that opposes the motion. The predicted torque jumps at a '
-                   'reversal.')
+    description = 'Constant torque that opposes the motion.'
     coefficients = (Coefficient('F_c', 'N·m', 'Coulomb friction torque'),)
     confounders = ('viscous_friction', 'stribeck_friction', 'degressive_friction',
                    'load_dependent_friction', 'presliding_hysteresis', 'asymmetric_friction',

@@ -31,7 +31,7 @@ class FrictionDrift(Effect):
     family = 'friction'
     equation = 'tau_n = F_w d_n (exp(-t / T) - 1), t from the start of the session'
     description = ('Friction that decreases (or, if negative, increases) with time as the gear '
-                   'warms up. Recordings with stamps on one clock are one session.')
+                   'warms up.')
     coefficients = (Coefficient('F_w', 'N·m', 'friction that the gear loses as it warms up'),)
     confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction', 'degressive_friction')
     experiment = ('repeat the same motion of joint {joint} for 20 minutes from a cold start, and '

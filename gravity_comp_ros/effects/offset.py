@@ -117,8 +117,7 @@ class TorqueDrift(Effect):
     family = 'offset'
     equation = ('tau_n = r s, t from the start of the session; s = t '
                 'or T (1 - exp(-t / T))')
-    description = ('Torque signal whose zero point drifts, as with strain gauges that warm up. '
-                   'Recordings with stamps on one clock are one session.')
+    description = 'Torque signal whose zero point drifts, as with strain gauges that warm up.'
     coefficients = (Coefficient('r', 'N·m/s', 'initial rate of change of the torque signal'),)
     confounders = ('friction_drift', 'torque_offset', 'payload_change')
     experiment = ('hold joint {joint} in one pose for the duration of a run, before and after '

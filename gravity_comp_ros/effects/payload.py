@@ -40,9 +40,7 @@ class PayloadChange(ChangeEffect):
     family = 'payload'
     equation = ('tau = -sum_i (m_i d/dh_ix + n_i d/dh_iy) tau_g before the change, h_i the first '
                 'moment about joint i')
-    description = ('Tool or load that is attached or removed during the recording. The gravity '
-                   'model is that of the end of the recording, so that later recordings are '
-                   'predicted with the last payload.')
+    description = 'Tool or load that is attached or removed during the recording.'
     coefficients = (Coefficient('m_i', 'N·m', 'change of the first moment about joint number i, '
                                               'in its first direction'),
                     Coefficient('n_i', 'N·m', 'the same in its second direction'))
