@@ -1,16 +1,14 @@
 """
 Run the commands of docs/first_hour.md and docs/tables.md again, and write their output there.
 
-    python3 docs/make_first_hour.py [--recordings FOLDER]
+    python3 docs/make_first_hour.py
 
-The commands are those of a page, in an empty folder. FOLDER contains the public recordings of
-real arms; without it their part of the page is kept, with its note on an earlier estimator, which
-a run with FOLDER makes obsolete. `...` replaces the sections of an output that are not shown.
+The commands are those of a page, in an empty folder. `...` replaces the sections of an output that
+are not shown.
 """
 
 from __future__ import annotations
 
-import argparse
 from contextlib import chdir, redirect_stderr, redirect_stdout
 import io
 import json
@@ -18,7 +16,6 @@ import os
 from pathlib import Path
 import re
 import shlex
-import shutil
 import tempfile
 import textwrap
 
@@ -28,31 +25,20 @@ import numpy as np
 
 PAGE = Path(__file__).resolve().parent / 'first_hour.md'
 TABLES = PAGE.with_name('tables.md')
-REAL = '## Recordings of real arms'
 WIDTH = 110
 # First words of the sections of an output that the page shows, by verb; '' is the first section.
 # An output without such a section is shown as a whole.
 SHOWN = {'synth': (), 'convert': ('',), 'info': ('',), 'fit': ('chain',),
          'compare': ('error of the model', 'worst joint'),
          'diagnose': ('', 'missing effects'), 'add': ('held-out error', 'added')}
-# The same in the part of real arms.
-SHOWN_OF_REAL = {'convert': (), 'fit': (), 'diagnose': ('',)}
-Shown = dict[str, tuple[str, ...]]
 
 
-def page(text: str, folder: Path, recordings: Path | None = None) -> str:
+def page(text: str, folder: Path) -> str:
     """Return the page with the output of its commands, run in a folder."""
     os.environ['COLUMNS'] = str(WIDTH)
-    simulated, title, real = text.partition(REAL)
     with chdir(folder):
         write_table(Path('my_log.csv'))
-        simulated = with_outputs(simulated, SHOWN)
-        if recordings is not None:
-            for path in (*recordings.rglob('*_exciting_trajectory.db3'),
-                         *recordings.rglob('measurements.csv')):
-                shutil.copy(path, path.name)
-            real = with_outputs(real, SHOWN_OF_REAL)
-    return simulated + title + real
+        return with_outputs(text)
 
 
 def tables_page(text: str, folder: Path) -> str:
@@ -61,15 +47,15 @@ def tables_page(text: str, folder: Path) -> str:
     with chdir(folder):
         write_data_set(Path('pick_cubes'))
         write_currents(Path('currents.csv'))
-        return with_outputs(text, SHOWN)
+        return with_outputs(text)
 
 
-def with_outputs(text: str, shown: Shown) -> str:
+def with_outputs(text: str) -> str:
     """Return a text with the outputs of the commands in its blocks."""
     def block(match: re.Match[str]) -> str:
         lines = []
         for command in re.findall(r'^\$ (gravity_comp .*)$', match[0], re.MULTILINE):
-            output = excerpt(run(command), shown[command.split()[1]])
+            output = excerpt(run(command), SHOWN[command.split()[1]])
             lines += [f'$ {command}', *map(wrapped, output)]
         return '\n'.join(['```', *lines, '```'])
     return re.sub(r'^```\n\$ gravity_comp .*?^```', block, text, flags=re.DOTALL | re.MULTILINE)
@@ -170,15 +156,10 @@ def write_currents(path: Path) -> None:
 
 def main() -> None:
     """Write the pages."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--recordings', type=Path)
-    recordings = parser.parse_args().recordings
-    with tempfile.TemporaryDirectory() as folder:
-        PAGE.write_text(page(PAGE.read_text(encoding='utf-8'), Path(folder),
-                             recordings and recordings.resolve()), encoding='utf-8')
-    with tempfile.TemporaryDirectory() as folder:
-        TABLES.write_text(tables_page(TABLES.read_text(encoding='utf-8'), Path(folder)),
-                          encoding='utf-8')
+    for path, renewed in ((PAGE, page), (TABLES, tables_page)):
+        with tempfile.TemporaryDirectory() as folder:
+            path.write_text(renewed(path.read_text(encoding='utf-8'), Path(folder)),
+                            encoding='utf-8')
 
 
 if __name__ == '__main__':
