@@ -22,14 +22,9 @@ import time
 from bench.solver.memory import peak_megabytes
 from bench.solver.problems import eq17, long_arm, Problem, random_poses, relative_gap
 from bench.solver.solvers import dense_admm, factors, OTHERS, OURS, Solver
-from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem
-from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 # Required relative duality gap.
@@ -140,23 +135,6 @@ def median(runs: list[dict], key: str) -> float:
     return float(np.median([run[key] for run in runs]))
 
 
-def refit(repetitions: int) -> dict:
-    """Return the time and memory of a complete `potential` refit of the iiwa on Eq. (17)."""
-    seconds, memory = [], []
-    for seed in range(repetitions):
-        samples = synthesise(arms.iiwa7(), motions.eq17(), SynthesisOptions(
-            static=True, seed=seed, noise=NoiseOptions(absolute=0.1)))
-        if not seed:
-            fit(samples)
-            memory.append(peak_megabytes(fit, samples))
-        wall, processor = time.perf_counter(), time.process_time()
-        fit(samples, FitOptions('potential'))
-        seconds.append((time.perf_counter() - wall, time.process_time() - processor))
-    wall, processor = np.median(np.array(seconds), axis=0)
-    return {'samples': 500, 'wall_seconds': float(wall), 'processor_seconds': float(processor),
-            'megabytes': memory[0], 'repetitions': repetitions}
-
-
 def growth(joints: range, repetitions: int) -> list[dict]:
     """Return time and memory of one joint for each number of joints, and of dense ADMM."""
     rows = []
@@ -202,8 +180,7 @@ def main() -> None:
     results = {
         'machine': f'{os.cpu_count()} cores, {platform.machine()}',
         'python': platform.python_version(), 'numpy': np.__version__}
-    parts = [('refit', lambda: refit(args.repetitions)),
-             ('random', lambda: compare('random', random_poses(), args.repetitions, False)),
+    parts = [('random', lambda: compare('random', random_poses(), args.repetitions, False)),
              ('growth', lambda: growth(range(4, 13), min(args.repetitions, 3))),
              ('eq17', lambda: compare('eq17', eq17(), args.repetitions, False)),
              ('eq17_slow', lambda: compare('eq17', eq17(), args.repetitions, True)),

@@ -44,37 +44,27 @@ def solvers(parts: list[list[dict]]) -> str:
 
 
 def growth(rows: list[dict]) -> str:
-    lines = ['| joints | features | L1 problem | support | whole fit of the joint | memory | '
-             'dense ADMM | its memory |', '|---|---|---|---|---|---|---|---|']
+    lines = ['| joints | features | L1 problem | support | whole fit of the joint, memory | '
+             'dense ADMM, its memory |', '|---|---|---|---|---|---|']
     for row in rows:
-        dense = '' if row.get('dense_seconds') is None else seconds(row['dense_seconds'])
-        if dense and row['dense_gap'] > 1e-6:
-            dense += f' (gap {row["dense_gap"]:.0e})'
-        memory = f'{row["dense_megabytes"]:.0f} MB' if 'dense_megabytes' in row else \
-            f'{8e-6 * 1000 * row["features"]:.0f} MB for the matrix alone'
+        dense = f'{8e-6 * 1000 * row["features"]:.0f} MB for the matrix alone'
+        if row.get('dense_seconds') is not None:
+            gap = f' (gap {row["dense_gap"]:.0e})' if row['dense_gap'] > 1e-6 else ''
+            dense = f'{seconds(row["dense_seconds"])}{gap}, {row["dense_megabytes"]:.0f} MB'
         lines.append(f'| {row["joints"]} | {row["features"]} | {seconds(row["seconds"])} | '
-                     f'{row["l1_support"]} | {seconds(row["fit_seconds"])} | '
-                     f'{row["megabytes"]:.0f} MB | {dense} | {memory} |')
+                     f'{row["l1_support"]} | {seconds(row["fit_seconds"])}, '
+                     f'{row["megabytes"]:.0f} MB | {dense} |')
     return '\n'.join(lines)
 
 
-def refit(row: dict) -> str:
-    return (f'| samples | time | processor time | memory |\n|---|---|---|---|\n'
-            f'| {row["samples"]} | {seconds(row["wall_seconds"])} | '
-            f'{seconds(row["processor_seconds"])} | {row["megabytes"]:.0f} MB |')
-
-
 def bags(results: dict) -> str:
-    read, minute, fit = results['read'], results['minute'], results['fit']
+    read, minute = results['read'], results['minute']
     return ('| | |\n|---|---|\n'
             f'| messages | {read["messages"]} |\n'
             f'| decoded, a second of one core | {read["decode_per_s"]:.0f} |\n'
-            f'| decoded, checked, gated and hashed, a second of one core | {read["per_s"]:.0f} |\n'
             f'| rosbags, each message, a second of one core | {minute["rosbags_per_s"]:.0f} |\n'
             f'| ours on the same minute | {minute["decode_per_s"]:.0f}, '
-            f'{minute["ratio"]:.0f} × |\n'
-            f'| `gravity_comp fit` of the hour | {fit["seconds"]:.0f} s, '
-            f'{fit["processor_seconds"]:.0f} s of processor time, {fit["megabytes"]:.0f} MB |')
+            f'{minute["ratio"]:.0f} × |')
 
 
 def seconds(value: float) -> str:
@@ -102,7 +92,6 @@ def main() -> None:
                 tables[name] = solvers([results[name], results.get(f'{name}_slow', [])])
         if 'growth' in results:
             tables['growth'] = growth(results['growth'])
-        tables['refit'] = refit(results['refit'])
     if args.scale.exists():
         tables['bags'] = bags(json.loads(args.scale.read_text()))
     text = PAGE.read_text()
