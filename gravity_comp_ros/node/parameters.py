@@ -135,31 +135,29 @@ class Parameters:
     """
 
     autostart: bool = parameter(
-        True, 'Configure and activate at the start. Set it to false if a lifecycle manager does '
-        'this.', read_only=True)
+        True, 'Configure and activate at the start, without a lifecycle manager.',
+        read_only=True)
     diagnostics_rate: float = parameter(
         1.0, 'Rate of `/diagnostics`.', 'Hz', 0.1, 20.0, read_only=True)
     joints: tuple[str, ...] = parameter(
-        (), 'Joint names, in the order of the torques on `~/commands`. If the list is empty, the '
-        'node uses the names in the model file, or without a file those of the first '
-        '`joint_states` message. Set it if a gripper or several arms publish on the topic.',
-        read_only=True)
+        (), 'Joint names, in the order of the torques on `~/commands`; empty: those of the model '
+        'file, else of the first `joint_states` message. Set it if a gripper or several arms '
+        'publish on the topic.', read_only=True)
     effort_scale: tuple[float, ...] = parameter(
         (), 'Torque per unit of the effort field, sign included: the torque constant if effort is '
-        'a motor current, -1 if its sign is opposite. One value for all joints or one per joint; '
-        'empty means 1.', 'N·m per unit', -1e6, 1e6, read_only=True)
+        'a motor current, -1 if its sign is opposite; empty: 1.', 'N·m per unit',
+        -1e6, 1e6, read_only=True)
     robot_description: str = parameter(
         'auto', 'Source of the axes, the continuous joints and the effort limits of the arm: '
         '`auto` subscribes to the topic `robot_description`, `off` uses none, any other value is '
         'the text of a URDF.', read_only=True, may_be_off=True)
     continuous_joints: tuple[str, ...] = parameter(
         (), 'Continuous joints, in addition to those of the robot description. A position of any '
-        'other joint beyond ±4π is dropped, such as an angle in degrees.', read_only=True)
+        'other joint beyond ±4π is dropped.', read_only=True)
     max_age: float = parameter(
-        0.3, 'Largest difference between the stamp of a joint state and the clock. Older '
-        'messages, and messages from the future, are dropped. 0 accepts any stamp, for '
-        'recordings that are played, and for drivers whose stamps are not on the clock of this '
-        'computer.', 's', 0.0, 3600.0)
+        0.3, 'Largest difference between the stamp of a joint state and the clock; others are '
+        'dropped. 0 accepts any stamp, for recordings that are played, and for drivers whose '
+        'stamps are not on the clock of this computer.', 's', 0.0, 3600.0)
     max_speed: float = parameter(
         0.15, 'Only samples at which no joint is faster than this are learned from.', 'rad/s',
         0.001, 10.0)
@@ -169,15 +167,13 @@ class Parameters:
     sample_rate: float = parameter(
         5.0, 'Maximum rate of samples that are learned from.', 'Hz', 0.1, 1000.0)
     capacity: int = parameter(
-        1500, 'Maximum number of samples. Once it is reached, new poses replace samples at '
-        'similar poses.', 'samples', 50, 20000, read_only=True)
+        1500, 'Maximum number of samples; then new poses replace samples at similar poses.',
+        'samples', 50, 20000, read_only=True)
     auto_fit: bool = parameter(
         True, 'Fit automatically in an open epoch. If false, only `~/refit` fits.')
     formulation: str = parameter(
-        'auto', 'Formulation of the model: `potential` is one sparse energy for all joints; '
-        '`chain` is this energy with the structure of a serial arm; `auto` accepts a chain whose '
-        'residual is white or small, and otherwise selects the one with the smaller held-out '
-        'error; `per_joint` is a separate sum per joint, as in the paper.',
+        'auto', 'Formulation of the model (docs/method.md): `potential`, `chain`, `per_joint`, or '
+        '`auto`, a chain or a potential.',
         choices=('auto', 'potential', 'chain', 'per_joint'))
     effects: tuple[str, ...] = parameter(
         (), 'Effects that a full fit estimates jointly with gravity, as `NAME` or `NAME:JOINT`. '
@@ -187,8 +183,7 @@ class Parameters:
         (), 'Effects of the model whose torque is published in addition to gravity, as `NAME` or '
         '`NAME:JOINT`: `coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
         '`degressive_friction`, `load_dependent_friction`, `torque_offset`, `joint_spring` or '
-        '`cable_stiffness`. Effects that the model does not have are ignored; the status '
-        '`feed-forward` lists those that are compensated.')
+        '`cable_stiffness`. The status `feed-forward` lists those that the model has.')
     compensate_fraction: float = parameter(
         0.7, 'Fraction of their torque that is published. With the whole friction an arm may '
         'drift on its own.', '', 0.0, 1.0)
@@ -196,14 +191,14 @@ class Parameters:
         0.02, 'Minimum speed over which compensated friction changes its sign. Set it above the '
         'noise of the velocity at rest.', 'rad/s', 0.001, 1.0)
     settle_time: float = parameter(
-        0.5, 'Time after `~/payload_changed` during which nothing is learned, because earlier '
-        'messages are in transit and the payload may swing.', 's', 0.0, 60.0)
+        0.5, 'Time after `~/payload_changed` during which nothing is learned: the payload may '
+        'swing.', 's', 0.0, 60.0)
     min_samples: int = parameter(
         30, 'Minimum number of training samples for the first fit of an epoch, if the change of a '
         'model can be fitted.', 'samples', 10, 10000)
     first_samples: int = parameter(
-        100, 'Minimum number of training samples for the first fit otherwise, and after broken '
-        'effort. Fewer are fitted well and extrapolated badly.', 'samples', 10, 10000)
+        100, 'Minimum number of training samples for the first fit otherwise, and after faulty '
+        'effort.', 'samples', 10, 10000)
     full_samples: int = parameter(
         500, 'Number of samples at which a last fit closes the epoch, once each joint has moved '
         'over `min_span`.', 'samples', 20, 20000)
@@ -211,15 +206,15 @@ class Parameters:
         0.2, 'Minimum range of motion of each joint in an epoch. Joints below it are reported.',
         'rad', 0.0, 6.3)
     max_payload: float = parameter(
-        20.0, 'Largest mass that is attached to or removed from the last link. A change of the '
-        'torque that requires a larger mass is refused.', 'kg', 0.01, 1000.0)
+        20.0, 'Largest mass that is attached to or removed from the last link; more is refused.',
+        'kg', 0.01, 1000.0)
     max_payload_reach: float = parameter(
         1.0, 'Largest distance of the centre of mass of a payload from the last joint; without '
         'known axes also the largest distance between neighbouring joints.', 'm', 0.01, 10.0)
     on_suspected_payload: str = parameter(
-        'report', 'Action if the residual shows a payload that was not announced: `report` '
-        'publishes an event on `~/payload_suspected`, `learn` also does what '
-        '`~/payload_changed` does.', choices=('report', 'learn'))
+        'report', 'Action on a suspected payload: `report` publishes an event on '
+        '`~/payload_suspected`, `learn` also does what `~/payload_changed` does.',
+        choices=('report', 'learn'))
     suspect_after: float = parameter(
         16.0, 'Minimum duration of a change of the torque before it is suspected to be a payload. '
         'A hand that presses straight down has the torque of a weight.', 's', 0.0, 120.0,
@@ -242,22 +237,20 @@ class Parameters:
         True, 'Publish torque from the start. `~/enable` changes this at runtime.',
         read_only=True)
     ramp_time: float = parameter(
-        1.0, 'Time for torque to ramp from zero to that of the model, or from the old model to '
-        'the new one. A change by more than a fifth of a torque limit takes proportionally '
-        'longer. 0 switches at once.', 's', 0.0, 60.0)
+        1.0, 'Time of a ramp to another torque. A change by more than a fifth of a torque limit '
+        'takes proportionally longer. 0 switches at once.', 's', 0.0, 60.0)
     max_torque: tuple[float, ...] = parameter(
-        (), 'Largest published torque: one value for all joints or one per joint. If it is empty, '
-        'the effort limits of the first robot description apply. Without either no torque '
-        'is published, unless `unlimited_torque` is true.', 'N·m', 0.0, 100000.0)
+        (), 'Largest published torque; empty: the effort limits of the first robot description. '
+        'Without either no torque is published, unless `unlimited_torque` is true.', 'N·m',
+        0.0, 100000.0)
     unlimited_torque: bool = parameter(
         False, 'Publish torque although no torque limits are known.')
     max_torque_rate: tuple[float, ...] = parameter(
-        (500.0,), 'Largest rate of change of the published torque: one value for all joints or '
-        'one per joint. Empty means no limit.', 'N·m/s', 0.001, 1e6)
+        (500.0,), 'Largest rate of change of the published torque; empty: no limit.', 'N·m/s',
+        0.001, 1e6)
     servo_stiffness: tuple[float, ...] = parameter(
         (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
-        'goal, one value for all joints or one per joint. `~/position_offset` is then the '
-        'published torque divided by it (`gravity_comp calibrate --goals`).', 'N·m/rad', 0.1,
+        'goal. `~/position_offset` is the published torque divided by it.', 'N·m/rad', 0.1,
         1e6, read_only=True)
     max_position_offset: float = parameter(
         0.2, 'Largest position offset of a joint. A stiffness in another unit would otherwise '
