@@ -31,7 +31,8 @@ parameters is used.
   a `clock` time in s. Gravity is that of the end of the recording, and absorbs an error that is
   there throughout.
 
-An effect that the motion does not excite is *untestable*, with the reason. The literature is the
+The experiment distinguishes an effect from its confounders. An effect that the motion does not
+excite is *untestable*, with the reason. The literature is the
 attribute `source` of each class (`gravity_comp_ros/effects/`). Your own effects:
 [examples/custom_effect](../examples/custom_effect); effects that cannot be loaded are skipped and
 reported.
@@ -56,7 +57,7 @@ def document() -> str:
 def _section(effect: Effect) -> list[str]:
     varies = type(effect).coefficients_of is not Effect.coefficients_of
     more = ' (and further ones of these kinds)' if varies else ''
-    lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
+    lines = [f'## {effect.name}', '', effect.description, '',
              f'    {effect.equation}', '']
     sign = ', not negative' if effect.why_not_negative else ''
     lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}{sign}: {c.meaning}'
@@ -69,10 +70,10 @@ def _section(effect: Effect) -> list[str]:
     if effect.is_shared:
         lines.append('- estimated by every fit, not selected')
     if effect.corrects:
-        lines.append('- corrects one of: ' + _links(effect.corrects))
+        lines.append('- corrects: ' + _links(effect.corrects))
     if effect.confounders:
         lines.append('- confounders: ' + _links(effect.confounders))
-    lines.append(f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}')
+    lines.append(f'- experiment: {effect.experiment.replace("{joint}", "n")}')
     return lines
 
 
