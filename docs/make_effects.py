@@ -32,10 +32,9 @@ parameters is used.
   there throughout.
 
 The experiment distinguishes an effect from its confounders. An effect that the motion does not
-excite is *untestable*, with the reason. The literature is the
-attribute `source` of each class (`gravity_comp_ros/effects/`). Your own effects:
-[examples/custom_effect](../examples/custom_effect); effects that cannot be loaded are skipped and
-reported.
+excite is *untestable*, with the reason. The literature is the attribute `source` of each class
+(`gravity_comp_ros/effects/`). Your own effects:
+[examples/custom_effect](../examples/custom_effect); effects that cannot be loaded are skipped.
 """
 
 # Nonlinear parameters that the head of the page explains.
