@@ -17,8 +17,8 @@ PAGE = ROOT / 'docs' / 'performance.md'
 
 def solvers(parts: list[list[dict]]) -> str:
     """Return the table of one data set."""
-    lines = ['| solver | joints | time | relative to ours | iterations | gap | support | memory |',
-             '|---|---|---|---|---|---|---|---|']
+    lines = ['| solver | joints | time | relative to ours | iterations | gap | memory |',
+             '|---|---|---|---|---|---|---|']
     listed = set()
     for row in (row for part in parts for row in part if 'solver' in row):
         if row['solver'] in listed:
@@ -29,17 +29,17 @@ def solvers(parts: list[list[dict]]) -> str:
             time = seconds(missed['seconds'])
             lines.append(f'| {row["solver"]} | one | not reached after {time} | '
                          f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
-                         f'{missed["gap"]:.0e} | {missed["support"]} | |')
+                         f'{missed["gap"]:.0e} | |')
             continue
         lines.append(
             f'| {row["solver"]} | {len(row["joints"])} | {seconds(row["seconds"])} | '
             f'{number(row["ratio"])} × | {row["iterations"]} | {row["gap"]:.0e} | '
-            f'{", ".join(map(str, row["support"]))} | {megabytes(row["megabytes"])} |')
+            f'{megabytes(row["megabytes"])} |')
     built = parts[0][0]['build']
-    lines += ['', 'Times exclude the construction: the dense matrix of the other solvers takes '
-              f'{seconds(built["matrix"]["seconds"])} and {built["matrix"]["megabytes"]:.0f} MB '
-              f'for each joint, our Kronecker factors {seconds(built["halves"]["seconds"])} and '
-              f'{built["halves"]["megabytes"]:.0f} MB.']
+    matrix, halves = (f'{seconds(built[part]["seconds"])} and {built[part]["megabytes"]:.0f} MB'
+                      for part in ('matrix', 'halves'))
+    lines += ['', f'Construction comes before: the matrix of the others takes {matrix} a joint, '
+              f'our Kronecker factors {halves}.']
     return '\n'.join(lines)
 
 
