@@ -13,7 +13,7 @@ import traceback
 from typing import NoReturn
 
 from gravity_comp_ros import __version__
-from gravity_comp_ros.commands.hints import message_of
+from gravity_comp_ros.commands.arguments import message_of
 from gravity_comp_ros.commands.outputs import check_outputs
 from gravity_comp_ros.commands.usage import VERBS
 from gravity_comp_ros.errors import GravityCompError

@@ -10,7 +10,7 @@ from gravity_comp_ros.api.axes import AxesOptions, known_axes
 from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.steps import add_to_model, compare_model, update_on_axes
+from gravity_comp_ros.api.steps import add_to_model, compare_model, update_model
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
@@ -141,7 +141,7 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
         is of the formulation `per_joint`.
     """
     axes = known_axes(recording.reports, model.joints, AxesOptions(urdf), model=model.gravity)
-    return Model(update_on_axes(model.gravity, recording, axes)[0].model)
+    return Model(update_model(model.gravity, recording, axes)[0].model)
 
 
 def plan(model: Model, recording: Recording, effects: Iterable[str] | None = None, *,

@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
-from gravity_comp_ros.api.gated import apply_gate, Gated
 from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
@@ -99,7 +98,7 @@ class Recording(Displayable):
         return np.ones(len(self.samples), dtype=bool) if self.use is None else self.use
 
     @cached_property
-    def gated(self) -> Gated:
+    def gated(self) -> GateResult:
         """
         Return the gate result for all samples.
 

@@ -12,10 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 from gravity_comp_ros.api.axes import KnownAxes
-from gravity_comp_ros.api.gated import apply_gate
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -30,7 +29,6 @@ from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import with_step
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
 # Time around held-out blocks that is not fitted either, s.
@@ -175,20 +173,28 @@ def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
 
 
 def update_model(model: GravityModel, recording: Recording,
-                 geometry: Geometry | None = None) -> UpdateResult:
+                 axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
     """
     Update the gravity model after a payload change; its effects stay unchanged.
 
+    Returns the update and the axes used; axes from a recording are used only if they match.
+
     :param recording: motion with the new payload only.
-    :param geometry: joint axes of the arm; with them, mass and centre of mass are identified.
+    :param axes: joint axes of the arm; with them, mass and centre of mass are identified.
     :raises FitError: if there are too few slow samples.
     :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if a joint of the model is missing in the recording, or the model
-        has no potential energy.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording, the model has
+        no potential energy, or the user named the description of another arm.
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
-    result = update(model, gravity, geometry=geometry)
+    try:
+        result = update(model, gravity, geometry=axes.geometry)
+    except ModelMismatchError as problem:
+        if axes.geometry is None or axes.from_user:
+            raise
+        axes = KnownAxes(problem=f'robot description not used: {problem}')
+        result = update(model, gravity)
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {
@@ -196,23 +202,7 @@ def update_model(model: GravityModel, recording: Recording,
         'updates': [*before, {'when': now(), 'bags': bags, **last}]}
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
                         result.report.rmse_before, result.report.rmse, UPDATED)
-    return replace(result, model=changed)
-
-
-def update_on_axes(model: GravityModel, recording: Recording,
-                   axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
-    """
-    Return the update and the axes used; axes from a recording are used only if they match.
-
-    :raises GravityCompError: as `update_model`.
-    """
-    try:
-        return update_model(model, recording, axes.geometry), axes
-    except ModelMismatchError as problem:
-        if axes.geometry is None or axes.from_user:
-            raise
-        unused = KnownAxes(problem=f'robot description not used: {problem}')
-        return update_model(model, recording), unused
+    return replace(result, model=changed), axes
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

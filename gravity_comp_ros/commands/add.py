@@ -7,18 +7,24 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 import shlex
 
-from gravity_comp_ros.api.ambiguity import ambiguous_additions
-from gravity_comp_ros.api.steps import add_to_model
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import add_to_model, not_held_out
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.refitting import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Finding, Verdict
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
+
+_NOT_DISTINGUISHED = (Verdict.AMBIGUOUS, Verdict.UNTESTABLE)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,7 +61,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
-        ambiguous = ambiguous_additions(model, recording, result.added)
+        ambiguous = _ambiguous(model, recording, result.added)
     reports = recording.reports
     holdout = refitting.held_out_errors(
         model, result.model, replace(recording, gate=GateOptions())) if args.holdout else {}
@@ -73,6 +79,40 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     terminal.answer(args, document, lambda: _show(args, result, reports, ambiguous, holdout),
                     *reading.scale_warnings(model, reports), *warnings)
     return 0
+
+
+def _ambiguous(model: GravityModel, recording: Recording,
+               added: Sequence[str]) -> tuple[Finding, ...]:
+    """
+    Return the findings on added effects that have an equivalent alternative.
+
+    The added effects are compared with their confounders only, jointly with the earlier effects
+    of the model. The result is empty if there are too few samples.
+
+    :param model: the model without the added effects.
+    :param added: the added effects, on every joint (`NAME`) or on one
+        (`NAME:JOINT`).
+    :raises ModelMismatchError: if a joint of the model is missing in the recording.
+    """
+    known = all_effects()
+    names = {name.partition(':')[0] for name in added} & known.keys()
+    # An effect of the whole arm can replace effects on several joints at once. That is no
+    # alternative to a single one of them.
+    alternatives = {other for name in names for other in known[name].confounders
+                    if other in known and known[other].scope == known[name].scope}
+    if not alternatives:
+        return ()
+    recording = recording.select_joints(model.joints)
+    samples = recording.samples.select(not_held_out(model, recording))
+    options = DiagnosisOptions(effects=tuple(sorted(names | alternatives)))
+    try:
+        diagnosis = diagnose(samples, model, options)
+    except DataError:
+        return ()
+    targets = {*added, *(f'{name}:{joint}' for name in names if name in added
+                         for joint in model.joints)}
+    return tuple(f for f in diagnosis.findings if f.verdict in _NOT_DISTINGUISHED and f.rivals
+                 and f.effect and target(f.effect, f.joint) in targets)
 
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],

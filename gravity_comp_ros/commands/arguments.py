@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import GravityCompError, Hint, OptionError
 from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit, TORQUE_UNITS
 
 if TYPE_CHECKING:
@@ -27,6 +27,23 @@ FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
 # lists them.
 _READING = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rename', 'position_unit', 'accept',
             'reverse', 'zero', 'differentiate')
+
+
+# Remedies of errors, in terms of the options.
+_HINTS = {
+    Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
+    Hint.IN_MODEL: '`gravity_comp add --undo` removes the last addition',
+    Hint.NAME_DESCRIPTION: 'name a file with --urdf',
+    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or give its position '
+                           '(--fixed JOINT=VALUE)',
+    Hint.INSTALL_EFFECT: 'install the package that provides it, or remove it with '
+                         '`gravity_comp add --undo`',
+}
+
+
+def message_of(error: GravityCompError) -> str:
+    """Return the message of an error, with its remedy."""
+    return error.message if error.hint is None else f'{error.message}: {_HINTS[error.hint]}'
 
 
 class _Merge(argparse.Action):

@@ -13,6 +13,7 @@ from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.export.payload_lines import millimetres
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import joint_goals
 from rich.table import Table
@@ -115,6 +116,5 @@ def _table(result: WeightCalibration, read: dict[str, float]) -> Table:
 def _centre(result: WeightCalibration, weight: Weight) -> list[str]:
     if weight.centre is not None:
         return []
-    centre = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
-                       f'{1e3 * x.ci95[1]:.1f})' for axis, x in result.centre.items())
-    return [f'centre of mass of the weight in the frame of {weight.link}: {centre}']
+    return [f'centre of mass of the weight in the frame of {weight.link}: '
+            f'{millimetres(result.centre)}']

@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 import shlex
 import time
+from typing import Any
 
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.learn import known_arm, KnownArm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.data_check import check_data, DataCheck
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning.expected import Outcome, outcomes, read_expected, summary
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
+import numpy as np
 from rich.table import Table
 
 _PLANNED = ('effect', 'stated probability', 'verdict now', 'as expected', 'expected interval',
             'interval now')
+_DATA = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
+         'effective n')
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 _WHY_OPEN = {
     'ambiguous': 'an alternative explains the data equally well; add at most one of them',
@@ -64,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     findings = tuple(replace(f, next_step=f.next_step or _add_command(f, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
-    check = check_data(samples, diagnosis)
+    samples = samples.joints(tuple(diagnosis.joints))
+    motion, rest = describe(samples), _rest(samples)
     planned = None if expected is None else outcomes(expected, diagnosis)
     if args.html:
         _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
@@ -77,14 +83,14 @@ def run(args: argparse.Namespace) -> int:
         if recording.use is not None:
             terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
                           'the fit are excluded, for `compare --holdout`')
-        _show(args, diagnosis, check, model)
+        _show(args, diagnosis, motion, rest, model)
         if planned is not None:
             _show_outcomes(planned)
         terminal.show(f'diagnosed in {seconds:.1f} s')
 
     document = {
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
-        'data': check.to_json(), 'facts': [fact.to_json() for fact in facts],
+        'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
         'plan': None if planned is None else [each.to_json() for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
@@ -117,9 +123,8 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
              f'{model.coverage.n_samples} samples.',) if fitted else ()
     compared = f'all {samples.n_samples} samples, including fast ones'
     commands = _add_commands(args, wording.targets(diagnosis.findings))
-    html.write(args, html.contents(args, model, samples, compare(model, samples), compared,
-                                   reports, diagnosis, notes=notes,
-                                   next_command='\n'.join(commands)))
+    html.write_report(args, model, samples, compare(model, samples), compared, reports, diagnosis,
+                      notes=notes, next_command='\n'.join(commands))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -146,18 +151,61 @@ def _add_command(finding: Finding, args: argparse.Namespace) -> str:
     return f'gravity_comp add {target(finding.effect, finding.joint)} --model {model} {bags}'
 
 
-def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: DataCheck,
-          model: GravityModel | None) -> None:
+def _rest(samples: JointSamples) -> dict[str, float]:
+    """Return the share of samples at rest, by joint."""
+    still = np.abs(samples.qd) < 0.5 * min_speeds(speed_noise(samples))
+    return dict(zip(samples.names, still.mean(axis=0).tolist()))
+
+
+def _data(motion: RecordingFacts, rest: Mapping[str, float]) -> dict[str, Any]:
+    """Return the entry `data` of the JSON."""
+    return {'joints': {name: {'q_min': joint.q_min, 'q_max': joint.q_max,
+                              'max_speed': joint.max_speed, 'rms_speed': joint.rms_speed,
+                              'reversals': joint.reversals, 'rest': rest[name]}
+                       for name, joint in motion.joints.items()},
+            'n_samples': motion.n_samples, 'remarks': list(motion.remarks)}
+
+
+def _data_table(diagnosis: Diagnosis, motion: RecordingFacts, rest: Mapping[str, float]) -> Table:
+    """Return the table of excitation and noise of the joints."""
+    rows = []
+    for name, report in diagnosis.joints.items():
+        joint = motion.joints[name]
+        rows.append((name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
+                     '–' if joint.reversals is None else str(joint.reversals),
+                     f'{100 * rest[name]:.0f} %', f'{report.noise_floor:.3g}',
+                     f'{report.n_effective:.0f}'))
+    return terminal.table(
+        f'recording: {motion.n_samples} samples; they are autocorrelated, so the '
+        'effective sample size is smaller', _DATA, rows)
+
+
+def _untestable(diagnosis: Diagnosis) -> list[str]:
+    """Return a line for each effect that is untestable on some joints, with the reason."""
+    grouped: dict[str, list[tuple[str, str]]] = {}
+    for name, report in diagnosis.joints.items():
+        for effect, reason in report.untestable.items():
+            grouped.setdefault(effect, []).append((name, reason))
+    lines = [f'{effect}: {reason}' for effect, reason in diagnosis.untestable.items()]
+    for effect, entries in grouped.items():
+        names = ', '.join(name for name, _ in entries)
+        joints = 'every joint' if len(entries) == len(diagnosis.joints) else names
+        lines.append(f'{effect} on {joints}: {entries[0][1]}')
+    return lines
+
+
+def _show(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts,
+          rest: Mapping[str, float], model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
         applied = ', '.join(effect.target for effect in model.applied.effects)
         terminal.say(f'the model already includes {applied}')
-    terminal.show('', check.table())
+    terminal.show('', _data_table(diagnosis, motion, rest))
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
     show_next_steps(args, diagnosis)
-    for line in check.facts.remarks:
+    for line in motion.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
-    untestable = check.untestable()
+    untestable = _untestable(diagnosis)
     if untestable:
         terminal.show('', '[bold]not identifiable from this recording[/bold]')
         for line in untestable:

@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Callable, Mapping
 from functools import wraps
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands.hints import message_of
+from gravity_comp_ros.commands.arguments import message_of
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
@@ -19,10 +18,6 @@ from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.html_page import message_html
-
-if TYPE_CHECKING:
-    from gravity_comp_ros.report.contents import Contents
-
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -51,27 +46,24 @@ def with_error_page(page_module: str) -> Callable[[Run], Run]:
     return decorated
 
 
-def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
-             comparison: Comparison, compared: str, reports: tuple[ReadReport, ...],
-             diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
-             previous_name: str = '', displayed: tuple[str, ...] = (),
-             notes: tuple[str, ...] = (), next_command: str = '') -> Contents:
-    """Return the contents of a report; `samples` are all samples of the recordings."""
-    from gravity_comp_ros.report.arm import find_arm
-    from gravity_comp_ros.report.contents import Contents, Origin
-    samples = samples.joints(model.joints)
-    origin = Origin(args.command, now(),
-                    args.model.name if args.model else None, notes)
-    return Contents(samples, predict_torque(model, samples), model, comparison, compared, reports,
-                    origin, diagnosis, previous or {}, previous_name, displayed, next_command,
-                    find_arm(args.bags, model.joints, args.urdf))
-
-
-def write(args: argparse.Namespace, contents: Contents) -> None:
+def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
+                 comparison: Comparison, compared: str, reports: tuple[ReadReport, ...],
+                 diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
+                 previous_name: str = '', displayed: tuple[str, ...] = (),
+                 notes: tuple[str, ...] = (), next_command: str = '') -> None:
     """
-    Write the report, atomically.
+    Write the report, atomically; the parameters are as in `report.contents.Contents`.
 
+    :param samples: all samples of the recordings.
     :raises GravityCompError: if it cannot be written.
     """
+    from gravity_comp_ros.report.arm import find_arm
+    from gravity_comp_ros.report.contents import Contents, Origin
     from gravity_comp_ros.report.page import report_html
-    write_atomically(args.html, report_html(contents).encode(), error=GravityCompError)
+    samples = samples.joints(model.joints)
+    origin = Origin(args.command, now(), args.model.name if args.model else None, notes)
+    page = report_html(Contents(
+        samples, predict_torque(model, samples), model, comparison, compared, reports, origin,
+        diagnosis, previous or {}, previous_name, displayed, next_command,
+        find_arm(args.bags, model.joints, args.urdf)))
+    write_atomically(args.html, page.encode(), error=GravityCompError)

@@ -11,7 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions, Target
+from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
 from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import named_targets
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     """Plan, write the motion, and show its expected results."""
     model = load_model(args.model)
     args.joints = model.joints
-    targets = _targets(args, model)
+    targets = None if args.settle is None else named_targets(args.settle.split(','), model.joints)
     if args.widen is not None and args.within == 'limits':
         raise OptionError('give --widen or --within limits, not both')
     with terminal.progress() as report:
@@ -45,12 +45,6 @@ def run(args: argparse.Namespace) -> int:
                     lambda: _show(args, planned, links), *planned.notes,
                     *_advice(planned, options, model))
     return 0
-
-
-def _targets(args: argparse.Namespace, model: GravityModel) -> list[Target] | None:
-    if args.settle is None:
-        return None
-    return named_targets(args.settle.split(','), model.joints)
 
 
 def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> PlanOptions:

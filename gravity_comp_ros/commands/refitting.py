@@ -129,13 +129,13 @@ def error_table(result: Refit) -> Table:
 def effect_lines(result: Refit) -> list[str]:
     """Return lines of markup on added and omitted effects."""
     lines = [f'added [bold]{terminal.safe(effect.target)}[/bold]: '
-             f'{terminal.safe(numbers(effect))}'
+             f'{terminal.safe(_numbers(effect))}'
              for effect in result.model.applied.effects if effect.target in result.added]
     lines += [terminal.safe(f'omitted {name}: {why}') for name, why in result.skipped.items()]
     return lines
 
 
-def numbers(effect: AppliedEffect) -> str:
+def _numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and nonlinear parameters in one line."""
     return ', '.join([wording.numbers(effect), *(
         f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])

@@ -8,14 +8,14 @@ import shlex
 
 from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import update_on_axes
+from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
-from gravity_comp_ros.export.payload_lines import in_frame, Payload, payload_of
+from gravity_comp_ros.export.payload_lines import in_frame, millimetres, Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
@@ -54,7 +54,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
                           model=model)
         arm = None if args.flange is None else _arm(args, model)
         _check_torques(args, model, recording)
-        result, axes = update_on_axes(model, recording, axes)
+        result, axes = update_model(model, recording, axes)
         estimate = result.report.payload
         flange = in_frame(payload_of(result.model), arm, args.flange) \
             if arm is not None and estimate is not None and estimate.centre is not None else None
@@ -136,6 +136,5 @@ def _payload_lines(payload: PayloadEstimate | None) -> list[str]:
              'mass 5 % too high (check with a known mass on the arm)']
     if payload.centre is None:
         return [*lines, 'the mass is not significant, so no centre of mass is estimated']
-    centre = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
-                       f'{1e3 * x.ci95[1]:.1f})' for axis, x in payload.centre.items())
-    return [*lines, f'centre of mass in the frame of {payload.link}: {centre}']
+    return [*lines, f'centre of mass in the frame of {payload.link}: '
+            f'{millimetres(payload.centre)}']

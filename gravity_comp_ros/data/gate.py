@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from gravity_comp_ros.data.acceleration import with_accelerations
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import DataError, Hint, OptionError
+from gravity_comp_ros.printable import counted
 import numpy as np
 
 FAST = 'fast'
@@ -18,12 +21,6 @@ ACCELERATING = 'accelerating'
 RATE = 'rate'
 TIME = 'time'
 NOT_FINITE = 'not_finite'
-
-
-def _check_positive(name: str, value: float | tuple[float, ...]) -> None:
-    numbers = value if isinstance(value, tuple) else (value,)
-    if not numbers or not all(math.isfinite(x) and x > 0 for x in numbers):
-        raise OptionError(f'gate: {name} is {value}; it must be positive')
 
 
 @dataclass(frozen=True)
@@ -48,12 +45,7 @@ class GateOptions:
     acceleration_window: float = 0.1
 
     def __post_init__(self) -> None:
-        _check_positive('max_speed', self.max_speed)
-        _check_positive('acceleration_window', self.acceleration_window)
-        if self.max_acceleration is not None:
-            _check_positive('max_acceleration', self.max_acceleration)
-        if self.rate_hz is not None:
-            _check_positive('rate_hz', self.rate_hz)
+        check_positive(self, 'gate', *(n for n, x in vars(self).items() if x is not None))
 
     def check_joints(self, n_joints: int) -> None:
         """
@@ -80,14 +72,32 @@ class GateOptions:
         return speed, _per_joint(self.max_acceleration, n_joints)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GateResult:
-    """The samples that the gate kept of `total`, and the number dropped by reason."""
+    """Samples that passed the gate, out of `total`, and the number dropped by reason."""
 
     samples: JointSamples
-    kept: int
     total: int
     dropped: dict[str, int]
+    all_samples: bool = False
+
+    @property
+    def kept(self) -> int:
+        """Return the number of samples that passed."""
+        return self.samples.n_samples
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the gate entry of a model's provenance and of `--json`."""
+        return {'total': self.total, 'kept': self.kept, 'dropped': self.dropped,
+                'all_samples': self.all_samples}
+
+    def sentence(self) -> str:
+        """Return one line with the number of samples kept, and of those dropped by reason."""
+        if self.all_samples:
+            return f'{counted(self.total, "sample")} used, including fast ones'
+        reasons = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items())
+        return (f'{self.kept} of {counted(self.total, "sample")} pass the slow-motion gate'
+                f'{f" ({reasons})" if reasons else ""}')
 
 
 class Gate:
@@ -174,8 +184,25 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
         kept[run.start + steady[_one_per_slot(t[steady], t[0], options.rate_hz)]] = True
     dropped = {FAST: fast, ACCELERATING: accelerating, RATE: ~(fast | accelerating | kept)}
     slow = with_accelerations(samples.select(kept), samples)
-    return GateResult(slow, int(kept.sum()), len(samples),
+    return GateResult(slow, len(samples),
                       {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()})
+
+
+def apply_gate(samples: JointSamples, options: GateOptions | None) -> GateResult:
+    """
+    Return the samples that pass the gate; all of them if `options` is None.
+
+    :raises DataError: if none passes.
+    """
+    if options is None:
+        return GateResult(with_accelerations(samples, samples), samples.n_samples, {}, True)
+    result = slow_samples(samples, options)
+    if not result.kept:
+        limit = options.max_speed
+        limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
+        raise DataError(f'none of the {samples.n_samples} samples is slow (every joint under '
+                        f'{limits} rad/s)', Hint.SLOW_MOTION)
+    return result
 
 
 def _one_per_slot(t: FloatArray, first: float, rate_hz: float | None) -> BoolArray:

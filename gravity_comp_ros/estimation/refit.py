@@ -21,7 +21,7 @@ from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, Fi
 from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
-from gravity_comp_ros.evaluation.gain import gain
+from gravity_comp_ros.evaluation.gain import p_of_decrease
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
@@ -231,9 +231,8 @@ def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> floa
     if not len(changed) or len(old) < 3:
         return 1.0
     scale = old.mean(axis=0)
-    whole = gain((old / scale).sum(axis=1, keepdims=True),
-                 (new / scale).sum(axis=1, keepdims=True), 2).p
-    return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * old.shape[1]).p for n in changed))
+    whole = p_of_decrease((old / scale).sum(axis=1), (new / scale).sum(axis=1), 2)
+    return min(whole, *(p_of_decrease(old[:, n], new[:, n], 2 * old.shape[1]) for n in changed))
 
 
 def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:

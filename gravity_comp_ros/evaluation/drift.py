@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -32,8 +33,7 @@ class DriftOptions:
     significance: float = 3.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.significance < np.inf:
-            raise OptionError(f'drift: significance is {self.significance}; it must be positive')
+        check_positive(self, 'drift')
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,8 @@ class Payload:
     def sentence(self) -> str:
         """Return mass and centre with their 95 % intervals."""
         low, high = self.mass.ci95
-        centre = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
-                           f'{1e3 * x.ci95[1]:.1f})' for axis, x in self.centre.items())
         return (f'{self.mass.value:.3f} kg (95 %: {low:.3f} to {high:.3f}), centre of mass in '
-                f'the frame of {self.frame}: {centre}')
+                f'the frame of {self.frame}: {millimetres(self.centre)}')
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,12 @@ class DriveLine:
     maker: str
     line: str
     source: str
+
+
+def millimetres(centre: Mapping[str, Quantity]) -> str:
+    """Return a centre of mass in m as text in mm with its 95 % intervals."""
+    return ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
+                     f'{1e3 * x.ci95[1]:.1f})' for axis, x in centre.items())
 
 
 def payload_of(model: GravityModel) -> Payload:
