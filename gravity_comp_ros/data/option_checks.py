@@ -17,5 +17,5 @@ def check_positive(options: object, what: str, *names: str) -> None:
     for name in names or vars(options):
         value = getattr(options, name)
         numbers = np.asarray(value, dtype=np.float64)
-        if not ((numbers > 0.0) & (numbers < np.inf)).all():
+        if not (numbers.size and ((numbers > 0.0) & (numbers < np.inf)).all()):
             raise OptionError(f'{what}: {name} is {value}; it must be positive')

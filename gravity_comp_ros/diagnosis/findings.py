@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -71,15 +71,9 @@ class Finding:
 
     def to_json(self) -> dict[str, Any]:
         """Return the finding as `diagnose --json` prints it."""
-        return {
-            'joint': self.joint, 'effect': self.effect, 'verdict': self.verdict,
-            'rivals': list(self.rivals),
-            'coefficients': {symbol: {'value': e.value, 'unit': e.unit, 'ci95': list(e.ci95)}
-                             for symbol, e in self.coefficients.items()},
-            'setting': dict(self.setting), 'predicted': self.is_predicted,
-            'nrmse_before': self.nrmse_before, 'nrmse_after': self.nrmse_after,
-            'base_absorbed': self.base_absorbed, 'runs_better': self.runs_better,
-            'gain': self.gain, 'p': self.p, 'why': self.why, 'next_step': self.next_step}
+        document = asdict(self)
+        document['predicted'] = document.pop('is_predicted')
+        return document
 
 
 @dataclass(frozen=True)
@@ -100,13 +94,6 @@ class JointReport:
     rmse_after: float
     untestable: Mapping[str, str]
     remaining_share: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the report as `diagnose --json` prints it."""
-        return {'summary': self.summary, 'noise_floor': self.noise_floor,
-                'n_effective': self.n_effective, 'rmse_before': self.rmse_before,
-                'rmse_after': self.rmse_after, 'remaining_share': self.remaining_share,
-                'untestable': dict(self.untestable)}
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,7 +124,7 @@ class Diagnosis(Displayable):
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis part of `diagnose --json`."""
         return {'findings': [finding.to_json() for finding in self.findings],
-                'joints': {name: report.to_json() for name, report in self.joints.items()},
+                'joints': {name: asdict(report) for name, report in self.joints.items()},
                 'untestable': dict(self.untestable), 'verdict': self.summary()}
 
     def summary(self) -> str:

@@ -7,7 +7,7 @@ file that was truncated or edited by hand is refused.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import hashlib
 import json
 from pathlib import Path
@@ -137,7 +137,7 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
     if model.uncertainty is not None:
         body['covariance'] = model.uncertainty.covariance.tolist()
     if model.fitted.effects:
-        body['fitted'] = [_effect_json(effect) for effect in model.fitted.effects]
+        body['fitted'] = [asdict(effect) for effect in model.fitted.effects]
     if model.residual_std is not None:
         body['residual_std'] = model.residual_std.tolist()
     if model.payload_path is not None:
@@ -155,20 +155,9 @@ def _terms(expansion: Expansion) -> dict[str, list]:
 
 
 def _applied_json(model: GravityModel) -> dict[str, Any]:
-    return {'effects': [_effect_json(effect) for effect in model.applied.effects],
-            'history': [_step_json(step) for step in model.history]}
-
-
-def _effect_json(effect: AppliedEffect) -> dict[str, Any]:
-    return {'name': effect.name, 'joint': effect.joint, 'setting': dict(effect.setting),
-            'coefficients': {symbol: {'value': x.value, 'unit': x.unit, 'ci95': list(x.ci95)}
-                             for symbol, x in effect.coefficients.items()}}
-
-
-def _step_json(step: Step) -> dict[str, Any]:
-    return {'action': step.action, 'effects': list(step.effects), 'when': step.when,
-            'before': dict(step.before), 'after': dict(step.after),
-            'previous': None if step.previous is None else _to_json(step.previous)}
+    return {'effects': [asdict(effect) for effect in model.applied.effects],
+            'history': [{**vars(step), 'previous': step.previous and _to_json(step.previous)}
+                        for step in model.history]}
 
 
 def _from_json(body: dict[str, Any]) -> GravityModel:

@@ -14,7 +14,7 @@ Joints whose angle is a linear function of the other angles are named for themse
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.option_checks import check_positive
@@ -150,8 +150,7 @@ class Enough:
         """Return the entry `motion` of `info --json`."""
         return {'std': self.std, 'std_after': self.after, 'max_std': self.options.max_std,
                 'seconds': self.seconds, 'together_s': self.together,
-                'sweeps': [{'joint': s.joint, 'low': s.low, 'high': s.high, 'seconds': s.seconds}
-                           for s in self.sweeps],
+                'sweeps': [asdict(sweep) for sweep in self.sweeps],
                 'dependent': list(self.dependent), 'directions': self.directions,
                 'moving': self.moving}
 

@@ -86,14 +86,10 @@ class Expectation:
         """Return one object of `expected` of `plan --json`."""
         widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
                   for symbol, (width, unit) in self.half_width.items()}
-        return {'effect': self.target.effect, 'joint': self.target.joint,
-                'chance_before': self.chance_before, 'chance': self.chance,
-                'gain': self.gain, 'separation_before': self.separation_before,
-                'separation': self.separation, 'identified': self.identified,
+        numbers = {name: value for name, value in vars(self).items() if name != 'target'}
+        return {'effect': self.target.effect, 'joint': self.target.joint, **numbers,
                 'untestable': self.untestable or None,
-                'closest_alternative': self.closest_alternative or None,
-                'assumed': self.assumed, 'size_is_measured': self.size_is_measured,
-                'half_width': widths}
+                'closest_alternative': self.closest_alternative or None, 'half_width': widths}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.page import report_html
-from gravity_comp_ros.report.sections import SECTIONS
+from gravity_comp_ros.report.page import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.workbench import (
     findings_panel, page_parts, page_style, plan_panel, store, widgets)

@@ -6,9 +6,8 @@ from bokeh.layouts import column
 from bokeh.models import UIElement
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.page import selector_of
+from gravity_comp_ros.report.page import SECTIONS, selector_of
 from gravity_comp_ros.report.section import ALL, Section
-from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.workbench import widgets
 

@@ -8,21 +8,34 @@ represented and remain in the residual.
 Per joint: tau_n = F beta_n over all 3^N features (Yu 2022, Eqs. 5-9). It is accurate within the
 trained range. Outside, the joints' torques are not coupled, and the error can exceed the torque
 itself.
+
+The variance inflation factor is selected on held-out data. A white residual requires no inflation.
+An autocorrelated residual (friction, hysteresis, drift) is overfitted by the growing support, with
+large errors on the next run. So factors up to twice the residual's correlation time are tried on
+held-out runs, or on contiguous blocks if there are too few runs. The largest factor whose error is
+within one standard error of the lowest is selected, which yields the smallest support of that
+accuracy.
 """
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import JointSamples
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.folds import folds
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.identifiability import (
     AT_REST, usable_for_energy, usable_for_torque)
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import (
-    finish, grow, prune, SparseFit, SparseOptions, SparseProblem, with_all_samples)
-from gravity_comp_ros.models.sparse.variance_inflation import choose_inflation, correlation_time
+    finish, grow, prune, SparseFit, SparseOptions, SparseProblem, SupportFit, with_all_samples)
+import numpy as np
 
 # Number of evenly spread samples beyond which the support does not change.
 _MAX_SAMPLES = 1500
+# Variance inflation factors that are tried.
+_FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def fit_potential(samples: JointSamples, options: SparseOptions
@@ -76,3 +89,50 @@ def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     # Samples closer in time are more strongly autocorrelated.
     ratio = correlation_time(problem, full) / correlation_time(few, pruned)
     return finish(problem, full, inflation * max(ratio, 1.0), options)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The selected factor; the tried ones with their held-out errors, in units of the noise."""
+
+    inflation: float
+    correlation_time: float
+    tried: tuple[float, ...]
+    errors: tuple[float, ...]
+
+
+def choose_inflation(problem: SparseProblem, grown: SupportFit,
+                     options: SparseOptions) -> Choice:
+    """Return the variance inflation factor for a grown support."""
+    residual = grown.residual(problem)
+    time = correlation_time(problem, grown)
+    tried = [k for k in _FACTORS if k == 1.0 or k < 2.0 * time]
+    if time < noise.WHITE or len(tried) < 2:
+        return Choice(1.0, time, (1.0,), ())
+    scale = np.sqrt((residual ** 2).mean(axis=0)) + noise.floor(problem.tau)
+    errors = np.array([_held_out(problem, test, tried, options, scale)
+                       for test in folds(problem.runs)])
+    mean = errors.mean(axis=0)
+    best = int(np.argmin(mean))
+    excess = errors - errors[:, [best]]
+    allowed = excess.mean(axis=0) <= excess.std(axis=0, ddof=1) / np.sqrt(len(errors))
+    selected = max(k for k, is_allowed in zip(tried, allowed) if is_allowed or k == tried[best])
+    return Choice(selected, time, tuple(tried), tuple(mean.tolist()))
+
+
+def correlation_time(problem: SparseProblem, fit: SupportFit) -> float:
+    """Return the median over the torques of the residual's correlation time, in samples."""
+    return float(np.median(noise.correlation_times(fit.residual(problem), problem.runs)))
+
+
+def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
+              options: SparseOptions, scale: FloatArray) -> FloatArray:
+    """Return the mean square error on the held-out mask `test`, for each factor."""
+    train, held_out = problem.select(~test), problem.select(test)
+    fit = grow(train, options)
+    errors = []
+    for inflation in tried:
+        fit = prune(train, fit, inflation)
+        predicted = held_out.predict(fit.refit.indices, fit.refit.x)
+        errors.append(float((((held_out.tau - predicted) / scale) ** 2).mean()))
+    return np.array(errors)

@@ -25,18 +25,14 @@ class GaugeOffset(JointTorque):
 
 
 @dataclass(frozen=True)
-class GaugeGain:
+class GaugeGain(JointTorque):
     """A torque sensor that reads `gain` times the torque."""
 
     joint: int
     gain: float
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
-        tau = signals.tau.copy()
-        tau[:, self.joint] *= self.gain
-        return replace(signals, tau=tau)
+    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+        return (self.gain - 1.0) * signals.tau[:, self.joint]
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.grid import fine_grid, Grid
 from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 from gravity_comp_ros.simulation.motions import Motion
@@ -18,6 +17,41 @@ import numpy as np
 # Vogel's law of a synthetic gear oil: viscosity ~ exp(B / (T - T0)), T in degrees Celsius.
 VOGEL_B = 900.0
 VOGEL_T0 = -95.0
+# Largest integration step, s.
+_STEP = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """
+    The true motion at K >= M instants, which include the M samples.
+
+    `t` (K,) in s; `q`, `qd` (K, N) in rad and rad/s; `at` (M,) are the indices of the samples.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    at: IntArray
+
+    def between_samples(self, values: FloatArray) -> FloatArray:
+        """Return values (K,) on the grid by linear interpolation of values (M,) at the samples."""
+        if len(self.at) == len(self.t):
+            return values
+        return np.asarray(np.interp(self.t, self.t[self.at], values))
+
+
+def fine_grid(motion: Motion) -> Grid:
+    """Return the motion in steps of at most `_STEP` s; closer samples are kept unchanged."""
+    gaps = np.diff(motion.t)
+    parts = 1 if gaps.size == 0 else max(1, int(np.ceil(gaps.max() / _STEP - 1e-9)))
+    at = parts * np.arange(len(motion.t))
+    if parts == 1:
+        return Grid(motion.t, motion.q, motion.qd, at)
+    inner = motion.t[:-1, None] + gaps[:, None] * np.arange(parts) / parts
+    t = np.append(inner.ravel(), motion.t[-1])
+    q, qd, _ = motion.path(t)
+    return Grid(t, q, qd, at)
 
 
 class JointFriction(JointTorque):

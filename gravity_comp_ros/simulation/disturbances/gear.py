@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -13,17 +14,28 @@ from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 
 
-def _with_lead(signals: Signals, joint: int, lead: FloatArray, t: FloatArray) -> Signals:
-    """Return the signals with the reported (motor) angle ahead of the link by `lead` (M,) rad."""
-    q, qd = signals.q.copy(), signals.qd.copy()
-    q[:, joint] += lead
-    if len(t) > 1:
-        qd[:, joint] += np.gradient(lead, t)
-    return replace(signals, q=q, qd=qd)
+class Gear(ABC):
+    """A gear whose reported (motor) angle is ahead of that of the link of joint `joint`."""
+
+    joint: int
+
+    @abstractmethod
+    def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
+        """Return the lead of the motor's angle over the link's, (K,) in rad."""
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        check_joint(self.joint, arm)
+        lead = self.lead(motion.t, signals.tau[:, self.joint])
+        q, qd = signals.q.copy(), signals.qd.copy()
+        q[:, self.joint] += lead
+        if len(lead) > 1:
+            qd[:, self.joint] += np.gradient(lead, motion.t)
+        return replace(signals, q=q, qd=qd)
 
 
 @dataclass(frozen=True)
-class Backlash:
+class Backlash(Gear):
     """
     A gear with `play` rad between its two flanks.
 
@@ -41,8 +53,7 @@ class Backlash:
         if not (self.play > 0 and self.threshold >= 0 and self.crossing > 0):
             raise OptionError('backlash: play and crossing must be positive, threshold 0 or more')
 
-    def lead(self, t: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Return the lead of the motor's angle over the link's, (K,) in rad."""
+    def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
         side = 1.0 if load[0] >= 0 else -1.0
         position, out = side, [side]
         for torque, step in zip(load[1:].tolist(), np.diff(t).tolist()):
@@ -53,15 +64,9 @@ class Backlash:
             out.append(position)
         return 0.5 * self.play * np.array(out)
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
-        lead = self.lead(motion.t, signals.tau[:, self.joint])
-        return _with_lead(signals, self.joint, lead, motion.t)
-
 
 @dataclass(frozen=True)
-class ElasticGear:
+class ElasticGear(Gear):
     """
     A gear of `stiffness` N·m/rad: the motor's (reported) angle is q + tau / stiffness.
 
@@ -78,9 +83,5 @@ class ElasticGear:
             raise OptionError(f'elastic gear: stiffness {self.stiffness} N·m/rad must be positive '
                               f'and hardening {self.hardening} 0 or more')
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
-        load = signals.tau[:, self.joint]
-        wind_up = load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2))
-        return _with_lead(signals, self.joint, wind_up, motion.t)
+    def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
+        return np.asarray(load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2)))

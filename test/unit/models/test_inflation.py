@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.data.folds import folds
 from gravity_comp_ros.models import noise
-from gravity_comp_ros.models.sparse import variance_inflation
+from gravity_comp_ros.models.sparse import sparse_fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import (
     SparseOptions, SparseProblem, SupportFit)
@@ -49,8 +49,8 @@ def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFi
     ([[5, 2, 3], [5, 2, 1], [5, 2, 3], [5, 2, 2], [5, 2, 2]], 10.0)])
 def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, selected):
     remaining = [np.array(row, dtype=float) for row in errors]
-    monkeypatch.setattr(variance_inflation, '_held_out', lambda *args: remaining.pop(0))
-    choice = variance_inflation.choose_inflation(*correlated(9.0), SparseOptions())
+    monkeypatch.setattr(sparse_fit, '_held_out', lambda *args: remaining.pop(0))
+    choice = sparse_fit.choose_inflation(*correlated(9.0), SparseOptions())
     assert choice.tried == (1.0, 3.0, 10.0)
     assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
     assert choice.inflation == selected
@@ -58,6 +58,6 @@ def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, se
 
 
 def test_no_factors_are_tried_for_white_residuals(monkeypatch):
-    monkeypatch.setattr(variance_inflation, '_held_out', None)
-    choice = variance_inflation.choose_inflation(*correlated(1.0), SparseOptions())
+    monkeypatch.setattr(sparse_fit, '_held_out', None)
+    choice = sparse_fit.choose_inflation(*correlated(1.0), SparseOptions())
     assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())
