@@ -39,11 +39,11 @@ def regressors(arm: arms.Arm, q: FloatArray) -> FloatArray:
 
 def regression(scene: Scene) -> Fitted:
     """Fit masses and first moments by least squares, of minimum norm if not identifiable."""
-    start = time.perf_counter()
+    start = time.process_time()
     rows = regressors(scene.nominal, scene.train.q)
     x = rows.reshape(-1, rows.shape[-1])
     parameters = np.linalg.lstsq(x, scene.train.tau.ravel(), rcond=1e-8)[0]
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     counts = [int(row.any(axis=0).sum()) for row in rows.transpose(1, 0, 2)]
     return Fitted(lambda q: regressors(scene.nominal, q) @ parameters, counts,
                   scene.train.n_samples, seconds)
@@ -52,10 +52,10 @@ def regression(scene: Scene) -> Fitted:
 def kernel(kind: str, physical: bool, quick: bool = False) -> Method:
     """Return kernel ridge ('krr') or support vector regression ('svr')."""
     def method(scene: Scene) -> Fitted:
-        start = time.perf_counter()
+        start = time.process_time()
         inputs = _inputs(scene, scene.train.q, physical)
         fits = [_search(kind, quick).fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
-        seconds = time.perf_counter() - start
+        seconds = time.process_time() - start
 
         def predict(q: FloatArray) -> FloatArray:
             return np.column_stack([search.predict(x) for search, x in zip(

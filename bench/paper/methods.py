@@ -43,7 +43,7 @@ _CACHE: dict[tuple[bytes, str, bool, bool], GravityModel] = {}
 def formulation(name: str, friction: bool = False) -> Method:
     """Return the fit of a formulation, optionally with Coulomb friction as an effect."""
     def method(scene: Scene) -> Fitted:
-        start = time.perf_counter()
+        start = time.process_time()
         model = _learned(scene.train, FitOptions(name), friction)
         return _fitted(model, scene.train.n_samples, start)
     return method
@@ -56,7 +56,7 @@ def updated(urdf: bool) -> Method:
         assert scene.unloaded is not None and samples is not None
         geometry = read_urdf(URDF, samples.names) if urdf else None
         old = _unloaded_chain(scene, geometry)
-        start = time.perf_counter()
+        start = time.process_time()
         gravity = JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,
                                           samples.tau - effect_torque(old, samples))
         model = update(old, gravity, geometry=geometry).model
@@ -85,5 +85,5 @@ def _learned(samples: JointSamples, options: FitOptions, friction: bool) -> Grav
 
 
 def _fitted(model: GravityModel, count: int, start: float) -> Fitted:
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     return Fitted(model.predict, np.asarray(model.n_features()).tolist(), count, seconds)

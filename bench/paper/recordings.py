@@ -1,8 +1,8 @@
 """
 Errors of every formulation on public recordings of real arms, held out by blocks of time.
 
-The recordings are not slow motion, so all samples are used, and each formulation is fitted with
-the effects of fast motion: inertia, Coulomb and viscous friction. `auto` predicts gravity alone.
+The recordings are not slow motion, so all samples are used, and each formulation predicts Coulomb
+and viscous friction as well. `auto` predicts gravity alone.
 """
 
 from __future__ import annotations

@@ -24,7 +24,6 @@ from bench.paper.methods import formulation, Method, stale, updated
 from bench.paper.recordings import BAGS, evaluate
 from bench.paper.scenes import PAYLOADS, real, Scene, simulated, Sizes, TINY
 from bench.paper.score import Row, score, worst
-from bench.paper.solvers import compare_solvers
 from bench.paper.text import TEXT
 import numpy as np
 
@@ -48,18 +47,11 @@ def main(argv: list[str] | None = None) -> int:
                                           lambda seed: simulated(seed, sizes)))
     parts['table_4'] = page.table_4(_rows(_real_methods(args.tiny), seeds,
                                           lambda seed: real(seed, None, sizes)))
-    tables = []
     payloads = list(PAYLOADS)[:1] if args.tiny else list(PAYLOADS)
-    for payload in payloads:
-        rows = _rows(_payload_methods(args.tiny), seeds,
-                     lambda seed, name=payload: real(seed, name, sizes))
-        tables.append(f'### {payload}\n\n{page.table_5(payload, rows)}')
-    parts['table_5'] = '\n\n'.join(tables)
+    parts['table_5'] = page.table_5({payload: _rows(
+        _payload_methods(args.tiny), seeds,
+        lambda seed, name=payload: real(seed, name, sizes)) for payload in payloads})
     parts['friction'] = page.friction_table([check(1), check(3)])
-    train = real(0, None, sizes).train
-    if args.tiny:
-        train = train.joints(train.names[:3])
-    parts['solvers'] = page.solver_table(compare_solvers(train, 1, 0.5, _has('cvxpy')))
     parts['recordings'] = _recordings(args.data, args.tiny)
     _figures(folder, sizes, payloads)
     out.write_text(TEXT.format(**parts, folder=folder.name), encoding='utf-8')
