@@ -96,10 +96,7 @@ def _real_methods(quick: bool) -> dict[str, Method]:
     if quick:
         return {'chain with friction': formulation('chain', friction=True), **_known_kinematics()}
     return {'per_joint': formulation('per_joint'), 'potential': formulation('potential'),
-            'chain': formulation('chain'),
-            'potential with friction': formulation('potential', friction=True),
-            'chain with friction': formulation('chain', friction=True),
-            **_kernels(quick), **_known_kinematics()}
+            'chain': formulation('chain'), **_kernels(quick), **_known_kinematics()}
 
 
 def _payload_methods(quick: bool) -> dict[str, Method]:
