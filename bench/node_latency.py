@@ -3,11 +3,12 @@
 Latency from joint state to torque, of the node and of a bare rclpy echo node.
 
     python3 -m bench.node_latency [--rate 1000] [--seconds 60] [--fits] [--realtime] [--turns N]
-                                  [--json F]
+                                  [--events] [--json F]
 
 Both receive the same joint states of seven joints in slow motion. The sender measures the time
 from publication to reply. By default both run at once on the same messages, so that other load
-affects both; with `--turns N` they run alternately, N times each. `--fits` requests fits
+affects both; with `--turns N` they run alternately, N times each. `--events` adds the node on
+`rclpy.experimental.EventsExecutor` in place of its own executor. `--fits` requests fits
 continuously. `--realtime` (as root) gives sender, echo and node, but not the fit process, the
 priority of a control loop (SCHED_FIFO). Prints loss, p50, p90 and p99 of both, the ratio of p99,
 CPU, memory, the number of fits, and the time of one prediction.
@@ -25,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from gravity_comp_ros.estimation.fit import fit
@@ -42,7 +44,9 @@ from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).resolve().parents[1]
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-TOPICS = {'echo': 'echo', 'node': 'gravity_comp/gravity_torques'}
+TOPICS = {'echo': 'echo', 'node': 'gravity_comp/gravity_torques',
+          'events': 'on_events/gravity_torques'}
+SERVED = ('node', 'events')
 MEMORY_EVERY = 5.0
 
 
@@ -56,6 +60,14 @@ def echo() -> None:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+
+
+def on_events(args: list[str]) -> None:
+    """Run the node on `EventsExecutor`, which handles all callbacks in the order of arrival."""
+    from gravity_comp_ros.node import run
+    from rclpy.experimental import EventsExecutor
+    run.InputFirstExecutor = lambda *_: EventsExecutor()  # type: ignore[misc, assignment]
+    sys.exit(run.run([sys.argv[0], *args]))
 
 
 def motion(rate: float) -> tuple[tuple[str, ...], np.ndarray]:
@@ -87,11 +99,13 @@ class Sender:
         self.publisher = self.node.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         self.replies = {name: self.node.create_subscription(
             JointState, TOPICS[name], lambda _: None, BEST_EFFORT) for name in names}
-        self.refit = self.node.create_client(Trigger, 'gravity_comp/refit')
+        self.refits = [self.node.create_client(
+            Trigger, TOPICS[name].replace('gravity_torques', 'refit'))
+            for name in names if name in SERVED]
         self.fits: list[str] = []
         self.received = 0
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 10)
-        self._refit_future = None
+        self._futures: list[Any] = [None for _ in self.refits]
         self._period = int(1e9 / rate)
         joints, self._motion = motion(rate)
         self._k = 0
@@ -120,7 +134,7 @@ class Sender:
                 self._receive(measured, remaining)
             self._send()
             sent += 1
-            if sent % 100 == 50 and 'node' in self.replies:
+            if sent % 100 == 50 and self.refits:
                 rclpy.spin_once(self.node, timeout_sec=0)
                 self._request_fit(fits)
             if (due - start) / 1e9 >= memory_due:
@@ -144,11 +158,13 @@ class Sender:
         return self.received
 
     def _request_fit(self, fits: bool) -> None:
-        if self._refit_future is not None and self._refit_future.done():
-            self.fits.append(self._refit_future.result().message)
-            self._refit_future = None
-        if fits and self._refit_future is None:
-            self._refit_future = self.refit.call_async(Trigger.Request())
+        for k, future in enumerate(self._futures):
+            if future is not None and future.done():
+                self.fits.append(future.result().message)
+                future = None
+            if fits and future is None:
+                future = self.refits[k].call_async(Trigger.Request())
+            self._futures[k] = future
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -249,7 +265,10 @@ def main() -> None:
     parser.add_argument('--fits', action='store_true')
     parser.add_argument('--realtime', action='store_true')
     parser.add_argument('--json', type=Path)
+    parser.add_argument('--events', action='store_true')
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
+    if '--on-events' in sys.argv:
+        return on_events(sys.argv[2:])
     args = parser.parse_args()
     if args.echo:
         return echo()
@@ -266,21 +285,25 @@ def main() -> None:
 def compare(args: argparse.Namespace, model: Path) -> dict:
     """Run both nodes, at once or alternately; return the figures."""
     save_model(model, fit(read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples).model)
+    options = ['--ros-args', '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]',
+               '-p', 'max_age:=0.0', '-p', 'sample_rate:=50.0']
     commands = {
         'echo': [sys.executable, __file__, '--echo'],
-        'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
-                 '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]', '-p', 'max_age:=0.0',
-                 '-p', 'sample_rate:=50.0']}
+        'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', *options]}
+    if args.events:
+        commands['events'] = [sys.executable, __file__, '--on-events', *options,
+                              '-r', '__node:=on_events']
     runs: list[tuple[dict[str, Measured], Sender, int]] = []
     if args.turns:
         for _ in range(args.turns):
-            runs += [measure({name: command}, args, args.fits and name == 'node')
+            runs += [measure({name: command}, args, args.fits and name in SERVED)
                      for name, command in commands.items()]
     else:
         runs.append(measure(commands, args, args.fits))
     result: dict = {name: summary([measured[name] for measured, _, _ in runs if name in measured])
                     for name in commands}
-    result['p99_ratio'] = result['node']['p99'] / result['echo']['p99']
+    result['p99_ratio'] = {name: result[name]['p99'] / result['echo']['p99']
+                           for name in commands if name in SERVED}
     result['lost_in_node'] = sum(lost for _, _, lost in runs)
     answers = [text for _, sender, _ in runs for text in sender.fits]
     result['fits'] = sum('held-out RMSE' in text for text in answers)
@@ -302,7 +325,7 @@ def summary(runs: list[Measured]) -> dict:
 
 
 def show(result: dict) -> None:
-    for name in TOPICS:
+    for name in filter(result.get, TOPICS):
         r = result[name]
         print(f'{name}: CPU {r["cpu"]:.0%} of a core; sent {r["sent"]}, unanswered '
               f'{r["unanswered"]}; p50 {r["p50"]:.3f} ms, p90 {r["p90"]:.3f} ms, p99 '
@@ -311,7 +334,8 @@ def show(result: dict) -> None:
     print(f'messages lost on input of the node: {result["lost_in_node"]}; fits: '
           f'{result["fits"]}; one prediction: {result["predict_us"]:.1f} µs')
     how = 'at once' if result['together'] else 'alternately'
-    print(f'p99 of the node is {result["p99_ratio"]:.2f} times that of the bare echo (run {how})')
+    for name, ratio in result['p99_ratio'].items():
+        print(f'p99 of {name} is {ratio:.2f} times that of the bare echo (run {how})')
 
 
 if __name__ == '__main__':

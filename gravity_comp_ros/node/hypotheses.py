@@ -14,7 +14,7 @@ uncertainty of the model.
 | a varying force | those of the body, and its torque varying in time |
 | gain of joint j | the torque of the model at joint j (0: dead or frozen, -1: sign), a constant |
 | a common factor | the torque of the model at all joints, and constants: 0 is no gravity at all |
-| a body and a gain of joint j | those of both |
+| a body and a gain of joint j | those of both; the gain applies to the torque of the body, too |
 
 With whitened rows the log evidence of a hypothesis is
 
@@ -26,8 +26,8 @@ noise, shows whether it explains the samples at all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
@@ -52,6 +52,8 @@ _MOMENT_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)
 _BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
 # Prior standard deviations relative to friction: of friction and of offset, both plus noise.
 _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
+# Largest number of linearisations of a gain, and its change at which they end.
+_MAX_STEPS, _CONVERGED = 10, 1e-3
 # Speed over which friction changes its sign where the model has no law of it by speed, rad/s.
 _WIDTH = 0.01
 
@@ -115,24 +117,28 @@ class Hypotheses:
         change = self._moments(self.explain(self.body))
         self._loaded = base(chain.chain.moved(np.concatenate((np.zeros_like(change), change))))
 
-    def explain(self, *columns: FloatArray, base: FloatArray | None = None) -> Explanation:
+    def explain(self, *columns: FloatArray, base: FloatArray | None = None,
+                r: FloatArray | None = None) -> Explanation:
         """
         Return the fit of the hypothesis with these columns (K, N·M), whitened.
 
         :param base: columns of H0 if other than those of the model in use.
+        :param r: torque (N·M,) to explain, whitened, if other than that of the window.
         """
         own = np.concatenate(columns) if columns else np.zeros((0, self._r.size))
         if base is None:
             base = self._loaded if columns and columns[0] is self.body else self._base
+        if r is None:
+            r = self._r
         design = np.concatenate((own, base))
         gram = np.eye(len(design)) + design @ design.T
         inverse = np.linalg.inv(gram)
-        projection = design @ self._r
+        projection = design @ r
         mean = inverse @ projection
-        evidence = (-0.5 * float(self._r @ self._r - projection @ mean)
+        evidence = (-0.5 * float(r @ r - projection @ mean)
                     - 0.5 * float(np.linalg.slogdet(gram)[1]))
         n = self._noise.size
-        residual = _CORRELATED * (self._r - mean @ design).reshape(n, -1).T
+        residual = _CORRELATED * (r - mean @ design).reshape(n, -1).T
         k = len(own)
         return Explanation(evidence, residual, mean[:k], inverse[:k, :k])
 
@@ -162,10 +168,36 @@ class Hypotheses:
 
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
-        fault = self._fault([joint])
-        fits = [self.explain(fault, scale / self._scale * self.body, base=self._loaded)
-                for scale in self._scales]
-        return max(fits, key=lambda fit: fit.log_evidence)
+        return max((fit for scale in self._scales
+                    for fit in self._body_and_gain(joint, scale / self._scale * self.body)),
+                   key=lambda fit: fit.log_evidence)
+
+    def _body_and_gain(self, joint: int, body: FloatArray) -> Iterator[Explanation]:
+        """
+        Yield the fits of a body and of the gain 1 + g of one joint: any gain, 0 and -1.
+
+        The effort of the joint is (1 + g) (b + Bx), b the torque of the model and Bx that of the
+        body, so that a dead joint does not measure the body either. The product is linearised
+        at the last solution: the residual to explain is then r + g Bx, and its fit by the columns
+        b + Bx and (1 + g) B is that of the product.
+        """
+        here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
+        fault, gain = self._fault([joint]), 0.0
+        torque = np.zeros(self._r.size)
+        own = fault[0].copy()
+        for _ in range(_MAX_STEPS):
+            fault[0] = own + torque
+            fit = self.explain(fault, np.where(here, 1.0 + gain, 1.0) * body, base=self._loaded,
+                               r=self._r + gain * torque)
+            before, gain = gain, float(fit.mean[0])
+            torque = np.where(here, fit.mean[len(fault):] @ body, 0.0)
+            if abs(gain - before) < _CONVERGED:
+                break
+        yield fit
+        for gain in (-1.0, -2.0):
+            fit = self.explain(np.where(here, 1.0 + gain, 1.0) * body, base=self._loaded,
+                               r=self._r - gain * own)
+            yield replace(fit, mean=np.concatenate(([gain], fit.mean)))
 
     def _fault(self, joints: Sequence[int]) -> FloatArray:
         """Return the columns of one gain of some joints, and of a constant torque of each."""

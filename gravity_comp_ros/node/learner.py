@@ -248,6 +248,10 @@ class Learner:
                 result.model.coverage.n_samples, change)
         arm.epoch.note = ''
         self.models.problem = ''
+        self._save()
+
+    def _save(self) -> None:
+        """Write the model in use with `auto_save`: a restart must not use another one."""
         if self.settings.auto_save and self.models.path:
             self.models.save(self._saved)
 
@@ -284,6 +288,7 @@ class Learner:
         if entry is not None:
             arm.use(entry.model, None, 0)
             self._discard_running()
+            self._save()
         return entry
 
     def _discard_running(self) -> None:

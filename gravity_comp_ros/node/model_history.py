@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from os.path import expanduser
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -45,13 +46,14 @@ class ModelHistory:
     """
 
     def __init__(self, path: str, depth: int) -> None:
-        self.path = path
+        # Unlike that of Path, this function has no error where a user does not exist.
+        self.path = expanduser(path)
         self.entry: Entry | None = None
         # Error of loading the file, or of the last save.
         self.problem = ''
         self._depth = depth
         self._past: list[Entry] = []
-        self._saves: SimpleQueue[tuple[Path, Entry, Reply] | None] = SimpleQueue()
+        self._saves: SimpleQueue[tuple[Entry, Reply] | None] = SimpleQueue()
         self._writer: Thread | None = None
 
     @property
@@ -96,9 +98,9 @@ class ModelHistory:
         :raises ModelFileError: if the file is no valid model.
         :raises ModelMismatchError: if the model has other joints.
         """
-        if not self.path or not Path(self.path).expanduser().exists():
+        if not self.path or not Path(self.path).exists():
             return None
-        model = load_model(Path(self.path).expanduser())
+        model = load_model(self.path)
         if joints and model.joints != joints:
             raise ModelMismatchError(
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
@@ -119,7 +121,7 @@ class ModelHistory:
             if self._writer is None:
                 self._writer = Thread(target=self._write, daemon=True)
                 self._writer.start()
-            self._saves.put((Path(self.path).expanduser(), self.entry, reply))
+            self._saves.put((self.entry, reply))
 
     def close(self) -> None:
         """Finish pending saves, for a second at most."""
@@ -129,12 +131,14 @@ class ModelHistory:
 
     def _write(self) -> None:
         while (save := self._saves.get()) is not None:
-            path, entry, reply = save
+            entry, reply = save
             try:
-                save_model(path, entry.model)
-            except ModelFileError as problem:
-                self.problem = str(problem)
+                save_model(self.path, entry.model)
+            except Exception as problem:
+                # The next save must find this thread alive, and each call must end.
+                self.problem = str(problem) if isinstance(problem, ModelFileError) else (
+                    f'cannot save the model: {type(problem).__name__}: {problem}')
                 reply(False, self.problem)
             else:
                 self.problem = ''
-                reply(True, f'saved the {entry.describe()} to {path}')
+                reply(True, f'saved the {entry.describe()} to {self.path}')

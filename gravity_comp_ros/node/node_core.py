@@ -21,6 +21,8 @@ from gravity_comp_ros.node.realtime_effects import compensable
 
 Answer = tuple[bool, str]
 
+# Difference of the times of arrival of two messages that were taken at once, s.
+_ORDER = 1e-6
 NO_JOINTS = 'no joint states yet: check the topic and the driver'
 
 
@@ -120,9 +122,10 @@ class NodeCore:
         :param arrival: as for `read`.
         """
         read: list[tuple[Any, Reading]] = []
-        for message in messages:
+        for k, message in enumerate(messages):
             arm = self.arm
-            reading = self.read(message, arrival)
+            # Messages without a stamp stay in order, so that the newest is answered.
+            reading = self.read(message, arrival + _ORDER * k)
             if self.arm is not arm:
                 read.clear()
             if reading is not None:

@@ -132,6 +132,16 @@ def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
     assert int(match[1]) == joint + 1 and float(match[2]) == pytest.approx(gain, abs=0.02)
 
 
+@pytest.mark.parametrize('gain', [0.0, 0.5])
+def test_a_faulty_joint_measures_a_body_with_its_gain(base, geometry, gain):
+    """The payload has most of the torque of the last joint but one."""
+    payload = Payload(5.0, (0.1, -0.05, 0.2))
+    hypotheses = table(as_chain(base, geometry), scaled=[(5, gain)], geometry=geometry,
+                       payload=payload)
+    assert 1.0 + hypotheses.body_and_gain(5).mean[0] == pytest.approx(gain, abs=0.02)
+    assert 'iiwa_joint_6' in refusals(hypotheses)[checks.NO_FAULT]
+
+
 @pytest.mark.parametrize('name, fault', [
     ('saturated', 'is dead or frozen'), ('swapped', 'measures the torque of another joint')])
 def test_a_joint_whose_fault_is_no_gain_is_named(name, fault, base):

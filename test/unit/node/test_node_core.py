@@ -249,6 +249,14 @@ def test_waiting_messages_of_another_device_are_left_out_once_the_arm_is_known(l
         node.learn(reading, 0.0)
 
 
+def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
+    node = live(joints=('a', 'b'), max_age=0.3)
+    for arrival in (10.0, 10.1):
+        poses = [[0.1 * k, arrival] for k in range(3)]
+        read = node.read_all([joint_state(0.0, q, [0.0, 0.0]) for q in poses], arrival)
+        assert [reading.q.tolist() for _, reading in read] == poses
+
+
 @pytest.mark.parametrize('stamp, reason', [(1000.0, 'too_old'), (3000.0, 'from_future')])
 def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, reason):
     node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(), max_age=0.3)
@@ -482,6 +490,23 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
     np.testing.assert_allclose(load_model(node.models.path).predict(q), second.predict(q))
 
 
+def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_file, tmp_path,
+                                                                monkeypatch):
+    assert 'no file' not in status(live(model_file='~nobody_of_this_name/m.json'), 'model').message
+    node, replies, save = live(model_file=str(model_file)), [], model_history.save_model
+    node.models.path = str(tmp_path / 'model.json')
+
+    def full_memory(path, model):
+        monkeypatch.setattr(model_history, 'save_model', save)
+        raise MemoryError('no memory')
+
+    monkeypatch.setattr(model_history, 'save_model', full_memory)
+    for _ in range(2):
+        node.save(0.0, lambda *reply: replies.append(reply))
+    until(node, lambda: len(replies) == 2, 30.0)
+    assert not replies[0][0] and 'no memory' in replies[0][1] and replies[1][0]
+
+
 def test_a_later_description_changes_no_limit(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False)
     node.describe(URDF)
@@ -517,17 +542,22 @@ def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, mode
     np.testing.assert_allclose(tau, base.predict_one(pose))
 
 
-def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):
-    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file, tmp_path):
+    path = tmp_path / 'model.json'
+    path.write_bytes(model_file.read_bytes())
+    node = live(model_file=str(path), auto_fit=False, settle_time=0.0, auto_save=True)
     good, now = node.models.model, feed(node, 20)
     node.payload_changed(now)
     t, q = motion(60)
     wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
     entry = node.models.use(wrong, 'fit of broken effort', now, 1)
+    save_model(path, wrong)
     node.arm.use(entry.model, good, 60)
     feed(node, 40, now + 1.0)
     node.tick(now + 10.0, time.monotonic())
     assert node.models.model is good
+    # A restart must not bring the wrong model back.
+    until(node, lambda: np.array_equal(load_model(path).predict(q), good.predict(q)))
     assert 'rolled back automatically' in node.arm.epoch.describe()
     assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
     # After broken effort more samples are required.
