@@ -313,9 +313,10 @@ def compare(args: argparse.Namespace, model: Path) -> dict:
 
 
 def summary(runs: list[Measured]) -> dict:
+    # A node that never replied has no finite percentile.
     times = np.concatenate([run.times for run in runs])
     sent = sum(run.sent for run in runs)
-    p50, p90, p99 = np.percentile(times, [50, 90, 99])
+    p50, p90, p99 = np.percentile(times if len(times) else [np.inf], [50, 90, 99])
     # Without the first minute, in which caches and the sample buffer fill.
     skip = int(60.0 / MEMORY_EVERY)
     late = [x for run in runs for x in (run.memory[skip:] or run.memory)]

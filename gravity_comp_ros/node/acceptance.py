@@ -41,8 +41,8 @@ class AcceptanceOptions:
     - `max_fault_lead`: log evidence by which a fault may explain the change better than a body;
       a fault is a gain or a factor that differs from 1 by at least `min_gain_change`.
     - `both_odds`: prior log odds of a body alone over a body and a faulty gain at once. In 288
-      recordings of real payloads on two arms one favoured both by 6.3 nats, all others by less
-      than 1; a dead wrist of an arm without known axes by 10 after 10 s.
+      recordings of real payloads on two arms one favoured both by 6.3 nats, one by 3.1, all
+      others by less than 1; a dead wrist of an arm without known axes by 10 after 10 s.
     - `max_echo`: largest ratio of the model's residual to that of the published torque.
     - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
     - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying

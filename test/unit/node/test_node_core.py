@@ -492,7 +492,7 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
 
 def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_file, tmp_path,
                                                                 monkeypatch):
-    assert 'no file' not in status(live(model_file='~nobody_of_this_name/m.json'), 'model').message
+    assert 'no file' not in status(live(model_file='~unknown_user_name/m.json'), 'model').message
     node, replies, save = live(model_file=str(model_file)), [], model_history.save_model
     node.models.path = str(tmp_path / 'model.json')
 
