@@ -106,6 +106,8 @@ class Sums:
                                          + discrepancy * seconds / planned.row_seconds))
         design.add(self.terms)
         self.recorded, self.score = np.zeros((start, start)), np.zeros(start)
+        p = design.n_shared
+        self.score[:p] = design.prior_mean * self.std[:p] ** -2.0
         for j, weight in enumerate(self.weights):
             acting, places = self._acting(j)
             columns = design.selected(j, acting)

@@ -24,10 +24,10 @@ class Design:
     themselves and with the target `y` (N, R). Columns of terms are appended, never changed.
     """
 
-    def __init__(self, rows: Rows, y: FloatArray, shared: FloatArray, prior_std: FloatArray,
-                 weights: FloatArray) -> None:
+    def __init__(self, rows: Rows, y: FloatArray, shared: FloatArray,
+                 prior_mean: FloatArray, prior_std: FloatArray, weights: FloatArray) -> None:
         self.root = np.ascontiguousarray(np.sqrt(weights).T)
-        self.rows, self.prior_std = rows, prior_std
+        self.rows, self.prior_mean, self.prior_std = rows, prior_mean, prior_std
         self.n_joints, self.n_shared = y.shape[1], shared.shape[2]
         self.y = y.T * self.root
         self.x = [shared[:, j].T * self.root[j] for j in range(self.n_joints)]

@@ -19,7 +19,8 @@ from gravity_comp_ros.models.kinematic.arm_columns import (
     Basis, basis_of, described_columns, kept_parameters)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
+from gravity_comp_ros.models.kinematic.nominal_arm import nearest_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
@@ -32,17 +33,26 @@ _DIFFERENCE = 1e-6
 @dataclass(frozen=True)
 class KnownPriors:
     """
-    Prior standard deviations of an arm with a description.
+    Priors of an arm with a description; standard deviations unless stated.
 
-    `parameter` and `inertia` as multiples of the largest torque over the column's RMS at speeds
-    and accelerations of 1; `tilt` in rad of the base and `zero` in rad of a zero angle: a base is
-    levelled and encoders are set to within half a degree. `vertical` in rad is that of the tilts
-    of a vertical that was estimated (`models.kinematic.vertical`); `exact` in rad is the rounding
-    of an angle in a description, and `fixed` the standard deviation of one that is as described.
+    `parameter` of a parameter that acts at rest, as a multiple of the largest torque over the RMS
+    of its column at speeds and accelerations of 1. The mean of the others is that of the nominal
+    arm with the estimated moments (`models.kinematic.nominal_arm`): first moments determine
+    masses, and masses inertias. `inertia` is the share of a joint's dynamic torque by which one
+    parameter may change it, that of largest evidence on five arms; before the moments are known
+    the torque is `unknown` in s^2 times the torque scale. `rotor` in s^2 times the joint's torque
+    scale is the reflected inertia of a rotor.
+
+    `tilt` in rad of the base and `zero` in rad of a zero angle: a base is levelled and encoders
+    are set to within half a degree. `vertical` in rad is that of the tilts of a vertical that was
+    estimated (`models.kinematic.vertical`); `exact` in rad is the rounding of an angle in a
+    description, and `fixed` the standard deviation of one that is as described.
     """
 
     parameter: float = 3.0
-    inertia: float = 0.3
+    inertia: float = 0.05
+    unknown: float = 0.3
+    rotor: float = 0.02
     tilt: float = 0.01
     vertical: float = 0.1
     zero: float = 0.01
@@ -65,15 +75,16 @@ class KnownAxes(Shared):
     described: Geometry
     turned: FloatArray
     is_exact: BoolArray
+    nominal: FloatArray
     is_mounted: bool = True
     priors: KnownPriors = KnownPriors()
 
     @classmethod
     def of(cls, geometry: Geometry, is_mounted: bool = True) -> KnownAxes:
         """Return an arm with all inertial parameters 0."""
-        n = 2 + geometry.n_joints
-        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), geometry, np.zeros(n),
-                   np.zeros(n, dtype=bool), is_mounted)
+        n = geometry.n_joints
+        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), geometry, np.zeros(2 + n),
+                   np.zeros(2 + n, dtype=bool), np.zeros(len(PARAMETERS) * n), is_mounted)
 
     @property
     def basis(self) -> Basis:
@@ -112,10 +123,30 @@ class KnownAxes(Shared):
         steps = self.chain.jacobian(q).transpose(2, 1, 0).reshape(-1, 4 * n)
         return _lstsq(steps, self.columns(still).reshape(len(steps), -1))
 
+    def prior_mean(self) -> FloatArray:
+        inertia = np.where(self.basis.is_static, 0.0, self.basis.grouped @ self.nominal)
+        return np.concatenate([np.zeros(self.n_angles), inertia])
+
     def prior_std(self, scale: Scale) -> FloatArray:
         basis, p = self.basis, self.priors
-        size = np.where(basis.is_static, p.parameter, p.inertia) * scale.largest / basis.size
-        return np.concatenate([np.where(self.is_exact, p.fixed, self._angle_std), size])
+        static = p.parameter * scale.largest / basis.size
+        std = np.sqrt(basis.grouped ** 2 @ self._inertia_std(scale) ** 2)
+        return np.concatenate([np.where(self.is_exact, p.fixed, self._angle_std),
+                               np.where(basis.is_static, static, std)])
+
+    def _inertia_std(self, scale: Scale) -> FloatArray:
+        """Return the standard deviations (10 N,) of the parameters about the nominal arm."""
+        dynamic, rotor = self.basis.dynamic, self.priors.rotor * scale.torque
+        nominal = _rms(dynamic @ self.nominal) if self.nominal.any() \
+            else self.priors.unknown * scale.torque
+        size = np.maximum(_rms(dynamic), 1e-12)                                   # (N, 10 N)
+        std = self.priors.inertia * (np.hypot(nominal, rotor)[:, None] / size).min(axis=0)
+        std[PARAMETERS.index('Izz')::len(PARAMETERS)] += rotor
+        return std
+
+    def renewed(self) -> KnownAxes:
+        return replace(self, nominal=nearest_parameters(
+            self.geometry, self.chain.moments / STANDARD_GRAVITY))
 
     @property
     def _angle_std(self) -> FloatArray:
@@ -183,6 +214,11 @@ def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:
     rotations = geometry.rotations @ about_z(zero)
     rotations[0] = geometry.rotations[0] @ tilt(angles[None, :2])[0] @ about_z(zero[:1])[0]
     return replace(geometry, rotations=rotations)
+
+
+def _rms(torque: FloatArray) -> FloatArray:
+    """Return the RMS over states of torques (B, ...)."""
+    return np.asarray(np.sqrt((torque ** 2).mean(axis=0)))
 
 
 def _random_poses(n_joints: int) -> FloatArray:

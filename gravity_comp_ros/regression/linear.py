@@ -21,7 +21,7 @@ from gravity_comp_ros.regression.noise import CONVERGED, MAX_NOISES, white_preci
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
-from gravity_comp_ros.regression.term import Term, total_std
+from gravity_comp_ros.regression.term import Term
 import numpy as np
 
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
@@ -91,8 +91,7 @@ class Linear:
         posterior = self.posterior
         design = posterior.design.with_narrow(self.shared.n_angles)
         fixed = solve(design, posterior.terms, precision)
-        std = np.concatenate([design.prior_std, total_std(posterior.terms)])
-        return float(precision @ fixed.squares + ((fixed.beta / std) ** 2).sum())
+        return float(precision @ fixed.squares + (fixed.from_prior() ** 2).sum())
 
     def selected(self, posterior: Posterior) -> Linear:
         """Return the solution with the terms of a posterior on the same columns."""
@@ -165,4 +164,4 @@ def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
     are 0 at the point.
     """
     return Design(problem.rows, problem.y, problem.states.mean(shared.columns),
-                  shared.prior_std(problem.scale), weights)
+                  shared.prior_mean(), shared.prior_std(problem.scale), weights)

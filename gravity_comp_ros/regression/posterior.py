@@ -87,9 +87,15 @@ class Posterior:
         """Return the log evidence of the terms at this precision, up to a constant."""
         std = np.concatenate([self.design.prior_std, total_std(self.terms)])
         scaled = self.covariance / np.outer(std, std)
-        return float(-0.5 * (self.precision @ self.squares) - 0.5 * ((self.beta / std) ** 2).sum()
+        return float(-0.5 * (self.precision @ self.squares) - 0.5 * (self.from_prior() ** 2).sum()
                      + 0.5 * np.linalg.slogdet(scaled)[1]
                      + sum(t.log_odds + self._log_share_allowed(t) for t in self.terms))
+
+    def from_prior(self) -> FloatArray:
+        """Return the distance (K,) of the coefficients from their prior means, in its std."""
+        p, terms = self.design.n_shared, total_std(self.terms)
+        return np.concatenate([(self.beta[:p] - self.design.prior_mean) / self.design.prior_std,
+                               self.beta[p:] / terms])
 
     def _log_share_allowed(self, term: Term) -> float:
         """Return the log evidence that a prior of positive coefficients adds (`gains`)."""
@@ -129,6 +135,7 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     design.add(terms)
     std = np.concatenate([design.prior_std, total_std(terms)])
     a, b = np.diag(std ** -2.0), np.zeros(len(std))
+    b[:design.n_shared] = design.prior_mean * std[:design.n_shared] ** -2.0
     draft = Posterior(design, terms, precision, b, a)
     for j in range(design.n_joints):
         cols, places = draft.columns(j), draft.places(j)

@@ -50,7 +50,11 @@ class Shared(ABC):
 
     @abstractmethod
     def prior_std(self, scale: Scale) -> FloatArray:
-        """Return the prior standard deviations (P,) about 0, or about the point for angles."""
+        """Return the prior standard deviations (P,); angles are 0 at the point."""
+
+    def prior_mean(self) -> FloatArray:
+        """Return the prior means (P,), 0 by default."""
+        return np.zeros_like(self.point)
 
     @abstractmethod
     def columns(self, state: State) -> FloatArray:

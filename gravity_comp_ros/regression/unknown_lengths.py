@@ -40,22 +40,31 @@ _MIN_SINE = 0.5
 @dataclass(frozen=True)
 class LengthPriors:
     """
-    Prior standard deviations of an arm without a description.
+    Priors of an arm without a description; standard deviations unless stated.
 
     `tilt` in rad of an axis about its present estimate: any direction is possible; `right` if its
-    angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link;
-    `inertia` in m, times the largest torque scale of a joint and those beyond it over g: the
-    inertia of the mass beyond a joint. Both are those of largest evidence on five arms. `exact`
-    is the log evidence in nats at which an angle is exact. That of an axis that the torque does
-    not determine is near 0. `near` in rad is the distance from an exact angle up to which an
-    effect may have turned the axis.
+    angle is exact; `moment` as a multiple of the largest torque; `length` in m of a link.
+
+    A link with the masses beyond it is long: its inertia about axes across its first moment b is
+    about |b| times `radius` in m, and about the moment 0. `inertia` in m times |b| is the
+    deviation from this mean, `others` in m times the torque scale beyond over g that of links
+    whose moment is along their axis, and `rotor` in s^2 times the joint's torque scale that of the
+    inertia about the joint, which includes the reflected one of the rotor.
+
+    `radius`, `inertia` and `others` are those of largest evidence on eight arms. `exact` is the
+    log evidence in nats at which an angle is exact. That of an axis that the torque does not
+    determine is near 0. `near` in rad is the distance from an exact angle up to which an effect
+    may have turned the axis.
     """
 
     tilt: float = 1.0
     right: float = 1e-7
     moment: float = 2.0
     length: float = 0.2
-    inertia: float = 0.2
+    radius: float = 0.25
+    inertia: float = 0.1
+    others: float = 0.02
+    rotor: float = 0.02
     exact: float = 1.0
     near: float = 0.15
 
@@ -106,13 +115,25 @@ class UnknownLengths(Shared):
         result[:2 * n, :2 * n] = block_diag(*_turns(self.chain))
         return result
 
+    def prior_mean(self) -> FloatArray:
+        size, (x, y) = self._moment()
+        across = np.stack([y * y, x * x, np.ones_like(x), -x * y, 0 * x, 0 * x], axis=1)
+        return np.concatenate([np.zeros(7 * self.chain.n_joints - 3), (
+            self.priors.radius * size[:, None] * across).ravel()])
+
     def prior_std(self, scale: Scale) -> FloatArray:
         n, p = self.chain.n_joints, self.priors
-        beyond = np.maximum.accumulate(scale.torque[::-1])[::-1]
+        beyond = np.maximum.accumulate(scale.torque[::-1])[::-1] / STANDARD_GRAVITY
+        inertia = np.repeat(p.others * beyond + p.inertia * self._moment()[0], 6)
+        inertia[2::6] += p.rotor * scale.torque
         return np.concatenate([
             np.where(self.is_right, p.right, p.tilt), np.full(2 * n, p.moment * scale.largest),
-            np.full(3 * (n - 1), p.length),
-            np.repeat(p.inertia * beyond / STANDARD_GRAVITY, 6)])
+            np.full(3 * (n - 1), p.length), inertia])
+
+    def _moment(self) -> tuple[FloatArray, FloatArray]:
+        """Return size (N,) in kg·m and direction (2, N) of the first moments of the links."""
+        size = np.linalg.norm(self.carried, axis=1)
+        return size / STANDARD_GRAVITY, self.carried.T / np.maximum(size, 1e-9)
 
     def columns(self, state: State) -> FloatArray:
         n, m = self.chain.n_joints, len(state.q)

@@ -279,12 +279,15 @@ class Basis:
     Base parameters of a geometry: `kept` (K,) among the 10 N parameters of the links.
 
     `size` (K,) is the RMS of each column at random states with rates of 1, `is_static` (K,)
-    whether it acts at rest.
+    whether it acts at rest. `grouped` (K, 10 N) are the base parameters of a unit of each
+    parameter, and `dynamic` (B, N, 10 N) the columns of its torque of motion at these states.
     """
 
     kept: IntArray
     size: FloatArray
     is_static: BoolArray
+    grouped: FloatArray
+    dynamic: FloatArray
 
 
 @lru_cache(maxsize=16)
@@ -298,7 +301,8 @@ def basis_of(geometry: Geometry) -> Basis:
     rng = np.random.default_rng(0)
     q, qd, qdd = (rng.uniform(-np.pi, np.pi, (_POSES, n)), rng.normal(size=(_POSES, n)),
                   rng.normal(size=(_POSES, n)))
-    columns = regressor(geometry, q, qd, qdd, STANDARD_GRAVITY).reshape(-1, 10 * n)
+    each = regressor(geometry, q, qd, qdd, STANDARD_GRAVITY)
+    columns = each.reshape(-1, 10 * n)
     order = [10 * link + kind for kinds in (range(4), range(4, 10))
              for link in reversed(range(n)) for kind in kinds]
     kept, basis = [], np.zeros((len(columns), 0))
@@ -309,10 +313,11 @@ def basis_of(geometry: Geometry) -> Basis:
         if length > _DEPENDENT * max(float(np.linalg.norm(columns[:, number])), 1e-9):
             kept.append(number)
             basis = np.column_stack([basis, outside / length])
-    still = regressor(geometry, q, 0.0 * q, 0.0 * q, STANDARD_GRAVITY)[:, :, kept]
+    still = regressor(geometry, q, 0.0 * q, 0.0 * q, STANDARD_GRAVITY)
     size = np.sqrt((columns[:, kept] ** 2).mean(axis=0))
-    static = (still ** 2).mean(axis=(0, 1)) > 1e-12
-    return Basis(np.array(kept, dtype=np.int64), size, static)
+    static = (still[:, :, kept] ** 2).mean(axis=(0, 1)) > 1e-12
+    grouped = np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0]
+    return Basis(np.array(kept, dtype=np.int64), size, static, np.asarray(grouped), each - still)
 
 
 def described_columns(geometry: Geometry, q: FloatArray, qd: FloatArray,

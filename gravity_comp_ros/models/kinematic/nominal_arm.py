@@ -49,6 +49,19 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     return result
 
 
+def nearest_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
+    """
+    Return inertial parameters (10 N,) of the arm whose gravity torque is nearest.
+
+    :param moments: (N, 2) in kg·m, as `nominal_parameters` takes them.
+    """
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, len(moments)))
+    columns = ForwardKinematics(geometry.rotations, q).moment_columns()
+    flat = columns.transpose(2, 1, 0).reshape(-1, 2 * len(moments))
+    parameters, masses, _ = _nearest(geometry, moments, np.linalg.qr(flat)[1])
+    return np.asarray(masses @ parameters)
+
+
 def unreachable_share(geometry: Geometry, moments: FloatArray, weights: FloatArray) -> float:
     """
     Return the share of the moments (N, 2) out of reach of non-negative masses.
