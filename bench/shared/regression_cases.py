@@ -83,7 +83,8 @@ def linear_problem(samples: JointSamples, shared: Shared,
     motion = problem.motion.with_gravity(shared.gravity(samples.q), shared.gradient)
     columns = problem.states.mean(shared.columns)
     weights = np.repeat(problem.rows.weights[:, None], samples.n_joints, axis=1)
-    design = Design(problem.rows, problem.y, columns, shared.prior_std(problem.scale), weights)
+    design = Design(problem.rows, problem.y, columns, shared.prior_mean(),
+                    shared.prior_std(problem.scale), weights)
     return problem, design, TermFactory(lambda: motion, problem.rows, problem.scale)
 
 

@@ -169,7 +169,7 @@ def test_leaving_rows_out_is_solving_without_them(seed, draw, share):
     again = Design(design.rows, (design.y / design.root).T,
                    np.stack([design.x[j][:4].T / design.root[j][:, None] for j in range(2)],
                             axis=1),
-                   design.prior_std, (design.root ** 2).T * ~out[:, None])
+                   design.prior_mean, design.prior_std, (design.root ** 2).T * ~out[:, None])
     expected = solve(again, selected, PRECISION)
     np.testing.assert_allclose(reduced.beta, expected.beta, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(reduced.covariance, expected.covariance, rtol=1e-5, atol=1e-12)

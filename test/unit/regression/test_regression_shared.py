@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bench.real_robots.arms import arm_of, descriptions, urdf
 from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
@@ -201,8 +202,8 @@ def test_the_energy_of_a_pendulum_by_hand():
 
 
 def test_priors_have_the_scale_of_the_torque():
-    shared = UnknownLengths.of(augmented(serial_arm(2)).chain)
-    n = np.ones(2)
+    n, chain = np.ones(2), augmented(serial_arm(2)).chain
+    shared = UnknownLengths.of(Chain(chain.axes, 0.0 * chain.moments))
     one, ten = (shared.prior_std(Scale(c * n, c, -n, n)) for c in (1.0, 10.0))
     tilts, moments, lengths, inertias = np.split(ten / one, [4, 8, 11])
     assert (tilts == 1).all() and (lengths == 1).all()
@@ -214,6 +215,39 @@ def test_priors_have_the_scale_of_the_torque():
     np.testing.assert_allclose(ratio[:4], 1.0)
     np.testing.assert_allclose(ratio[4:], 10.0)
     assert basis_of(arm.geometry).is_static.any()
+
+
+def test_a_chain_is_expected_to_have_the_inertias_of_long_links():
+    # 3 kg·m along x: 3 * 0.25 kg·m^2 about y and z, and nothing about x.
+    axes, p = np.repeat(np.eye(3)[None], 2, axis=0), LengthPriors()
+    shared = UnknownLengths.of(Chain(axes, np.array([[3.0, 0.0], [0.0, 4.0]]) * STANDARD_GRAVITY))
+    inertias = shared.prior_mean()[-12:].reshape(2, 6)
+    np.testing.assert_allclose(inertias[0], 3.0 * p.radius * np.array([0, 1, 1, 0, 0, 0]))
+    np.testing.assert_allclose(inertias[1], 4.0 * p.radius * np.array([1, 0, 1, 0, 0, 0]))
+    assert not shared.prior_mean()[:-12].any()
+
+
+@pytest.mark.skipif(descriptions() is None, reason='example-robot-data is not installed')
+@pytest.mark.parametrize('name', ['panda', 'ur10', 'kinova', 'baxter'])
+def test_the_prior_of_described_axes_has_the_inertias_of_the_real_arm(name):
+    arm = standard(arm_of(urdf(name)))
+    geometry = geometry_of(arm)
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, (200, geometry.n_joints))
+    known, still = KnownAxes.of(geometry), State(q, 0.0 * q, 0.0 * q)
+    static = np.where(known.basis.is_static)[0]
+    columns = known.columns(still)[:, :, known.n_angles:][:, :, static]
+    values = np.zeros(len(known.values))
+    values[static] = np.linalg.lstsq(columns.reshape(-1, len(static)),
+                                     gravity_torque(arm, q).ravel(), rcond=None)[0]
+    known = replace(known, values=values).renewed()
+    nominal = replace(known, values=known.basis.grouped @ known.nominal)
+    for joint in range(3):
+        one = np.zeros_like(q)
+        one[:, joint] = 1.0
+        expected = nominal.torque(State(q, 0.0 * q, one)) - nominal.torque(still)
+        true = inverse_dynamics(arm, q, 0.0 * q, one) - gravity_torque(arm, q)
+        error = np.sqrt(((expected - true)[:, joint] ** 2).mean() / (true[:, joint] ** 2).mean())
+        assert error < 0.35
 
 
 def test_scales_are_those_of_the_samples_without_spikes():
