@@ -83,8 +83,9 @@ class Sums:
     """
     Weighted sums of products of L coefficients: those of the shared part, then of some terms.
 
-    `std` (L,) are their prior standard deviations, `recorded` (L, L) and `score` (L,) the products
-    of the recordings' columns with themselves and with the torque.
+    `std` (L,) are their prior standard deviations, `recorded` (L, L) the products of the
+    recordings' columns with themselves, and `score` (L,) those with the torque plus the prior
+    means over their variances.
     """
 
     def __init__(self, planned: PlannedMotion, terms: Sequence[Term], seconds: float) -> None:
