@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
         if model is not None:
             recording = refitting.without_held_out(model, recording)
         arm = known_arm(recording, _options(args))
-        facts = reading.arm_facts(recording, arm, reading.accepted(args), model)
+        facts = reading.arm_facts(recording, arm, args.accept, model,
+                                  reading.whole_arm(args, args.bags))
         base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)

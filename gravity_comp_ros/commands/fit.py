@@ -32,7 +32,8 @@ def run(args: argparse.Namespace) -> int:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
-        facts = reading.arm_facts(whole, arm, reading.accepted(args))
+        facts = reading.arm_facts(whole, arm, args.accept,
+                                  whole=reading.whole_arm(args, args.bags))
         for fact in refused(facts):
             raise DataError(fact.sentence)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)

@@ -36,7 +36,8 @@ def run(args: argparse.Namespace) -> int:
             data = Recording(each.samples, slow, (each.report,))
             arm = known_arm(data, LearnOptions(axes=axes_options(args),
                                                ordered=args.joints is not None))
-            more = reading.arm_facts(data, arm, reading.accepted(args))
+            more = reading.arm_facts(data, arm, args.accept,
+                                     whole=reading.whole_arm(args, [each.report.path]))
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
                           describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.

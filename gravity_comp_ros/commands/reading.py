@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from gravity_comp_ros.api.learn import KnownArm
+from gravity_comp_ros.api.learn import known_arm, KnownArm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands.arguments import gate, read_options
@@ -15,17 +17,20 @@ from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
-from gravity_comp_ros.errors import DataError, Hint
+from gravity_comp_ros.errors import BagError, DataError, Hint
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
+from gravity_comp_ros.estimation.axis_directions import axis_facts
 from gravity_comp_ros.estimation.joint_gains import joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
-from gravity_comp_ros.facts.axes import axis_facts
-from gravity_comp_ros.facts.fact import as_noted, Fact, Kind
+from gravity_comp_ros.facts.fact import as_noted, Fact
 from gravity_comp_ros.facts.order import order_facts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.robot_description import first_description
+
+# Reads the samples of all joints in their order; None if they cannot be read.
+WholeArm = Callable[[], JointSamples | None]
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,
@@ -42,7 +47,7 @@ def load(args: argparse.Namespace, report: ProgressCallback,
 
 
 def arm_facts(recording: Recording, arm: KnownArm, accept: Collection[str] = (),
-              model: GravityModel | None = None) -> list[Fact]:
+              model: GravityModel | None = None, whole: WholeArm = lambda: None) -> list[Fact]:
     """
     Return the facts on the joints against each other.
 
@@ -51,42 +56,62 @@ def arm_facts(recording: Recording, arm: KnownArm, accept: Collection[str] = (),
 
     :param accept: names of kinds that are noted, whatever is done about them otherwise.
     :param model: see `torque_facts`.
+    :param whole: see `torque_facts`.
     """
     samples, geometry = arm.of(recording).samples, arm.axes.geometry
-    if geometry is not None:
-        facts = axis_facts(samples, geometry.rotations) \
-            or torque_facts(samples, geometry.rotations, model)
-    else:
-        by_name = arm.order.source in (NUMBERS, WORDS)
-        facts = order_facts(samples, arm.order.joints) if by_name else []
-        facts = facts or torque_facts(samples, model=model)
+    by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
+    facts = order_facts(samples, arm.order.joints) if by_name else []
+    rotations = None if geometry is None else geometry.rotations
+    facts = facts or torque_facts(samples, rotations, model, whole)
     return [as_noted(fact) if fact.kind.value in accept else fact for fact in facts]
 
 
-def accepted(args: argparse.Namespace) -> frozenset[str]:
-    """
-    Return the names of kinds of facts that are noted, whatever is done about them otherwise.
-
-    Joints that the user names may be a part of the arm, on a link that other joints tilt.
-    """
-    return frozenset(args.accept) | ({Kind.MOVED_BASE.value} if args.joints else frozenset())
+def whole_arm(args: argparse.Namespace, paths: Sequence[Path]) -> WholeArm:
+    """Return the reader of the recordings with the joints that `args.joints` leaves out."""
+    def read() -> JointSamples | None:
+        options = replace(read_options(args), joints=None, refuse=False)
+        try:
+            recording = read_recording(paths, options, None)
+        except BagError:
+            return None
+        return known_arm(recording).of(recording).samples
+    return read
 
 
 def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
-                 model: GravityModel | None = None) -> list[Fact]:
+                 model: GravityModel | None = None,
+                 whole: WholeArm = lambda: None) -> list[Fact]:
     """
-    Return the fact that gains of efforts disagree, or that the vertical changes.
+    Return the facts that axes are reversed, gains disagree, or the vertical changes.
 
-    :param model: of the arm before; the gains are relative to a joint that agrees with it.
+    :param rotations: of described axes.
+    :param model: of the arm before; its axes count if none are described, and the gains are
+        relative to a joint that agrees with it.
+    :param whole: reads all joints, called if the vertical changes: the samples may be of a part
+        of an arm, on a link that other joints tilt.
     """
+    if model is not None and rotations is None:
+        samples = samples.joints(model.joints)
     if not moves_enough(samples):
         return []
     fit = ArmFit(samples, rotations)
+    facts: list[Fact] = []
+    if rotations is not None:
+        facts = axis_facts(fit, rotations)
+    elif model is not None and model.chain is not None:
+        facts = axis_facts(fit, model.chain.axes, model)
+    if facts:
+        return facts
     gains = joint_gains(fit)
     if gains.facts():
         return (gains if model is None else gains.relative_to(model, samples)).facts()
     base = moved_base(fit)
-    return [] if base is None else base.facts()
+    facts = [] if base is None else base.facts()
+    every = whole() if facts else None
+    if every is not None and every.n_joints > samples.n_joints and moves_enough(every):
+        base = moved_base(ArmFit(every))
+        facts = [] if base is None else base.facts()
+    return facts
 
 
 def lines(recording: Recording) -> list[str]:

@@ -74,14 +74,15 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
 
 def _check_torques(args: argparse.Namespace, model: GravityModel, recording: Recording) -> None:
     """
-    Check that neither a gain of an effort nor the vertical has changed, which no payload does.
+    Check that no axis, no gain of an effort and no vertical has changed: no payload does that.
 
     :raises DataError: if one has, and the reader does not accept it.
     """
-    for fact in reading.torque_facts(recording.samples.joints(model.joints), model=model):
+    for fact in reading.torque_facts(recording.samples, None, model,
+                                     reading.whole_arm(args, args.bags)):
         if fact.kind.value not in args.accept:
-            raise DataError(f'{fact.sentence}. A payload changes no gain and no vertical; '
-                            f'--accept {fact.kind.value} updates the model all the same')
+            raise DataError(f'{fact.sentence}. A payload changes no axis, no gain and no '
+                            f'vertical; --accept {fact.kind.value} updates the model all the same')
 
 
 def _arm(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

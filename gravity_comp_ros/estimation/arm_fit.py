@@ -77,7 +77,7 @@ class ArmFit:
         self.nuisance = Nuisance(columns.transpose(2, 0, 1), _SPREAD)
         self.rotations = rotations
         self.bases = [_basis(columns) for columns in self.nuisance.columns]
-        self.y = self._projected(self.poses.tau.T[None])[0]
+        self.y = self.projected(self.poses.tau.T[None])[0]
         self.size = self.y.std(axis=1)
         self.floor = _FLOOR * np.maximum(self.size, 0.1 * self.size.max())
 
@@ -149,7 +149,7 @@ class ArmFit:
 
     def gains(self, chain: Chain) -> FloatArray:
         """Return the gains (N,) that each joint's effort has relative to a chain, 1 if unknown."""
-        torque = self._projected(chain.torque(self.q).T[None])[0]
+        torque = self.projected(chain.torque(self.q).T[None])[0]
         square = (torque ** 2).sum(axis=1)
         gains = (torque * self.y).sum(axis=1) / np.maximum(square, 1e-300)
         known = (gains > 0.0) & (square > len(self.q) * self.floor ** 2)
@@ -163,7 +163,7 @@ class ArmFit:
         """Return the residual (N,) as a share of each joint's effort without friction."""
         return np.asarray(state.residual.std(axis=0) / np.maximum(self.size, 1e-300))
 
-    def _projected(self, x: FloatArray) -> FloatArray:
+    def projected(self, x: FloatArray) -> FloatArray:
         """Return columns (P, N, M) without what the nuisance of each joint explains."""
         return np.stack([x[:, n] - (x[:, n] @ b) @ b.T for n, b in enumerate(self.bases)], axis=1)
 
@@ -175,7 +175,7 @@ class ArmFit:
     def _state(self, chain: Chain, log: FloatArray, shares: FloatArray, base_tilts: FloatArray
                ) -> ArmState:
         torque = (self._on_base(chain, shares, base_tilts).torque(chain.moments) * np.exp(log)).T
-        residual = (self.y - self._projected(torque[None])[0]).T
+        residual = (self.y - self.projected(torque[None])[0]).T
         noise = np.sqrt((residual ** 2).mean(axis=0) + self.floor ** 2)
         cost = float(len(residual) * np.log(noise).sum())
         return ArmState(chain, log, base_tilts, residual, cost)
@@ -190,7 +190,7 @@ class ArmFit:
         for k, joint in enumerate(free):
             by_gain[k, joint] = arm.torque(moments)[:, joint]
         by_tilt = shares.T[:, None, None] * arm.base_columns(moments)
-        x = self._projected(np.concatenate([
+        x = self.projected(np.concatenate([
             arm.axis_columns(moments), arm.moment_columns(), by_gain,
             by_tilt.reshape(-1, n, m)]) * gain[None, :, None])
         noise = np.sqrt((state.residual ** 2).mean(axis=0) + self.floor ** 2)

@@ -4,7 +4,8 @@ Gains of the joints' efforts that contradict one arm: other units, rated torques
 The torques of all joints come from the same moments, seen through the axes (`ArmFit`). The
 differences of the logarithms of the gains are identified where two joints carry the same link at
 several poses; their common part is a unit of the moments. A joint without gravity of its own, such
-as the first of a level arm, has no identified gain. The search has several gains at the start.
+as the first of a level arm, has no identified gain, but for its friction and inertia in an earlier
+model. The search has several gains at the start.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.estimation.arm_fit import ArmFit, cost_of, WIDTHS
+from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
+from gravity_comp_ros.estimation.arm_fit import ArmFit, cost_of
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -32,8 +34,10 @@ class GainOptions:
     - `max_time`: correlation time of the residuals, in rows of some tenths of a second; that of
       an arm with wrong gains, or of a base that moved, is that of the motion.
     - `min_gain`: log evidence in nats, over the autocorrelation time, of gains that differ.
-    - `starts`: gains at the start of the search: equal ones, then drawn ones, whose logarithms
-      have the standard deviation `spread`.
+    - `friction`: standard deviation of the logarithm of a joint's friction and inertia between two
+      recordings, by temperature and load.
+    - `starts`: drawn gains at the start of the search, whose logarithms have the standard
+      deviation `spread`.
 
     :raises OptionError: if a value is not positive.
     """
@@ -44,7 +48,8 @@ class GainOptions:
     max_reference: float = 0.1
     max_time: float = 10.0
     min_gain: float = 10.0
-    starts: int = 4
+    friction: float = 0.15
+    starts: int = 3
     spread: float = 1.2
 
     def __post_init__(self) -> None:
@@ -58,7 +63,7 @@ class JointGains:
 
     `log` and `std` (N,) are the logarithm and its standard deviation, `residual` (N,) the share of
     a joint's effort that remains, `time` its correlation time in rows, `evidence` in nats that of
-    gains that differ.
+    gains that differ. The gains of `by_friction` are those of friction and inertia.
     """
 
     names: tuple[str, ...]
@@ -68,19 +73,28 @@ class JointGains:
     residual: FloatArray
     time: float
     evidence: float
+    by_friction: frozenset[int] = frozenset()
 
-    def relative_to(self, model: GravityModel, samples: JointSamples) -> JointGains:
-        """Return the gains relative to the joint whose effort is most like that of a model."""
-        gravity, change = model.predict(samples.q), np.full(len(self.names), np.inf)
-        for n in np.flatnonzero(self.std < np.log(GainOptions().min_ratio)):
-            columns = np.column_stack([gravity[:, n], np.ones(len(gravity)), samples.qd[:, n],
-                                       np.tanh(samples.qd[:, n] / WIDTHS[1])])
-            gain = float(np.linalg.lstsq(columns, samples.tau[:, n], rcond=None)[0][0])
-            change[n] = abs(np.log(max(gain, 1e-9)))
-        best = int(np.argmin(change))
-        std = np.hypot(self.std, self.std[best])
+    def relative_to(self, model: GravityModel, samples: JointSamples,
+                    options: GainOptions = GainOptions()) -> JointGains:
+        """
+        Return the gains relative to the joint whose effort is most like that of an earlier model.
+
+        Joints without an identified gain have that of their friction and inertia in the model.
+        """
+        known = (self.std < np.log(options.min_ratio)) & (self.residual < options.max_residual)
+        before = predict_torque(model, samples) + fitted_torque(model, samples)
+        before, effort = before - before.mean(axis=0), samples.tau - samples.tau.mean(axis=0)
+        slope = (before * effort).sum(axis=0) / np.maximum((before ** 2).sum(axis=0), 1e-18)
+        change = np.log(np.maximum(slope, 1e-9))
+        best = int(np.argmin(np.where(known, np.abs(change), np.inf)))
+        std = np.where(known, np.hypot(self.std, self.std[best]), options.friction)
         std[best] = 0.0
-        return replace(self, reference=best, log=self.log - self.log[best], std=std)
+        rest = (effort - slope * before).std(axis=0) / np.maximum(effort.std(axis=0), 1e-18)
+        return replace(self, reference=best, std=std,
+                       log=np.where(known, self.log - self.log[best], change - change[best]),
+                       residual=np.where(known, self.residual, rest),
+                       by_friction=frozenset(np.flatnonzero(~known).tolist()))
 
     def facts(self, options: GainOptions = GainOptions()) -> list[Fact]:
         """Return the fact that gains disagree, if they do."""
@@ -101,14 +115,15 @@ class JointGains:
         return [Fact(
             Kind.EFFORT_GAIN, tuple(ratios), f'gains disagree: effort in multiples of what '
             f'{self.names[self.reference]} implies by the links that both carry is '
-            f'{", ".join(parts)}{also}', Action.NOTED, 'no arm has such torques: units, rated '
+            f'{", ".join(parts)}{also}', Action.REFUSED, 'no arm has such torques: units, rated '
             'torques, gear ratios or torque constants differ',
-            f'--effort-scale {scales} gives them the unit of {self.names[self.reference]}',
-            ratios)]
+            f'--effort-scale {scales} gives them the unit of {self.names[self.reference]}; '
+            f'--accept {Kind.EFFORT_GAIN.value} keeps them', ratios)]
 
     def _ratio(self, n: int) -> str:
         low, ratio, high = np.exp(self.log[n] + self.std[n] * np.array([-1.96, 0.0, 1.96]))
-        return f'{ratio:.3g} (95 %: {low:.3g} to {high:.3g})'
+        how = ', by its friction and inertia' if n in self.by_friction else ''
+        return f'{ratio:.3g} (95 %: {low:.3g} to {high:.3g}{how})'
 
 
 def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains:
@@ -126,13 +141,16 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
         moments = each.chain.moments * gains[reference]
         fits.append(fit.run(replace(each.chain, moments=moments), log, free))
     best = min(fits, key=cost_of)
-    time = fit.time(best)
-    if time > options.max_time or equal.cost - best.cost > options.min_gain * time:
-        for seed in range(1, options.starts):
-            log = np.zeros(n)
-            log[free] = rng.normal(0.0, options.spread, len(free))
-            fits.append(fit.run(fit.start(seed, log), log, free))
-    best = min(fits, key=cost_of)
+    # Few starts lead to the arm, whose residual is white. The first one has equal efforts of all
+    # joints, the second one those of a reference with larger efforts.
+    starts = [np.log(fit.size[free] / fit.size[reference]), np.full(len(free), -options.spread),
+              *rng.normal(0.0, options.spread, (options.starts, len(free)))]
+    for seed, start in enumerate(starts):
+        if fit.time(best) <= options.max_time:
+            break
+        log = np.zeros(n)
+        log[free] = start
+        best = min(best, fit.run(fit.start(seed, log), log, free), key=cost_of)
     time, std = fit.time(best), np.zeros(n)
     std[free] = fit.std(best, free)
     return JointGains(fit.poses.names, reference, best.log, std, fit.rest(best), time,

@@ -28,8 +28,10 @@ class FactOptions:
     dead_torque: float = 1e-6
     # Recorded units. Smaller whole numbers may be torques of a coarse sensor.
     min_count: float = 10
-    # rad. Deviation of a single sample from its neighbours: 0.06 rad is 3 rad/s over 20 ms.
-    min_glitch: float = 0.06
+    # rad. Deviation of a single sample from its neighbours: several counts of a coarse encoder.
+    min_glitch: float = 0.01
+    # rad/s^2. No joint that carries links accelerates faster.
+    max_acceleration: float = 100
     # Standard deviations of the deviation from the median of five samples: never noise.
     spike_spread: float = 20
     # Share of the range of a joint's effort by which a spike exceeds the range.

@@ -51,9 +51,12 @@ def _is_smooth(step: FloatArray) -> bool:
 def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
     bad = np.zeros_like(signals.q, dtype=bool)
+    # Deviation from both neighbours at a reversal, with the largest acceleration of an arm.
+    step = float(np.median(np.diff(signals.t))) if len(signals) > 1 else 0.0
+    reversal = 0.5 * options.max_acceleration * step ** 2
     for n, column in enumerate(signals.q.T):
         deviation = _deviation(column)
-        limit = max(options.min_glitch, options.spike_spread * _spread(deviation))
+        limit = max(options.min_glitch, reversal, options.spike_spread * _spread(deviation))
         bad[:, n] = deviation > limit
     return _set_aside(signals, bad, options, Kind.GLITCHES,
                       'position is far from both neighbours in')

@@ -1,6 +1,7 @@
 """Gains and a base that contradict one arm: found with their sizes, and not found falsely."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
@@ -10,6 +11,7 @@ from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.joint_gains import GainOptions, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base, MovedBaseOptions
 from gravity_comp_ros.facts.fact import Action, Kind
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_base_tilt, with_payload
 import numpy as np
@@ -69,9 +71,10 @@ def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
             assert float(scales[name]) == pytest.approx(np.exp(-true[n]), rel=0.15)
 
 
-def test_torque_constants_of_two_parallel_joints():
+@pytest.mark.parametrize('seed, constants', [(1, (5, 3)), (1, (5, 2)), (2, (2, 5)), (2, (1, 4))])
+def test_torque_constants_of_two_parallel_joints(seed, constants):
     # Axes of 90, 0 degrees; the efforts are currents of motors with different constants.
-    rng, t = np.random.default_rng(1), np.arange(6000) / 50.0
+    rng, t = np.random.default_rng(seed), np.arange(6000) / 50.0
     q, qd = np.zeros((2, len(t), 3))
     for joint in range(3):
         for size, omega in zip(rng.uniform(0.14, 0.35, 3), rng.uniform(0.08, 0.22, 3)):
@@ -81,8 +84,12 @@ def test_torque_constants_of_two_parallel_joints():
     fore = 5.0 * np.sin(q[:, 1] + q[:, 2])
     tau = np.column_stack([0 * t, 12.0 * np.sin(q[:, 1]) + fore, fore])
     tau += 0.5 * np.tanh(qd / 0.003) + 0.03 * rng.standard_normal(tau.shape)
-    fact = only(JointSamples.single_run('abc', t, q, qd, tau / [5.0, 5.0, 3.0]))
-    assert fact.values == {'b': pytest.approx(0.6, rel=0.02)}
+    first, second = constants
+    fact = only(JointSamples.single_run('abc', t, q, qd, tau / [5.0, first, second]))
+    # Relative to the joint of the largest effort.
+    ratio = second / first
+    assert fact.values in ({'b': pytest.approx(ratio, rel=0.02)},
+                           {'c': pytest.approx(1.0 / ratio, rel=0.02)})
 
 
 def test_coarse_counts_of_some_joints():
@@ -159,6 +166,37 @@ def test_a_base_that_turned_is_refused(tmp_path, capsys):
     assert 'refused' not in capsys.readouterr().out
 
 
+@pytest.fixture(scope='module')
+def wrist(tmp_path_factory):
+    """Return a recording in which one joint tilts the others once, and the names of the others."""
+    samples = recorded()
+    q, qd = samples.q.copy(), samples.qd.copy()
+    share = np.clip((samples.t - 50.0) / 6.0, 0.0, 1.0)
+    q[:, :2] = [0.2, -0.9] + np.outer(share, [0.0, 0.5])
+    qd[:, :2] = np.gradient(q[:, :2], samples.t, axis=0)
+    tau = samples.tau + gravity_torque(ARM, q) - gravity_torque(ARM, samples.q)
+    path = str(tmp_path_factory.mktemp('wrist') / 'wrist.mcap')
+    write_bag(path, [JointTopic('/joint_states', samples.names, samples.t, q, qd, tau)])
+    return path, ARM.joints[2:]
+
+
+def test_a_part_of_an_arm_stands_on_a_link_that_tilts(wrist, tmp_path, capsys):
+    path, joints = wrist
+    part = read_bag(Path(path), ReadOptions(joints=joints)).samples
+    assert moved_base(ArmFit(part)).facts()
+    model = str(tmp_path / 'wrist.json')
+    named = ('--joints', ','.join(joints))
+    assert main(['fit', path, *named, '-o', model]) == 0
+    assert main(['update', path, '--model', model, '--dry-run']) == 0
+    assert 'vertical changes' not in capsys.readouterr().err
+    # Without the joint that tilts them in the recording, the base moved.
+    alone = str(tmp_path / 'alone.mcap')
+    write_bag(alone, [JointTopic('/joint_states', part.names, part.t, part.q, part.qd, part.tau)])
+    for command in (['fit', alone, *named], ['update', alone, '--model', model]):
+        assert main(command) == 1
+        assert 'the vertical changes by 2' in capsys.readouterr().err
+
+
 def test_too_little_motion_has_no_result():
     samples = recorded()
     assert not moves_enough(samples.select(np.arange(60)))
@@ -171,7 +209,7 @@ def test_too_little_motion_has_no_result():
         MovedBaseOptions(min_tilt=0.0)
 
 
-def test_an_update_with_another_unit_is_refused(tmp_path, capsys):
+def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
     paths = []
     for k, gains in enumerate((1.0, np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]))):
         samples = recorded(gains, seed=k)
@@ -184,8 +222,23 @@ def test_an_update_with_another_unit_is_refused(tmp_path, capsys):
     capsys.readouterr()
     assert main(['update', paths[1], '--model', str(model)]) == 1
     error = capsys.readouterr().err
-    assert 'gains disagree' in error and 'A payload changes no gain' in error
+    assert 'gains disagree' in error and 'A payload changes no axis, no gain' in error
     # Relative to joints that agree with the model.
     assert f'{ARM.joints[1]}=0.2' in error and model.read_bytes() == before
+    # The vertical axis carries no gravity: its friction is four times that of the model.
+    assert f'{ARM.joints[0]} 4' in error and 'by its friction' in error
+    assert main(['fit', paths[1]]) == 1
+    assert 'gains disagree' in capsys.readouterr().err
     assert main(['info', paths[1]]) == 0
-    assert 'gains disagree' in capsys.readouterr().out
+    assert 'refused: gains disagree' in capsys.readouterr().out
+    # Neither does a payload reverse an axis.
+    sign = np.array([1, 1, -1, 1, 1, 1])
+    samples = recorded(arm=HEAVY, seed=1)
+    for path, signs in ((paths[1], sign), (paths[0], 1)):
+        write_bag(path, [JointTopic('/joint_states', samples.names, samples.t, signs * samples.q,
+                                    signs * samples.qd, signs * samples.tau)])
+    assert main(['update', paths[1], '--model', str(model)]) == 1
+    error = capsys.readouterr().err
+    assert f'--reverse {ARM.joints[2]}' in error and 'the earlier model' in error
+    assert main(['update', paths[1], '--model', str(model), '--reverse', ARM.joints[2]]) == 0
+    assert main(['update', paths[0], '--model', str(model)]) == 0

@@ -1,0 +1,126 @@
+"""
+Known axes of an arm against the torques of a recording: reversed directions, and other zeros.
+
+Gravity torque is linear in two moments of each link (`models.kinematic.chain`). They are fitted
+with the axes as known, and with one joint reversed or shifted by a quarter turn after another. A
+payload changes the moments only.
+"""
+
+from __future__ import annotations
+
+from math import pi
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.estimation.arm_fit import ArmFit
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import about, ForwardKinematics
+import numpy as np
+
+_SHIFTS = (pi / 2, -pi / 2, pi)
+# Ratio of squared residuals up to which two changes are equally good.
+_EQUAL = 1.02
+_Z = np.array([0.0, 0.0, 1.0])
+_HALF_TURN = about(np.array([1.0, 0.0, 0.0]), pi)
+
+
+def axis_facts(fit: ArmFit, rotations: FloatArray, earlier: GravityModel | None = None,
+               options: FactOptions = FactOptions()) -> list[Fact]:
+    """
+    Return the facts on joints whose direction or zero contradicts known axes.
+
+    :param fit: of samples with the joints of the axes, in their order.
+    :param rotations: from frame i to frame i-1 at zero, z being the axis (N, 3, 3).
+    :param earlier: the model from which the axes are known; None for a description.
+    """
+    names, n = fit.poses.names, fit.poses.n_joints
+    changes = [each for each in _changes(n) if earlier is None or _known(
+        earlier, _changed(rotations, *each), fit.q)]
+    signs, zeros = np.ones(n), np.zeros(n)
+    error = _misfit(fit, rotations)
+    others: list[str] = []
+    for _ in range(n):
+        trials = [(sign * signs, zeros + shift) for sign, shift in changes]
+        errors = np.array([_misfit(fit, _changed(rotations, *trial)) for trial in trials])
+        if errors.min(initial=np.inf) > options.better_axes * error:
+            break
+        # Reversals come first: a shift of half a turn of the joint before may have equal torques.
+        equal = np.flatnonzero(errors <= _EQUAL * errors.min())
+        others += [_words(names, *changes[k]) for k in equal[1:]]
+        error, (signs, zeros) = float(errors[equal[0]]), trials[equal[0]]
+    source = 'the description' if earlier is None else 'the earlier model'
+    also = f'; equal torques: {" or ".join(others)}' if others else ''
+    reversed_ = tuple(name for name, sign in zip(names, signs) if sign < 0)
+    shifted = {name: float(zero) for name, zero in zip(names, zeros) if zero}
+    shifts = ','.join(f'{name}={zero:.4f}' for name, zero in shifted.items())
+    facts = []
+    if reversed_:
+        facts.append(_fact(
+            reversed_, f'{", ".join(reversed_)} turns against its axis in {source}',
+            'position, velocity and effort have the opposite sign',
+            f'--reverse {",".join(reversed_)}{also}'))
+    if shifted:
+        facts.append(_fact(
+            tuple(shifted), f'{", ".join(shifted)} has another zero than in {source}',
+            'it is shifted by about a quarter or half turn', f'--zero {shifts}{also}', shifted))
+    return facts
+
+
+def _fact(names: tuple[str, ...], evidence: str, done: str, option: str,
+          values: dict[str, float] | None = None) -> Fact:
+    return Fact(Kind.AXES, names, f'{evidence}, by the torques', Action.REFUSED, done,
+                f'{option}, or --accept {Kind.AXES.value} if the axes are right', values or {})
+
+
+def _changes(n: int) -> list[tuple[FloatArray, FloatArray]]:
+    """Return factors of the directions and shifts of zero of one joint: reversals first."""
+    one = np.eye(n)
+    return [*((1.0 - 2.0 * joint, 0.0 * joint) for joint in one),
+            *((1.0 + 0.0 * joint, shift * joint) for joint in one for shift in _SHIFTS)]
+
+
+def _words(names: tuple[str, ...], signs: FloatArray, zeros: FloatArray) -> str:
+    """Return the option for the change of one joint."""
+    n = int(np.argmax((signs < 0.0) | (zeros != 0.0)))
+    return f'--reverse {names[n]}' if signs[n] < 0.0 else f'--zero {names[n]}={zeros[n]:.4f}'
+
+
+def _changed(rotations: FloatArray, signs: FloatArray, zeros: FloatArray) -> FloatArray:
+    """Return the axes on which q has the torques that signs (q - zeros) has on `rotations`."""
+    changed = rotations.copy()
+    for n, (sign, zero) in enumerate(zip(signs, zeros)):
+        changed[n] = changed[n] @ about(_Z, -sign * zero)
+        if sign < 0.0:
+            changed[n] = changed[n] @ _HALF_TURN
+            if n + 1 < len(changed):
+                changed[n + 1] = _HALF_TURN.T @ changed[n + 1]
+    return changed
+
+
+def _misfit(fit: ArmFit, axes: FloatArray) -> float:
+    """Return the squared residual of moments on these axes, as a share of the efforts."""
+    scale = np.maximum(fit.size, 0.05 * fit.size.max())[:, None]
+    columns = fit.projected(ForwardKinematics(axes, fit.q).moment_columns()) / scale
+    matrix, target = columns.reshape(len(columns), -1).T, (fit.y / scale).ravel()
+    residual = target - matrix @ np.linalg.lstsq(matrix, target, rcond=1e-6)[0]
+    return float(residual @ residual)
+
+
+def _known(model: GravityModel, changed: FloatArray, q: FloatArray) -> bool:
+    """
+    Return whether an earlier model contradicts changed axes, with any moments on them.
+
+    Axes at the end of an arm are known only if its links have weight there, and a payload is
+    attached there.
+
+    :param q: poses (M, N), limited to those of the model.
+    """
+    assert model.chain is not None
+    q = np.clip(q, model.coverage.q_min, model.coverage.q_max)
+    noise = model.noise_with_nuisance[:, None]
+    columns = ForwardKinematics(changed, q).moment_columns() / noise
+    columns = columns.reshape(len(columns), -1)
+    target = (model.chain.torque(q).T / noise).ravel()
+    residual = target - np.linalg.lstsq(columns.T, target, rcond=1e-6)[0] @ columns
+    return bool((residual.reshape(len(changed), -1) ** 2).mean(axis=1).max() > 1.0)
