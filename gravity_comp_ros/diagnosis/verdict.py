@@ -11,9 +11,8 @@ from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
-    DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
+    alternatives_of, DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
-from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.linear import Linear
 from gravity_comp_ros.regression.shared import State
@@ -84,8 +83,7 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     values, std = regression.posterior.beta[regression.posterior.at[term]], \
         regression.stds[term.key]
     held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
-    others = tuple(_named(name, number, term, evidence.joints)
-                   for name, number in regression.alternatives[term.key])
+    others = alternatives_of(regression, term, evidence.joints)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     verdict, why = _verdict(evidence, term, gain, shares.max(), values, std, held_out, others)
     identified = shares >= regression.problem.options.min_identified
@@ -181,13 +179,6 @@ def _little_evidence(gain: float, options: DiagnosisOptions) -> str:
 def p_of(gain: float) -> float:
     """Return the p-value of a likelihood ratio of `gain` nats with one degree of freedom."""
     return float(special.erfc(np.sqrt(max(gain, 0.0))))
-
-
-def _named(name: str, number: int | None, term: Term, joints: tuple[str, ...]) -> str:
-    """Return an alternative's name, with its joint if that is another one."""
-    if number == term.joint:
-        return name
-    return target(name, None if number is None else joints[number])
 
 
 def _next_step(term: Term, verdict: Verdict, joint: str | None) -> str:

@@ -16,6 +16,7 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
+from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.shared import Shared
@@ -145,6 +146,14 @@ def _dynamics(estimate: Estimate, shared: KnownAxes | UnknownLengths,
     listed = effect.coefficients_of(estimate.regression.motion, 0, {})
     return AppliedEffect(DYNAMICS, None, {}, values_of(
         listed, motion_parameters(shared, shared.point), motion_parameters(shared, std)))
+
+
+def alternatives_of(regression: Regression, term: Term, joints: tuple[str, ...]
+                    ) -> tuple[str, ...]:
+    """Return the effects that explain the data as well; with their joint if it is another one."""
+    return tuple(name if joint == term.joint else target(
+        name, None if joint is None else joints[joint])
+        for name, joint in regression.alternatives[term.key])
 
 
 def values_of(listed: Coefficients, values: FloatArray,

@@ -18,7 +18,8 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import (
+    alternatives_of, DYNAMICS, model_of, Switches, target_of)
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.evaluation.gain import p_of_decrease
@@ -91,7 +92,7 @@ class Refit:
     `added` are targets; `errors` the held-out errors by joint; `p` is the p-value of their
     decrease and `helps` whether it is significant. `n_samples` were fitted, fast ones too if
     `all_speeds`. `skipped` are omitted effects with the reason, `implausible` those in the model
-    with coefficients that are not physical.
+    with coefficients that are not physical, `ties` those that others explain as well.
     """
 
     model: GravityModel
@@ -103,6 +104,7 @@ class Refit:
     all_speeds: bool
     skipped: Mapping[str, str]
     implausible: Mapping[str, str]
+    ties: Mapping[str, tuple[str, ...]]
 
     def warnings(self) -> list[str]:
         """Return warnings about the new effects."""
@@ -163,7 +165,7 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
                  errors, p, p < options.max_p, int(usable.sum()),
                  bool(usable.sum() == (len(samples) if use is None else use.sum())), skipped,
-                 _implausible(fitted, new))
+                 _implausible(fitted, new), _ties(estimated, new))
 
 
 def fit_options_of(model: GravityModel) -> FitOptions:
@@ -233,6 +235,15 @@ def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> floa
     scale = old.mean(axis=0)
     whole = p_of_decrease((old / scale).sum(axis=1), (new / scale).sum(axis=1), 2)
     return min(whole, *(p_of_decrease(old[:, n], new[:, n], 2 * old.shape[1]) for n in changed))
+
+
+def _ties(estimated: Estimate, targets: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the effects that explain the data as well as a new one, by its target."""
+    regression = estimated.regression
+    joints = regression.problem.samples.names
+    others = {target_of(term, joints): alternatives_of(regression, term, joints)
+              for term in regression.terms}
+    return {name: others[name] for name in targets if others.get(name)}
 
 
 def _implausible(model: GravityModel, targets: Sequence[str]) -> dict[str, str]:
