@@ -52,9 +52,9 @@ class FitOptions:
     and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
     joints must be in its order. `white` is the largest ratio of a joint's residual to its white
     noise at which the residual of a chain counts as white, `small` the share of the joint's torque
-    scale below which it is accepted in any case. `better` is the share by which free axes must
-    reduce the residual of some joint for described axes to be rejected. `max_potential_joints` is
-    the number of joints up to which a potential is affordable.
+    scale below which it is accepted in any case. `better` is the share by which free axes, if they
+    are more probable, must reduce the residual of some joint for described axes to be rejected.
+    `max_potential_joints` is the number of joints up to which a potential is affordable.
 
     :raises OptionError: if the formulation is unknown, or does not use a geometry.
     """
@@ -209,7 +209,9 @@ class _Work:
             return known, ''
         free = self.regress(self._start())
         worst = int(np.argmax(known.noise / free.noise))
-        if free.noise[worst] >= (1.0 - self.options.better) * known.noise[worst]:
+        precision = known.posterior.precision
+        if (free.noise[worst] >= (1.0 - self.options.better) * known.noise[worst]
+                or free.evidence_at(precision) <= known.evidence_at(precision)):
             return known, ''
         return free, (
             f'the description is not used: with its axes the residual torque of '

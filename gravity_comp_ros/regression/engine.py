@@ -62,6 +62,11 @@ class Regression:
         """
         return leave_out(self.posterior, rows, self.white_precision, self.shared.n_angles)
 
+    def evidence_at(self, precision: FloatArray) -> float:
+        """Return the log evidence at weights (N,) of the joints, to compare two shared parts."""
+        posterior = self.posterior
+        return solve(posterior.design, posterior.terms, precision).log_evidence
+
     @property
     def noise(self) -> FloatArray:
         """Return each joint's standard deviation (N,) of the residual of a row, N·m."""
