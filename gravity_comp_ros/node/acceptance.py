@@ -64,7 +64,7 @@ class AcceptanceOptions:
     max_residual: float = 2.5
     max_fault_lead: float = 3.0
     min_gain_change: float = 0.1
-    both_odds: float = 4.0
+    both_odds: float = 6.0
     max_echo: float = 0.9
     min_body: float = 20.0
     min_over_push: float = 10.0
