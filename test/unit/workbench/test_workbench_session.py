@@ -253,7 +253,7 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
                     if 'away from the trained poses' in text)
     results = Results(session)
     assert uncertainty in html.unescape(status_html(results))
-    session.add(('torque_drift:elbow',))
+    session.add(('torque_drift:shoulder',))
     worked(session, until='Diagnose')
     assert not session.error
     ineffective, = session.stage.warnings
