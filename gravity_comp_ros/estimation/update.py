@@ -20,7 +20,6 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.estimated_model import DYNAMICS
-from gravity_comp_ros.estimation.nominal_motion import motion_torque
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
@@ -31,6 +30,8 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
@@ -139,12 +140,17 @@ def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
                     geometry: Geometry) -> JointSamples:
-    """Subtract the dynamic torque of the nominal arm with the payload."""
+    """
+    Subtract the dynamic torque of the nominal arm with the payload.
+
+    Inertia would appear as a change of the moments: an acceleration of 0.1 rad/s^2 is like a
+    degree of tilt.
+    """
     assert model.chain is not None and model.uncertainty is not None
     loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
-    moments = loaded.chain.moments / STANDARD_GRAVITY
-    torque = motion_torque(samples, geometry, moments, accelerations(samples))
-    return replace(samples, tau=samples.tau - torque)
+    nominal = nominal_parameters(geometry, loaded.chain.moments / STANDARD_GRAVITY)
+    return replace(samples, tau=samples.tau - inverse_dynamics(
+        geometry, samples.q, samples.qd, accelerations(samples), nominal))
 
 
 def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatArray:

@@ -19,7 +19,7 @@ from gravity_comp_ros.models.kinematic.arm_columns import (
     Basis, basis_of, described_columns, kept_parameters)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.nominal_arm import nearest_parameters
+from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
@@ -145,7 +145,7 @@ class KnownAxes(Shared):
         return std
 
     def renewed(self) -> KnownAxes:
-        return replace(self, nominal=nearest_parameters(
+        return replace(self, nominal=nominal_parameters(
             self.geometry, self.chain.moments / STANDARD_GRAVITY))
 
     @property

@@ -23,37 +23,17 @@ _MIN_LENGTH = 0.05
 # Regularisation: weight of 1 kg against a moment error of the size of the largest moment. It
 # distributes undetermined masses evenly.
 _REGULARISATION = 0.03
-# Minimum mass of a link whose first moment requires one, as a share of the arm's mass.
-_MIN_MASS = 0.1
 # A moment is without gravity torque if 1 kg anywhere changes it by less than this, in m.
 _NO_TORQUE = 1e-6
-_DIAGONAL = [PARAMETERS.index(name) for name in ('Ixx', 'Iyy', 'Izz')]
 # Number of poses at which moments and inertias are computed.
 _POSES = 40
 
 
 def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     """
-    Return inertial parameters (10 N,) of an arm with given first moments (`rigid_body`).
+    Return inertial parameters (10 N,) of the arm with the nearest gravity torque (`rigid_body`).
 
     :param moments: (N, 2) in kg·m about the axes, each including all links beyond (`Chain`).
-    """
-    parameters, masses, missing = _nearest(geometry, moments)
-    result = np.asarray(masses @ parameters)
-    each = result.reshape(-1, len(PARAMETERS))
-    # Non-negative masses need not reach every moment. The remainder is added to its link, with the
-    # inertia h^2 / m that keeps the kinetic energy positive.
-    mass = np.maximum(each[:, 0], _MIN_MASS * max(float(each[:, 0].sum()), 1e-9))
-    each[:, 1:3] += missing
-    each[:, _DIAGONAL] += ((missing ** 2).sum(axis=1) / mass)[:, None]
-    return result
-
-
-def nearest_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
-    """
-    Return inertial parameters (10 N,) of the arm whose gravity torque is nearest.
-
-    :param moments: (N, 2) in kg·m, as `nominal_parameters` takes them.
     """
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, len(moments)))
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()

@@ -10,7 +10,8 @@ from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.nominal_motion import motion_torque
+from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics as torque_of
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (
     gravity_torque, iiwa7, inverse_dynamics, with_base_tilt)
@@ -74,7 +75,8 @@ def test_uneven_motion_uses_accelerations_of_the_whole_recording():
 def test_the_nominal_arm_models_most_of_the_torque_of_motion():
     motion, samples = moved(4, 0.15, 0.3, noise=0.0)
     chain = fit(samples, FitOptions('chain', geometry=AXES)).model.chain
-    nominal = motion_torque(samples, AXES, chain.moments / STANDARD_GRAVITY, motion.qdd)
+    nominal = torque_of(AXES, samples.q, samples.qd, motion.qdd,
+                        nominal_parameters(AXES, chain.moments / STANDARD_GRAVITY))
     torque = (inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
               - gravity_torque(ARM, motion.q))
     assert np.sqrt(((nominal - torque) ** 2).mean()) < 0.1 * np.sqrt((torque ** 2).mean())

