@@ -22,6 +22,9 @@ DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
 _DISSIPATES = 'friction dissipates energy'
 # Relative asymmetry of friction with which a search starts, its range and the factor of a step.
 _SKEW, _SKEWS, _SKEW_FACTOR = 0.4, (0.05, 0.9), 1.5
+# Transmitted friction with which a search starts, as a share of the largest load, and the factor
+# of a step.
+_TRANSMITTED, _TRANSMITTED_FACTOR = 0.1, 2.0
 
 
 class DirectionEffect(Effect):
@@ -145,11 +148,14 @@ class AsymmetricFriction(DirectionEffect):
 
 
 class LoadDependentFriction(DirectionEffect):
+    """The load is gravity and, with `friction` F in N·m, the other friction that is transmitted."""
+
     name = 'load_dependent_friction'
     title = 'Load-dependent friction'
     family = 'friction'
-    equation = 'tau_n = mu |g_n(q)| d_n'
-    description = 'Friction proportional to the gravity torque that the gear transmits.'
+    equation = 'tau_n = mu |g_n(q) + F d_n| d_n'
+    description = ('Friction proportional to the torque that the gear transmits: gravity and, with '
+                   'the setting `friction`, other friction F of the joint. F acts as a small gain.')
     coefficients = (Coefficient('mu', '', 'friction torque per transmitted torque'),)
     confounders = ('coulomb_friction', 'torque_gain')
     experiment = ('move joint {joint} back and forth over a short range in a pose with high load '
@@ -160,13 +166,23 @@ class LoadDependentFriction(DirectionEffect):
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
+    setting_units = {'friction': 'N·m', **LAW_UNITS}
     why_not_negative = _DISSIPATES
     largest = 0.5
     why_not_larger = 'no usable gear loses half of the transmitted torque'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         d = motion.direction(joint, law_of(setting))
-        return (np.abs(motion.gravity[:, joint]) * d)[:, None]
+        load = motion.gravity[:, joint] + setting.get('friction', 0.0) * d
+        return (np.abs(load) * d)[:, None]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting,
+               step: float) -> list[dict[str, float]]:
+        largest = _TRANSMITTED * float(np.abs(motion.gravity[:, joint]).max())
+        friction = setting.get('friction', largest)
+        factors = _TRANSMITTED_FACTOR ** (step * np.array([-1.0, 0.0, 1.0]))
+        return [*super().refine(motion, joint, setting, step),
+                *({**setting, 'friction': float(friction * factor)} for factor in factors)]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.1])

@@ -143,12 +143,18 @@ STATIC: Mapping[str, Law] = {
     'end_stop': lambda e: f'{e.c("k")} * {_hinge(e)}',
     'torque_ripple': _ripple,
 }
+def _load(effect: _Effect) -> str:
+    if 'friction' not in effect.effect.setting:
+        return f'g[{effect.joint}]'
+    return f'g[{effect.joint}] + {effect.setting("friction")} * {effect.direction()}'
+
+
 FRICTION: Mapping[str, Law] = {
     'coulomb_friction': lambda e: f'{e.c("F_c")} * {e.direction()}',
     'viscous_friction': lambda e: f'{e.c("F_v")} * {e.qd}',
     'asymmetric_friction': lambda e: f'{e.c("F_a")} * GC_FABS({e.direction()})',
     'load_dependent_friction':
-        lambda e: f'{e.c("mu")} * GC_FABS(g[{e.joint}]) * {e.direction()}',
+        lambda e: f'{e.c("mu")} * GC_FABS({_load(e)}) * {e.direction()}',
     'stribeck_friction': _stribeck,
     'degressive_friction': lambda e: (f'{e.c("F_d")} * {e.direction()} * GC_POW('
                                       f'GC_FABS({e.qd}), GC_C({e.choice("power")!r}))'),

@@ -51,6 +51,8 @@ def stamped(motion, *starts):
     ('viscous_friction', {}, QD[:, 0]),
     ('asymmetric_friction', LAW, np.abs(D[:, 0])),
     ('load_dependent_friction', LAW, np.array([1, 3, 5, 0, 4, 2]) * D[:, 0]),
+    ('load_dependent_friction', {'friction': 0.5, **LAW},
+     np.abs(G[:, 0] + 0.5 * D[:, 0]) * D[:, 0]),
     ('friction_drift', {'time': 2.0, 'origin': 0.0, **LAW}, D[:, 0] * (np.exp(-AGE / 2) - 1)),
     ('coupled_friction', {'partner': 2.0, 'sign': -1.0, 'width': 0.02},
      np.tanh((QD[:, 0] - QD[:, 1]) / 0.02)),

@@ -63,6 +63,7 @@ EFFECTS = (
     ('viscous_friction', 2, {}, {'F_v': 3.0}),
     ('asymmetric_friction', 3, {'ramp': 0.03}, {'F_a': 0.4}),
     ('load_dependent_friction', 4, {'width': 0.01}, {'mu': 0.06}),
+    ('load_dependent_friction', 3, {'width': 0.01, 'friction': 0.7}, {'mu': 0.05}),
     ('stribeck_friction', 5, {'speed': 0.05, 'width': 0.003}, {'F_s': 0.8}),
     ('degressive_friction', 6, {'power': 2.0 / 3.0, 'width': 0.002}, {'F_d': 1.1}),
     ('coupled_friction', 5, {'partner': 7.0, 'sign': -1.0, 'ramp': 0.02}, {'F_k': 0.9}))
