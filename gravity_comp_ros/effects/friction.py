@@ -148,14 +148,15 @@ class AsymmetricFriction(DirectionEffect):
 
 
 class LoadDependentFriction(DirectionEffect):
-    """The load is gravity and, with `friction` F in N·m, the other friction that is transmitted."""
+    """The load is gravity and, with `friction` F in N·m, the other friction of the joint."""
 
     name = 'load_dependent_friction'
     title = 'Load-dependent friction'
     family = 'friction'
     equation = 'tau_n = mu |g_n(q) + F d_n| d_n'
-    description = ('Friction proportional to the torque that the gear transmits: gravity and, with '
-                   'the setting `friction`, other friction F of the joint. F acts as a small gain.')
+    description = ('Friction proportional to the torque that the gear transmits: gravity and, '
+                   'with the setting `friction`, other friction F of the joint. F acts as a '
+                   'small gain.')
     coefficients = (Coefficient('mu', '', 'friction torque per transmitted torque'),)
     confounders = ('coulomb_friction', 'torque_gain')
     experiment = ('move joint {joint} back and forth over a short range in a pose with high load '

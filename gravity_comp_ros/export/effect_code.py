@@ -143,6 +143,8 @@ STATIC: Mapping[str, Law] = {
     'end_stop': lambda e: f'{e.c("k")} * {_hinge(e)}',
     'torque_ripple': _ripple,
 }
+
+
 def _load(effect: _Effect) -> str:
     if 'friction' not in effect.effect.setting:
         return f'g[{effect.joint}]'
