@@ -179,11 +179,12 @@ class LoadDependentFriction(DirectionEffect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        largest = _TRANSMITTED * float(np.abs(motion.gravity[:, joint]).max())
-        friction = setting.get('friction', largest)
-        factors = _TRANSMITTED_FACTOR ** (step * np.array([-1.0, 0.0, 1.0]))
+        start = _TRANSMITTED * float(np.abs(motion.gravity[:, joint]).max())
+        changes = (-step, step) if 'friction' in setting else (-step, 0.0, step)
+        frictions = (setting.get('friction', start) * _TRANSMITTED_FACTOR ** change
+                     for change in changes)
         return [*super().refine(motion, joint, setting, step),
-                *({**setting, 'friction': float(friction * factor)} for factor in factors)]
+                *({**setting, 'friction': friction} for friction in frictions)]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.1])

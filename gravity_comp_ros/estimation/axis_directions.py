@@ -101,10 +101,8 @@ def _changed(rotations: FloatArray, signs: FloatArray, zeros: FloatArray) -> Flo
 def _misfit(fit: ArmFit, axes: FloatArray) -> float:
     """Return the squared residual of moments on these axes, as a share of the efforts."""
     scale = np.maximum(fit.size, 0.05 * fit.size.max())[:, None]
-    columns = fit.projected(ForwardKinematics(axes, fit.q).moment_columns()) / scale
-    matrix, target = columns.reshape(len(columns), -1).T, (fit.y / scale).ravel()
-    residual = target - matrix @ np.linalg.lstsq(matrix, target, rcond=1e-6)[0]
-    return float(residual @ residual)
+    columns = fit.projected(ForwardKinematics(axes, fit.q).moment_columns())
+    return float((_residual(columns / scale, fit.y / scale) ** 2).sum())
 
 
 def _known(model: GravityModel, changed: FloatArray, q: FloatArray) -> bool:
@@ -120,7 +118,12 @@ def _known(model: GravityModel, changed: FloatArray, q: FloatArray) -> bool:
     q = np.clip(q, model.coverage.q_min, model.coverage.q_max)
     noise = model.noise_with_nuisance[:, None]
     columns = ForwardKinematics(changed, q).moment_columns() / noise
-    columns = columns.reshape(len(columns), -1)
-    target = (model.chain.torque(q).T / noise).ravel()
-    residual = target - np.linalg.lstsq(columns.T, target, rcond=1e-6)[0] @ columns
-    return bool((residual.reshape(len(changed), -1) ** 2).mean(axis=1).max() > 1.0)
+    residual = _residual(columns, model.chain.torque(q).T / noise)
+    return bool((residual ** 2).mean(axis=1).max() > 1.0)
+
+
+def _residual(columns: FloatArray, torque: FloatArray) -> FloatArray:
+    """Return the part of a torque (N, M) that no moments explain with columns (P, N, M)."""
+    matrix = columns.reshape(len(columns), -1).T
+    moments = np.linalg.lstsq(matrix, torque.ravel(), rcond=1e-6)[0]
+    return np.asarray(torque - (matrix @ moments).reshape(torque.shape))

@@ -67,7 +67,8 @@ class KnownAxes(Shared):
 
     `values` (K,) are the base parameters. `geometry` is the `described` one changed by the angles
     `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described. With
-    `is_mounted` the described vertical is that of the arm, otherwise an estimate.
+    `is_mounted` the described vertical is that of the arm, otherwise an estimate. `nominal`
+    (10 N,) are the parameters of the nominal arm, 0 before the moments are estimated.
     """
 
     geometry: Geometry

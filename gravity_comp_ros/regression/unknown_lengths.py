@@ -78,8 +78,9 @@ class UnknownLengths(Shared):
     parallel axis fixes.
 
     `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
-    `carried` (N, 2) are the moments in the torque of motion. They are renewed between linearised
-    problems (`renewed`): the product of moments and lengths would not be linear.
+    `carried` (N, 2) are the moments in the torque of motion and in the prior of the inertias. They
+    are renewed between linearised problems (`renewed`): the product of moments and lengths would
+    not be linear.
     """
 
     chain: Chain
