@@ -46,6 +46,7 @@ def test_an_offset_is_established_with_wide_motion_and_nothing_else_in_narrow_mo
         assert low < 1.5 < high
 
 
+@pytest.mark.campaign
 def test_load_friction_is_not_coulomb_friction_even_at_nearly_one_load():
     """Coulomb friction was established wherever load friction explained slightly more."""
     scene = Scene('right_seven', 'load_dependent_friction', 3, 'settled_narrow', 21)

@@ -249,11 +249,6 @@ def test_a_coefficient_above_its_limit_is_implausible(name):
     assert 'is too large' in reason and effect.why_not_larger in reason
 
 
-def test_effects_without_a_limit_are_named():
-    unlimited = {name for name, effect in EFFECTS.items() if not np.isfinite(effect.largest)}
-    assert unlimited == set(NAMES) - set(LIMITED)
-
-
 POSITIVE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
             'load_dependent_friction', 'coupled_friction', 'cable_stiffness', 'end_stop',
             'joint_flexibility')
@@ -292,19 +287,6 @@ def test_missing_attributes_are_named():
         Silent()
     with pytest.raises(TypeError, match='columns'):
         Effect()
-
-
-def test_defaults_of_optional_methods():
-    effect, motion = EFFECTS['torque_offset'], clean_motion('pendulum')
-    assert effect.settings(motion, 0) == [{}] and effect.refine(motion, 0, {}, 1.0) == []
-    assert effect.untestable(motion, 0) is None
-    assert effect.coefficients_of(motion, 0, {}) == effect.coefficients
-    assert not effect.is_shared and effect.corrects == ()
-    assert [name for name, each in EFFECTS.items() if each.is_shared] == ['rigid_body_dynamics']
-    varying = {name for name, each in EFFECTS.items()
-               if type(each).coefficients_of is not Effect.coefficients_of}
-    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'torque_offset',
-                       'torque_ripple', 'rigid_body_dynamics'}
 
 
 def test_corrections_name_effects():

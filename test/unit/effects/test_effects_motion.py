@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import (
-    law_of, laws, refined_laws, smooth_sign, speed_noise)
+    law_of, laws, refined_laws, speed_noise)
 from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
@@ -50,11 +50,6 @@ def test_the_gradient_of_a_motion_is_computed_once_and_follows_gravity():
     assert again.gradient[0, 0, 0] == 2.0 and again.chain is None
     # Results that do not depend on gravity are kept.
     assert again.direction(0, {'width': 0.01}) is once.direction(0, {'width': 0.01})
-
-
-def test_acceleration_of_the_recording_is_that_of_the_motion():
-    motion, samples = clean_motion('pendulum'), clean_samples('pendulum')
-    np.testing.assert_array_equal(motion.qdd, accelerations(samples))
 
 
 def test_acceleration_is_that_of_the_motion():
@@ -146,7 +141,7 @@ def test_a_width_is_found_in_friction(width):
     assert law == {'width': pytest.approx(width, rel=0.25)}
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(2))
 def test_a_ramp_is_distinguished_from_a_smooth_sign(seed):
     """Friction of a constraint that yields with speed, as in simulators, is a ramp."""
     samples, _, v, noise = back_and_forth(2e-4, seed)
@@ -179,12 +174,6 @@ def test_a_refined_law_keeps_the_other_settings():
     assert down == {'partner': 2.0, 'width': pytest.approx(0.01 / 1.5)}
     assert up == {'partner': 2.0, 'width': pytest.approx(0.015)}
     assert law_of(down) == {'width': pytest.approx(0.01 / 1.5)}
-
-
-def test_directions_by_hand():
-    qd = np.array([-0.1, -0.01, 0.0, 0.005, 0.1])
-    np.testing.assert_allclose(smooth_sign(qd, {'ramp': 0.02}), [-1, -0.5, 0, 0.25, 1])
-    np.testing.assert_allclose(smooth_sign(qd, {'width': 0.01}), np.tanh(100.0 * qd))
 
 
 def test_the_direction_of_coupled_joints_is_that_of_their_sum():

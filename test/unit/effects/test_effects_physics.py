@@ -64,17 +64,6 @@ def test_base_tilt_is_that_of_a_rotated_gravity(name, roll, pitch):
     assert not columns[motion.samples.runs == 1].any()
 
 
-@pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
-def test_azimuths_of_a_tilt_are_distinguished(name):
-    tilts = []
-    for roll, pitch in ((0.03, 0.0), (0.0, 0.03)):
-        tilted = arms.with_base_tilt(arm_of(name), roll, pitch)
-        motion = changed(name, lambda q, tilted=tilted: arms.gravity_torque(tilted, q))
-        tilts.append(fitted(EFFECTS['base_tilt'].columns(motion, 0, CHANGE),
-                            motion.samples.tau - motion.gravity)[0])
-    assert abs(np.dot(*tilts)) < 0.02 * np.linalg.norm(tilts[0]) * np.linalg.norm(tilts[1])
-
-
 @pytest.mark.parametrize('joint', [1, 3])
 def test_encoder_offset_is_that_of_a_shifted_angle(joint):
     """The true angle is 0.01 rad above the reported one before the change, and then equal."""
@@ -252,14 +241,6 @@ def test_encoder_noise_does_not_change_the_presliding_state():
     assert presliding_state(denoised_path(noisy), 1e-3)[-1] > 0.8
 
 
-def test_presliding_state_persists_during_pauses():
-    path = np.array([0.0, 0.01, 0.02, 0.02, 0.02, 0.03, 0.03, 0.02])
-    z = presliding_state(path, 0.01)
-    by_hand = 1 - np.exp(-np.array([0, 1, 2, 2, 2, 3, 3]))
-    np.testing.assert_allclose(z[:7], by_hand, atol=1e-12)
-    assert z[7] == pytest.approx(-1 + (z[6] + 1) * np.exp(-1))
-
-
 def test_ripple_is_found_at_its_own_period():
     effect, motion = EFFECTS['torque_ripple'], clean_motion('iiwa7')
     q, rng = motion.samples.q[:, 3], np.random.default_rng(1)
@@ -271,15 +252,6 @@ def test_ripple_is_found_at_its_own_period():
         residual[setting['k']] = (((y - columns @ solution) ** 2).sum(), np.hypot(*solution))
     best = min(residual, key=lambda k: residual[k][0])
     assert best == 80 and residual[best][1] == pytest.approx(0.1, rel=0.1)
-
-
-def test_ripple_periods_are_identifiable():
-    motion = clean_motion('iiwa7')
-    q = motion.samples.q[:, 3]
-    wave_numbers = [s['k'] for s in EFFECTS['torque_ripple'].settings(motion, 3)]
-    assert min(wave_numbers) * np.ptp(q) >= 2 * np.pi
-    steps = np.abs(np.diff(q))[np.diff(motion.samples.runs) == 0]
-    assert np.median(steps) * max(wave_numbers) < np.pi
 
 
 def test_ranges_of_cables_and_end_stops():

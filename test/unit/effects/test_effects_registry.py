@@ -94,27 +94,31 @@ def test_several_effects_may_come_from_one_name(tmp_path):
     assert names[-2:] == ['first', 'second'] and not skipped
 
 
-@pytest.mark.parametrize('source, point, reason', [
-    ('raise RuntimeError("no licence\\nfor this robot")\n', 'bad:thing', 'no licence for this'),
-    ('import not_there\n', 'bad:thing', 'not_there'),
-    ('thing = 3\n', 'bad:thing', 'not an Effect'),
-    ('x = 1\n', 'bad:thing', 'thing'),
-    ('thing = ()[0]\n', 'bad:thing', 'index out of range'),
-    (EFFECT + 'thing = effect("time_delay")\n', 'bad:thing', 'effect time_delay already'),
-    ('import sys\nsys.exit(3)\n', 'bad:thing', '3'),
-    (EFFECT + 'thing = [effect("fine"), None]\n', 'bad:thing', 'not an Effect'),
+BROKEN = (
+    ('raise RuntimeError("no licence\\nfor this robot")\n', 'no licence for this'),
+    ('import not_there\n', 'not_there'),
+    ('thing = 3\n', 'not an Effect'),
+    ('x = 1\n', 'thing'),
+    ('thing = ()[0]\n', 'index out of range'),
+    (EFFECT + 'thing = effect("time_delay")\n', 'effect time_delay already'),
+    ('import sys\nsys.exit(3)\n', '3'),
+    (EFFECT + 'thing = [effect("fine"), None]\n', 'not an Effect'),
     (EFFECT + 'class thing(Plain):\n    def __init__(self):\n        self.name = "bare"\n'
-     '        self.scope = "leg"\n', 'bad:thing', "scope is 'leg'"),
-    (EFFECT + 'thing = Effect\n', 'bad:thing', 'columns'),
-    (EFFECT + 'thing = effect("a\\x1bb")\n', 'bad:thing', 'letters, digits'),
-])
-def test_a_broken_plug_in_is_skipped_and_named(tmp_path, source, point, reason):
-    plug_in(tmp_path / 'one', 'bad', source, f'broken\x1b[31m = {point}')
+     '        self.scope = "leg"\n', "scope is 'leg'"),
+    (EFFECT + 'thing = Effect\n', 'columns'),
+    (EFFECT + 'thing = effect("a\\x1bb")\n', 'letters, digits'))
+
+
+def test_broken_plug_ins_are_skipped_and_named(tmp_path):
+    for k, (source, _) in enumerate(BROKEN):
+        plug_in(tmp_path / 'one', f'bad{k}', source, f'broken{k}\x1b[31m = bad{k}:thing')
     plug_in(tmp_path / 'two', 'good', EFFECT + 'thing = effect("good")\n', 'good = good:thing')
     names, skipped = ask(tmp_path / 'one', tmp_path / 'two')
     assert names == [*library_effects(), 'good']
-    assert len(skipped) == 1 and reason in skipped[0]
-    assert '\n' not in skipped[0] and '\x1b' not in skipped[0]
+    assert len(skipped) == len(BROKEN)
+    for k, (_, reason) in enumerate(BROKEN):
+        line, = (each for each in skipped if f'broken{k}\\x1b' in each)
+        assert reason in line and '\n' not in line and '\x1b' not in line
 
 
 def test_one_name_belongs_to_one_plug_in(tmp_path):

@@ -57,6 +57,7 @@ def test_a_tilt_is_identified(tilt):
     assert error(result.model, arm) < 0.3
 
 
+@pytest.mark.campaign
 def test_slow_motion_is_accurate_as_well():
     assert error(fitted(moved(1, 0.12, 0.1)[1]).model, ARM) < 0.1
 

@@ -1,5 +1,6 @@
 """The chain on a realistic arm: inertia, Coulomb friction on every joint, large noise."""
 
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -10,7 +11,7 @@ import pytest
 NOISE = FRICTION = 0.3
 
 
-@pytest.mark.parametrize('seed', [0, 1])
+@pytest.mark.parametrize('seed', [0, *campaign(1)])
 def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
     arm, motion = arms.iiwa7(), motions.eq17()
     tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)

@@ -42,8 +42,8 @@ def wide():
     return np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
 
 
-@pytest.mark.parametrize('com', [(0.0, 0.0, 0.1), (0.02, 0.03, 0.1)])
-@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.05, 0.2), (25, 0.1, 0.3)])
+@pytest.mark.parametrize('com, count, on_motion, over_range', [
+    ((0.0, 0.0, 0.1), 50, 0.05, 0.2), ((0.02, 0.03, 0.1), 25, 0.1, 0.3)])
 def test_two_kilograms_from_seconds_of_motion(old, wide, com, count, on_motion, over_range):
     arm = arms.with_payload(old[0], arms.Payload(2.0, com))
     result = update(old[1], after(arm, LATER[:count]))

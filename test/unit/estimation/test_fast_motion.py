@@ -29,6 +29,7 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
                                np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
 
 
+@pytest.mark.campaign
 def test_gravity_stays_accurate_with_added_effects():
     samples = recorded(ARM, 3, 1.0, 0.8, 0.01, 60.0)
     model = fit(samples, FitOptions(geometry=known_axes(ARM))).model

@@ -42,13 +42,6 @@ def test_a_pendulum(formulation):
 
 
 @BOTH
-def test_a_pendulum_without_noise(formulation):
-    q = poses(60, 1)
-    model = fit(samples_of(q, 9.81 * np.sin(q)), FitOptions(formulation)).model
-    assert model.equation('axis0', digits=4) == '9.8100 s1'
-
-
-@BOTH
 @pytest.mark.parametrize('noise', [0.0, 0.05])
 def test_two_links_in_a_plane(formulation, noise):
     # m1 = 3, m2 = 2 kg, l1 = 0.5, c1 = 0.25, c2 = 0.2 m, and cos(q1 + q2) = c1 c2 - s1 s2.
@@ -67,7 +60,7 @@ def test_two_links_in_a_plane(formulation, noise):
 
 
 @pytest.mark.parametrize('formulation, n_joints', [
-    *(('potential', n) for n in range(1, 9)), *(('per_joint', n) for n in range(1, 8))])
+    *(('potential', n) for n in (1, 2, 4, 8)), *(('per_joint', n) for n in (1, 3, 7))])
 def test_arms_of_any_length(formulation, n_joints):
     arm = with_base_tilt(serial_arm(n_joints, seed=1), 0.0, 0.4 if n_joints == 1 else 0.0)
     count = 300 if formulation == 'potential' else 600
@@ -83,14 +76,13 @@ def test_arms_of_any_length(formulation, n_joints):
         assert not result.model.predict(unseen)[:, 0].any()   # a vertical axis
 
 
-@pytest.mark.parametrize('n_joints', [9, 10])
-def test_many_joints_of_which_the_last_have_no_gravity_torque(n_joints):
+def test_many_joints_of_which_the_last_have_no_gravity_torque():
     short = serial_arm(4)
-    q = poses(200, n_joints)
+    q = poses(200, 10)
     tau = np.zeros_like(q)
     tau[:, :4] = gravity_torque(short, q[:, :4])
     model = fit(samples_of(q, tau, 0.1)).model
-    unseen = poses(200, n_joints, seed=1)
+    unseen = poses(200, 10, seed=1)
     error = model.predict(unseen)
     error[:, :4] -= gravity_torque(short, unseen[:, :4])
     assert rms(error).max() < 0.05
@@ -119,8 +111,7 @@ def test_a_tilted_base_requires_features_of_the_first_joint(formulation):
 
 
 @BOTH
-@pytest.mark.parametrize('still', [1, 2])
-@pytest.mark.parametrize('jitter', [0.0, 2e-4])
+@pytest.mark.parametrize('still, jitter', [(1, 0.0), (2, 2e-4)])
 def test_a_joint_at_rest(formulation, still, jitter):
     arm, rng = serial_arm(4), np.random.default_rng(0)
     q = poses(250, 4)
@@ -138,17 +129,6 @@ def test_a_joint_at_rest(formulation, still, jitter):
     if formulation == 'per_joint':
         assert not any(uses(result.model, still, of) for of in range(4))
     assert result.model.extrapolation(unseen[0] + 0.1 * np.eye(4)[still]) > 0.09
-
-
-@BOTH
-def test_several_joints_at_rest(formulation):
-    arm, q = serial_arm(5), poses(200, 5)
-    q[:, [2, 4]] = [0.4, -1.0]
-    result = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation))
-    assert result.report.dropped_joints == ('axis2', 'axis4')
-    unseen = poses(100, 5, seed=1)
-    unseen[:, [2, 4]] = [0.4, -1.0]
-    assert rms(result.model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.06
 
 
 @BOTH
@@ -197,9 +177,8 @@ def test_the_same_samples_give_the_same_model(formulation):
 
 
 @BOTH
-@pytest.mark.parametrize('order', [[3, 2, 1, 0], [1, 3, 0, 2]])
-def test_reordered_joints_give_the_same_model_reordered(formulation, order):
-    arm, q = serial_arm(4), poses(200, 4)
+def test_reordered_joints_give_the_same_model_reordered(formulation):
+    arm, q, order = serial_arm(4), poses(200, 4), [1, 3, 0, 2]
     samples = samples_of(q, gravity_torque(arm, q), 0.1)
     names = [samples.names[k] for k in order]
     original = fit(samples, FitOptions(formulation)).model
@@ -232,14 +211,13 @@ def test_an_offset_is_fitted_and_not_predicted():
     assert rms(samples.tau - other.predict(q)).max() < 0.1
 
 
-@BOTH
-def test_several_runs_are_counted(formulation):
+def test_several_runs_are_counted():
     arm = serial_arm(3)
     runs = []
     for seed in range(3):
         q = poses(60, 3, seed)
         runs.append(samples_of(q, gravity_torque(arm, q), 0.05, seed))
-    result = fit(concatenate(runs), FitOptions(formulation))
+    result = fit(concatenate(runs), FitOptions('potential'))
     assert (result.report.n_runs, result.report.n_samples) == (3, 180)
     assert (result.model.coverage.n_runs, result.model.coverage.n_samples) == (3, 180)
 
@@ -301,13 +279,6 @@ def test_autocorrelated_noise_inflates_the_variance_and_keeps_the_model_small():
     naive = fit(samples, FitOptions('potential', SparseOptions(inflation=1.0)))
     assert inflated.report.solver[0].inflation > 1.0
     assert inflated.model.n_features().sum() < naive.model.n_features().sum()
-
-
-def test_white_noise_has_no_inflation():
-    q = slow_motion(300)
-    tau = gravity_torque(serial_arm(4), q)
-    report = fit(samples_of(q, tau, 0.3), FitOptions('potential')).report
-    assert report.solver[0].inflation == 1.0
 
 
 @pytest.mark.parametrize('make, message', [

@@ -71,7 +71,7 @@ def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
             assert float(scales[name]) == pytest.approx(np.exp(-true[n]), rel=0.15)
 
 
-@pytest.mark.parametrize('seed, constants', [(1, (5, 3)), (1, (5, 2)), (2, (2, 5)), (2, (1, 4))])
+@pytest.mark.parametrize('seed, constants', [(1, (5, 3)), (2, (1, 4))])
 def test_torque_constants_of_two_parallel_joints(seed, constants):
     # Axes of 90, 0 degrees; the efforts are currents of motors with different constants.
     rng, t = np.random.default_rng(seed), np.arange(6000) / 50.0

@@ -23,7 +23,7 @@ def recorded(seed):
     return JointSamples.single_run(NAMES, t, q, qd, tau)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', range(3))
 def test_a_wrong_order_is_corrected(seed):
     samples = recorded(seed)
     shuffled = list(np.random.default_rng(seed + 100).permutation(NAMES))
@@ -32,6 +32,5 @@ def test_a_wrong_order_is_corrected(seed):
     assert joint_order_from_torques(samples.joints(shuffled)) == NAMES
 
 
-@pytest.mark.parametrize('seed', range(1))
-def test_the_right_order_is_kept(seed):
-    assert joint_order_from_torques(recorded(seed)) is None
+def test_the_right_order_is_kept():
+    assert joint_order_from_torques(recorded(0)) is None

@@ -42,9 +42,8 @@ def old():
             for name in ('chain', 'potential', 'per_joint')}
 
 
-@pytest.mark.parametrize('seed, mass, com', [(1, 2.0, COM), (2, 2.0, (0.0, 0.0, 0.1)),
-                                             (3, 4.0, COM)])
-@pytest.mark.parametrize('formulation', ['chain', 'potential'])
+@pytest.mark.parametrize('formulation, seed, mass, com', [
+    ('chain', 1, 2.0, COM), ('chain', 2, 2.0, (0.0, 0.0, 0.1)), ('potential', 3, 4.0, COM)])
 def test_mass_and_centre_from_ten_seconds(old, formulation, seed, mass, com):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(mass, com))
     result = update(old[formulation], recorded(loaded, LATER[:50], seed), geometry=IIWA)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from bench.cases.generated import generated_arm, small_motion
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -24,7 +25,7 @@ def samples(arm, seed, start, duration, payload=None):
                                    gravity_torque(carried, motion.q) + noise)
 
 
-@pytest.fixture(scope='module', params=[0, 1, 2])
+@pytest.fixture(scope='module', params=[0, *campaign(1, 2)])
 def learned(request):
     """Return an arm, its seed, and its models without payload and with the first one."""
     seed = request.param

@@ -6,7 +6,6 @@ import json
 
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
@@ -140,11 +139,6 @@ def test_effects_of_a_model_are_not_diagnosed_again():
     result = rubbing().model
     names = {f.effect for f in diagnose(SAMPLES, result).findings if f.joint == 'shoulder'}
     assert not names & {'coulomb_friction', 'viscous_friction'}
-
-
-def test_rows_of_finds_every_sample_of_a_selection():
-    keep = np.random.default_rng(0).random(len(SAMPLES)) < 0.3
-    np.testing.assert_array_equal(rows_of(SAMPLES, SAMPLES.select(keep)), np.flatnonzero(keep))
 
 
 def test_requests_are_expanded_and_corrected():

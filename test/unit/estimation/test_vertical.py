@@ -84,7 +84,7 @@ def test_motion_of_few_joints_yields_no_other_vertical(moving):
     assert with_estimated_vertical(AXES, recorded(ARM, q)) is AXES
 
 
-@pytest.mark.parametrize('joint', range(7))
+@pytest.mark.parametrize('joint', [0, 1, 3, *campaign(2, 4, 5, 6)])
 def test_unmodelled_effects_yield_no_other_vertical(joint):
     spring, friction = np.zeros((2, *Q.shape))
     spring[:, joint] = 5.0 * (Q[:, joint] - Q[:, joint].mean())
@@ -93,7 +93,7 @@ def test_unmodelled_effects_yield_no_other_vertical(joint):
         assert with_estimated_vertical(AXES, recorded(ARM, add=effect)) is AXES
 
 
-@pytest.mark.parametrize('angle', [90.0, 180.0, *campaign(45.0)])
+@pytest.mark.parametrize('angle', [180.0, *campaign(45.0, 90.0)])
 def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
     arm = tilted(ARM, np.radians(angle), 0.7)
     result = fit(moved(arm), FitOptions(geometry=AXES))

@@ -43,7 +43,7 @@ def worst(model, arm=ARM, zero=OFF):
     return np.sqrt((error ** 2).mean(axis=0)).max()
 
 
-@pytest.mark.parametrize('seed', [0, 1, *campaign(2, 3)])
+@pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3)])
 def test_gravity_is_accurate_with_any_zero_offsets(seed):
     zero = np.radians(np.random.default_rng(seed).uniform(-4.0, 4.0, 7))
     fixed = fit(moved(zero=zero, seed=seed), FitOptions(geometry=AXES))
@@ -60,8 +60,13 @@ def test_unmodelled_effects_yield_no_offset(joint):
         assert fit(recorded(add=effect), FitOptions(geometry=AXES)).report.zero_angles == {}
 
 
-def test_a_degree_on_every_joint_is_estimated_and_reported():
-    result = fit(moved(), FitOptions(geometry=AXES))
+@pytest.fixture(scope='module')
+def result():
+    """Return the fit of an arm with an offset of a degree on every joint."""
+    return fit(moved(), FitOptions(geometry=AXES))
+
+
+def test_a_degree_on_every_joint_is_estimated_and_reported(result):
     assert worst(result.model) < 0.15
     assert worst(fit(moved(), FitOptions()).model) > worst(result.model)
     reported = result.report.zero_angles
@@ -71,6 +76,7 @@ def test_a_degree_on_every_joint_is_estimated_and_reported():
     assert f'iiwa_joint_2 by {np.degrees(reported["iiwa_joint_2"]):.1f}' in warning
 
 
+@pytest.mark.campaign
 def test_zero_angles_are_estimated_from_fast_motion():
     fast = multisine(0.6 * ARM.lower, 0.6 * ARM.upper, np.full(7, 1.0), 1,
                      MultisineOptions(0.3, 30.0), 30.0, 50.0)
@@ -84,10 +90,10 @@ def test_no_zero_angles_are_reported_without_offsets():
     assert result.report.zero_angles == {} and result.report.warnings == ()
 
 
-def test_a_payload_is_estimated_with_the_corrected_zero_angles():
+def test_a_payload_is_estimated_with_the_corrected_zero_angles(result):
     centre = (0.02, 0.03, 0.1)
     loaded = with_payload(ARM, Payload(2.0, centre))
-    old = fit(moved(), FitOptions(geometry=AXES)).model
+    old = result.model
     later = moved(loaded, motion=eq17(20.0, start=100.0), seed=1)
     # The description of the new recording is not corrected.
     updated = update(old, later, geometry=AXES)
@@ -96,8 +102,8 @@ def test_a_payload_is_estimated_with_the_corrected_zero_angles():
     np.testing.assert_array_equal(updated.model.geometry.rotations, old.geometry.rotations)
 
 
-def test_the_model_file_includes_the_zero_angles(tmp_path):
-    model = gc.Model(fit(moved(), FitOptions(geometry=AXES)).model)
+def test_the_model_file_includes_the_zero_angles(result, tmp_path):
+    model = gc.Model(result.model)
     gc.save(model, tmp_path / 'arm.json')
     again = gc.load(tmp_path / 'arm.json')
     np.testing.assert_array_equal(again.gravity.geometry.rotations,

@@ -2,14 +2,13 @@
 
 from bench.cases import generated
 from bench.shared.campaign import campaign
-from bench.shared.serial_arms import parallel_axis_arm, poses, random_chain, samples_of
+from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.chain_starts import (
-    search, SearchOptions, structure, STRUCTURE_LIMIT)
+    search, SearchOptions)
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -79,7 +78,7 @@ def test_the_model_file_includes_chain_and_uncertainty(iiwa, tmp_path):
     np.testing.assert_array_equal(loaded.chain.axes, model.chain.axes)
 
 
-@pytest.mark.parametrize('seed', [0, 3, *campaign(6)])
+@pytest.mark.parametrize('seed', [0, *campaign(3, 6)])
 @pytest.mark.parametrize('right_angles', [False, True])
 def test_generated_arms(seed, right_angles):
     # Six and seven axes, level and tilted. The floor with true axes is 0.01 and 0.02 to 0.03.
@@ -91,7 +90,7 @@ def test_generated_arms(seed, right_angles):
     assert worst(model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.15
 
 
-@pytest.mark.parametrize('n', [1, 2, 4, 8, 10, *campaign(3, 5, 9)])
+@pytest.mark.parametrize('n', [1, 4, 10, *campaign(2, 3, 5, 8, 9)])
 def test_any_number_of_joints(n):
     arm = generated.generated_arm(2, n)
     q = generated.small_motion(arm, 0, duration=60.0).q
@@ -111,7 +110,7 @@ def test_parallel_axes(level):
 
 
 @pytest.mark.parametrize('tilt', [
-    (0.4, -0.3), (np.pi / 2, 0.0), *campaign(((0.0, 0.0),), ((np.pi, 0.0),))])
+    (0.4, -0.3), *campaign(((np.pi / 2, 0.0),), ((0.0, 0.0),), ((np.pi, 0.0),))])
 def test_six_axes_three_of_them_parallel(tilt):
     # Tilted, on a wall, upright, on a ceiling.
     arm = arms.with_base_tilt(parallel_axis_arm(), *tilt)
@@ -141,18 +140,6 @@ def test_joints_at_rest():
     assert result.model.predict_std(elsewhere).max() > 5 * result.model.predict_std(q).max()
 
 
-def test_a_wrong_minimum_is_detected():
-    arm = generated.generated_arm(3)
-    q = generated.small_motion(arm, 3).q
-    problem = ChainProblem(q, arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(
-        0).normal(size=q.shape), np.full(q.shape, 1.0 / NOISE))
-    minima = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
-    best = min(minima, key=lambda s: s.cost)
-    assert structure(problem, best) <= STRUCTURE_LIMIT
-    wrong = [s for s in minima if s.cost > 2.0 * best.cost]
-    assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
-
-
 def test_a_single_wrong_start_is_detected():
     arm = arms.iiwa7()
     q = motions.eq17().q
@@ -175,8 +162,8 @@ def error_and_band(seed: int, right_angles: bool, duration: float):
 
 
 @pytest.mark.parametrize('seed, right_angles, seconds', [
-    (0, True, 20.0), (6, False, 20.0), (7, False, 100.0), *campaign(
-        (4, True, 20.0), (8, False, 100.0))])
+    (0, True, 20.0), (7, False, 100.0), *campaign(
+        (4, True, 20.0), (6, False, 20.0), (8, False, 100.0))])
 def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, seconds):
     # 20 s of motion may be insufficient.
     error, std, report = error_and_band(seed, right_angles, seconds)
@@ -219,11 +206,6 @@ def test_auto_selects_the_potential_if_the_arm_is_not_a_chain():
     assert result.model.chain is None
 
 
-def test_zero_moments_have_zero_torque():
-    chain = Chain(np.eye(3)[None], np.zeros((1, 2)))
-    assert not chain.torque(poses(3, 1)).any()
-
-
 def test_few_poses_with_relative_noise_do_not_yield_a_wrong_chain():
     # The first minimum with a white residual has an error of 2.4 N·m.
     arm = arms.iiwa7()
@@ -233,11 +215,3 @@ def test_few_poses_with_relative_noise_do_not_yield_a_wrong_chain():
     model = fit(samples_of(q, tau, names=arm.joints), CHAIN).model
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (300, 7))
     assert worst(model, arm, wide) < 0.2
-
-
-def test_singular_normal_equations_have_the_minimum_norm_solution():
-    right = np.array([3.0, 4.0])
-    np.testing.assert_allclose(_solved(np.diag([2.0, 4.0]), right), [1.5, 1.0])
-    # Also where rounding has made them indefinite.
-    np.testing.assert_allclose(_solved(np.diag([2.0, -1e-20]), right), [1.5, 0.0])
-    assert _solved(np.zeros((0, 0)), np.zeros(0)).shape == (0,)

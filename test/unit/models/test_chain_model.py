@@ -30,13 +30,6 @@ def test_tilt_is_the_matrix_exponential():
         np.testing.assert_allclose(tilt(np.array([[x, y]]))[0], expm(skew), atol=1e-12)
 
 
-@pytest.mark.parametrize('z', [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, 0.0, -0.8)])
-def test_aligned_rotates_z_to_the_direction(z):
-    rotation = aligned(np.array(z, dtype=float))
-    np.testing.assert_allclose(rotation[:, 2], z, atol=1e-12)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-
-
 def test_frames_of_axes_do_not_change_gravity_and_an_arm_with_right_angles_has_sparse_moments():
     rng = np.random.default_rng(0)
     for seed in range(5):
@@ -86,18 +79,6 @@ def test_expansion_drops_only_rounding_errors():
     energy = expand(chain)
     names = [dictionary.feature_name(int(k), 2) for k in energy.indices]
     assert names == ['s2'] and energy.weights == pytest.approx([2.0])
-
-
-def test_the_rotation_of_a_link_frame_has_no_effect():
-    # The rotation of frame i about its own axis, which module `chain` fixes.
-    chain, angle = random_chain(4, 3), 0.8
-    rotation = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
-                         [0.0, 0.0, 1.0]])
-    axes, moments = chain.axes.copy(), chain.moments.copy()
-    axes[1], axes[2] = axes[1] @ rotation, rotation.T @ axes[2]
-    moments[1] = rotation[:2, :2].T @ moments[1]
-    q = np.random.default_rng(0).uniform(-3, 3, (6, 4))
-    np.testing.assert_allclose(Chain(axes, moments).torque(q), chain.torque(q), atol=1e-12)
 
 
 @pytest.mark.parametrize('axes, moments', [

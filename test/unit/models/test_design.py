@@ -35,16 +35,6 @@ def test_torque_columns_are_weighted_features():
     np.testing.assert_allclose(design.columns(selected), weights * dictionary.columns(q, selected))
 
 
-def test_energy_columns_by_hand():
-    # U = s1 c2: tau_1 = c1 c2 for features sample, then tau_2 = -s1 s2 for features sample.
-    q = np.array([[0.3, 0.7], [-1.0, 2.0]])
-    weights = np.array([[1.0, 10.0], [2.0, 20.0]])
-    column = EnergyDesign(q, weights).columns(np.array([5]))[:, 0]
-    np.testing.assert_allclose(column, [
-        np.cos(0.3) * np.cos(0.7), 2 * np.cos(-1.0) * np.cos(2.0),
-        -10 * np.sin(0.3) * np.sin(0.7), -20 * np.sin(-1.0) * np.sin(2.0)], rtol=1e-14)
-
-
 @pytest.mark.parametrize('n_joints', [1, 3])
 def test_energy_columns_are_gradients(n_joints):
     design, q, weights = design_of(EnergyDesign, n_joints)
@@ -56,12 +46,6 @@ def test_energy_columns_are_gradients(n_joints):
         numeric = (dictionary.columns(q + step, features)
                    - dictionary.columns(q - step, features)) / (2 * h)
         np.testing.assert_allclose(blocks[joint], weights[:, [joint]] * numeric, atol=1e-8)
-
-
-def test_the_constant_energy_has_no_torque():
-    design, _, _ = design_of(EnergyDesign, 2)
-    assert design.squared_norms()[0] == 0.0
-    assert not design.columns(np.array([0])).any()
 
 
 def energy_model(n_joints: int, seed: int) -> GravityModel:
@@ -90,18 +74,3 @@ def test_torque_of_an_energy_is_the_design_times_its_weights(seed):
     design = EnergyDesign(q, np.ones((4, 3)))
     torque = (design.columns(model.energy.indices) @ model.energy.weights).reshape(3, 4).T
     np.testing.assert_allclose(model.predict(q), torque, atol=1e-10)
-
-
-@pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
-def test_reordered_joints_reorder_the_columns(kind):
-    order = np.array([2, 0, 1])
-    design, q, weights = design_of(kind, 3)
-    other = kind(q[:, order], weights[:, order] if kind is EnergyDesign else weights)
-    features = np.arange(27)
-    renamed = dictionary.index_of(dictionary.digits(features, 3)[:, order])
-    a, b = design.columns(features), other.columns(renamed)
-    if kind is EnergyDesign:
-        a = a.reshape(3, -1, 27)[order].reshape(-1, 27)
-    np.testing.assert_allclose(a, b, atol=1e-14)
-    np.testing.assert_allclose(design.squared_norms(), other.squared_norms()[renamed],
-                               atol=1e-12)

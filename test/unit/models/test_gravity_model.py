@@ -67,12 +67,6 @@ def test_threads_share_a_model():
         sys.setswitchinterval(interval)
 
 
-def test_a_model_without_features_predicts_zero():
-    model = model_of({}, {})
-    np.testing.assert_array_equal(model.predict(np.ones((3, 2))), np.zeros((3, 2)))
-    np.testing.assert_array_equal(model.predict_one(np.ones(2)), np.zeros(2))
-
-
 def test_another_number_of_joints_is_refused():
     with pytest.raises(DataError, match='model of 2 joints was given poses of 3'):
         model_of({}, {}).predict(np.zeros((5, 3)))

@@ -280,10 +280,6 @@ def test_provenance_without_json_form_is_not_written(saved):
     check_same(load_model(saved), MODEL)
 
 
-def test_files_are_small(saved):
-    assert saved.stat().st_size < 20000 < model_file._MAX_BYTES
-
-
 def test_the_round_trip_of_a_model_without_terms(tmp_path):
     rng = np.random.default_rng(0)
     t = np.arange(200) * 0.2

@@ -137,21 +137,6 @@ def test_selection_lowers_the_score_and_is_idempotent(problem):
     np.testing.assert_array_equal(again.indices, selected.indices)
 
 
-def test_the_score_falls_with_every_step():
-    rng = np.random.default_rng(1)
-    q = rng.uniform(-0.4, 0.4, (60, 4))
-    design = TorqueDesign(q, np.full((60, 1), 10.0))
-    b = 10 * (9 * np.sin(q[:, 0]) * np.cos(q[:, 2]) + 4 * np.cos(q[:, 3])
-              + 0.1 * rng.normal(size=60))
-    search = support._Search(b, 4, support.gram_of(design, np.ones(81, dtype=bool)),
-                             np.arange(0, 81, 7))
-    scores = [search.score]
-    while search.step() and len(scores) < 100:
-        scores.append(support.score(support.refit(design, b, search.support), 4, 60))
-        assert search.score == pytest.approx(scores[-1], abs=1e-5)
-    assert len(scores) > 3 and (np.diff(scores) < 0).all()
-
-
 @pytest.mark.parametrize('samples', [15, 20, 40])
 def test_the_search_ends_despite_rounding(samples):
     # Over 0.05 rad all features are nearly collinear, and the torque is 10^5 times its noise.

@@ -10,7 +10,6 @@ from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import (
     gain_of, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.leave_out import leave_out
-from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.term import is_consistent, with_children_of
 from hypothesis import given, settings, strategies as st
@@ -236,7 +235,3 @@ def test_corrections_need_what_they_correct():
     assert not is_consistent((drift, terms['coulomb_friction', 1]))
     assert with_children_of((coulomb, viscous, drift), coulomb) == (viscous, drift)
     assert with_children_of((coulomb, drift), coulomb) == ()
-
-
-def test_the_gain_needed_is_that_of_the_options():
-    assert np.exp(EngineOptions().min_gain) == pytest.approx(20.0, rel=0.01)

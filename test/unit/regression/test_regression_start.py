@@ -28,7 +28,7 @@ def recorded(seed, seconds=60.0):
     return JointSamples.single_run(ARM.joints, exact.t, exact.q, exact.qd, tau)
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2, *campaign(3, 4, 5)])
+@pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3, 4, 5)])
 def test_a_vertical_first_axis_turns_as_the_torque_of_motion_says(seed):
     problem = Problem.of(recorded(seed))
     start = start_axes(problem, ())
