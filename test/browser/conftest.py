@@ -3,8 +3,7 @@
 from bench.shared.browser import browsing, EVIL, EVIL_BAG, LINK
 from bench.shared.rough_links import two_links
 from bench.shared.workbench_page import served
-from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
-import numpy as np
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 
 
@@ -21,10 +20,6 @@ def folder(tmp_path_factory):
     for number in (1, 2):
         write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
     write_bag(folder / 'other.mcap', [joint_states(two_links(1, names=('a', 'b')))])
-    samples = two_links(1)
-    write_bag(folder / 'silent.mcap', [JointTopic(
-        '/joint_states', samples.names, samples.t, samples.q, samples.qd,
-        np.full_like(samples.tau, np.nan))])
     write_bag(folder / EVIL_BAG, [joint_states(two_links(1, 600, names=EVIL),
                                                f'/$${LINK}$$<img src=x>')])
     return folder

@@ -2,14 +2,11 @@
 
 from dataclasses import replace
 
-from bench.campaign.score import Finding
 from bench.real_robots import arms
 from bench.real_robots.cases import Case, case, drawn_case, load, MAX_SPEED, regressor, save
-from bench.real_robots.laws import ClockSpring, Hidden, Known, packed, unpacked
-from bench.real_robots.run import parser, seeds
+from bench.real_robots.laws import ClockSpring, Hidden, Known, packed
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeOffset
 from gravity_comp_ros.simulation.disturbances.friction import Friction
@@ -58,11 +55,6 @@ def test_the_chain_has_the_gravity_of_the_whole_robot(name):
         expected = pin.computeGeneralizedGravity(robot, robot.createData(), pose)
         np.testing.assert_allclose(gravity_torque(arm, [q])[0],
                                    expected[[joint.idx_v for joint in joints]], atol=1e-9)
-
-
-def test_an_unknown_arm_is_refused_with_the_names():
-    with pytest.raises(OptionError, match='no arm ur7; there are ur3, ur5'):
-        arms.urdf('ur7')
 
 
 def test_arm_and_seed_determine_the_case(drawn):
@@ -133,17 +125,6 @@ def test_a_file_of_other_code_or_a_damaged_one_is_made_again(drawn, tmp_path):
         again = case('so101', 7, tmp_path)
         np.testing.assert_array_equal(again.unseen.tau, drawn.unseen.tau)
         np.testing.assert_array_equal(load(path).unseen.tau, drawn.unseen.tau)
-
-
-def test_unknown_arms_are_refused_by_the_command_line(capsys):
-    with pytest.raises(SystemExit):
-        parser().parse_args(['folder', '--arms', 'panda,ur7'])
-    assert 'no arm ur7; there are ur3' in capsys.readouterr().err
-
-
-def test_laws_survive_json():
-    law = Friction(2, LuGre(0.1, static=0.2), LuGre(0.3))
-    assert unpacked(packed((law, OFFSET))) == (law, OFFSET)
 
 
 def test_the_spring_has_its_stiffness_at_rest_and_no_torque():
@@ -243,10 +224,6 @@ def test_a_torque_that_is_not_finite_is_wrong(drawn):
     assert len(result.why) == 2 and np.isnan(error_ratios(one, bad)).all()
 
 
-def test_lists_of_seeds():
-    assert seeds('300-302,400') == [300, 301, 302, 400]
-
-
 def test_the_table_counts_and_names_the_worst_case(drawn):
     one = with_offset(drawn)
     answer = [finding('torque_offset', one.joints[1])]
@@ -263,9 +240,3 @@ def test_the_table_counts_and_names_the_worst_case(drawn):
     assert 'at most (far, joint ' in text and '| broken |' in text
     assert '2.00 x oracle in the median, 3.00 x oracle at most (far' in text
     assert '2 of 2 published 95 % intervals cover: torque_offset 2 of 2.' in text
-
-
-def test_findings_are_read_as_printed(drawn):
-    entry = finding('torque_gain', drawn.joints[0], 'ambiguous',
-                    [f'torque_gain:{drawn.joints[2]}'])
-    assert Finding.of(entry, drawn.joints).rivals == (('torque_gain', 2),)

@@ -91,15 +91,12 @@ sys.exit(pytest.main(['-q', '--collect-only', '-p', 'no:xdist', *sys.argv[1:]]))
 
 def test_files_whose_modules_are_not_installed_are_skipped():
     """As by `colcon test` in a workspace with the packages of rosdep alone."""
-    def collect(names):
-        files = ('test/unit/workbench/test_workbench_access.py', 'test/integration/test_fleet.py')
-        return subprocess.run([sys.executable, '-c', WITHOUT.format(names=names), *files],
-                              cwd=ROOT, capture_output=True, text=True, timeout=120)
-    done = collect(['bokeh', 'distributed'])
+    files = ('test/unit/workbench/test_workbench_access.py', 'test/integration/test_fleet.py')
+    program = WITHOUT.format(names=['bokeh', 'distributed'])
+    done = subprocess.run([sys.executable, '-c', program, *files], cwd=ROOT, capture_output=True,
+                          text=True, timeout=120)
     assert 'integration/test_fleet.py: distributed is not installed' in done.stdout
     assert 'error' not in done.stdout and done.stdout.count('SKIPPED') == 2
-    # Another missing module is an error.
-    assert 'No module named' in collect(['numpy']).stdout
 
 
 def test_versions_agree():

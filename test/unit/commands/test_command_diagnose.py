@@ -119,12 +119,6 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     assert reason in ' '.join(out.split())
 
 
-def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
-    out, _ = shown(capsys, 'one.mcap', '--json', str(tmp_path / 'd.json'))
-    assert 'missing effects' in out
-    assert json.loads((tmp_path / 'd.json').read_text())['findings']
-
-
 @pytest.mark.parametrize('argv, message', [
     (['other.mcap', '--model', 'arm.json'], 'shoulder'),
     (['short.mcap', '--model', 'arm.json'], 'too few'),

@@ -64,7 +64,15 @@ def worst(model) -> float:
 
 def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path, capsys):
     path, new, few = tmp_path / 'axes.json', tmp_path / 'new.json', tmp_path / 'few.mcap'
-    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path)]) == 0
+    # A recording may list the joints in any order; the model uses the order of the arm.
+    names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
+    capsys.readouterr()
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path), '--joints',
+                 ','.join(names), '--json', str(tmp_path / 'report.json')]) == 0
+    assert 'axes from the URDF' in capsys.readouterr().out
+    report, model = json.loads((tmp_path / 'report.json').read_text())['report'], load_model(path)
+    assert report['formulation'] == 'chain' and report['known_axes']
+    assert model.provenance['options']['known_axes'] and model.joints == tuple(sorted(names))
     update = ('update', folder / 'tool.mcap', '--model', path, '-o', new)
     result = run_json(capsys, *update)
     assert result['payload']['mass']['value'] == pytest.approx(2.0, abs=0.05)
@@ -73,6 +81,8 @@ def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path
     assert main(['cut', str(folder / 'tool.mcap'), '-o', str(few), '--to', '3']) == 0
     result = run_json(capsys, 'update', few, '--model', path, '-o', new)
     assert any(w.startswith('16 slow samples are few') for w in result['warnings'])
+    assert 'potential does not use a robot description' in refused(
+        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
 
 
 def test_the_torque_of_a_payload_is_learned(folder, model, tmp_path, capsys):
@@ -172,18 +182,3 @@ def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
     assert model.read_bytes() == before
     model.chmod(0o444)
     assert 'read-only' in refused(capsys, 'update', tool, '--model', model)
-
-
-def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
-    path, report = tmp_path / 'known.json', tmp_path / 'report.json'
-    # A recording may list the joints in any order; the model uses the order of the arm.
-    names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
-    capsys.readouterr()
-    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path), '--joints',
-                 ','.join(names), '--json', str(report)]) == 0
-    assert 'axes from the URDF' in capsys.readouterr().out
-    result, model = json.loads(report.read_text()), load_model(path)
-    assert result['report']['formulation'] == 'chain' and result['report']['known_axes']
-    assert model.provenance['options']['known_axes'] and model.joints == tuple(sorted(names))
-    assert 'potential does not use a robot description' in refused(
-        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')

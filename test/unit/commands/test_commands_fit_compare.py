@@ -204,13 +204,6 @@ def test_bad_input_gives_one_line_and_changes_nothing(bags, model, capsys, argv,
     assert before == {path: Path(path).read_bytes() for path in before}
 
 
-def test_a_damaged_model_is_refused(model, bags, tmp_path, capsys):
-    damaged = tmp_path / 'damaged.json'
-    damaged.write_text(Path(model).read_text().replace('elbow', 'elbou', 1))
-    assert main(['compare', bags['later'], '--model', str(damaged)]) == 1
-    assert capsys.readouterr().err.count('\n') == 1
-
-
 def test_names_in_a_bag_are_escaped(tmp_path, capsys):
     path = tmp_path / 'evil.mcap'
     bag(path, count=120, names=('[red]a[/red]', 'b\x1b[2J'))
@@ -229,9 +222,3 @@ def test_json_into_a_file_keeps_the_text_output(bags, model, capsys, tmp_path):
     assert main(['compare', bags['later'], '--model', model, '--json', str(target)]) == 0
     assert 'worst joint' in capsys.readouterr().out
     assert set(json.loads(target.read_text())['joints']) == set(JOINTS)
-
-
-def test_json_into_a_missing_folder_is_refused(bags, model, capsys, tmp_path):
-    argv = ['compare', bags['later'], '--model', model, '--json', str(tmp_path / 'no/where.json')]
-    assert main(argv) == 1
-    assert 'cannot write' in capsys.readouterr().err.splitlines()[-1]

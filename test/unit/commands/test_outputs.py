@@ -88,6 +88,7 @@ def test_a_read_only_model_is_not_changed(tmp_path, capsys):
     model.write_text('{}')
     model.chmod(0o444)
     for argv in (['fit', 'no.mcap', '-o', model], ['add', '--undo', '--model', model],
+                 ['add', 'torque_offset', 'no.mcap', '--model', model],
                  ['update', '--undo', '--model', model]):
         assert main([*map(str, argv)]) == 1
         assert 'is read-only' in capsys.readouterr().err

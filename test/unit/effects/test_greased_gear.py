@@ -1,7 +1,5 @@
 """Simulated greased gear: torque by hand, and comparison with the library."""
 
-from bench.shared.effect_motions import clean_motion
-from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import GreasedGear
@@ -45,18 +43,3 @@ def test_coulomb_friction_is_added():
 def test_unphysical_parameters_are_refused(numbers):
     with pytest.raises(OptionError, match='positive'):
         GreasedGear(JOINT, *numbers, LuGre(1.0))
-
-
-def test_the_law_of_grease_is_not_that_of_the_library():
-    speeds = np.linspace(0.02, 0.5, 200)
-    grease = np.arcsinh(speeds / 0.02)
-    line = np.column_stack([np.ones(200), speeds])
-    powers = [setting['power'] for setting in library_effects()['degressive_friction'].settings(
-        clean_motion('iiwa7'), JOINT)]
-
-    def left(columns):
-        rest = grease - columns @ np.linalg.lstsq(columns, grease, rcond=None)[0]
-        return float(rest.std() / grease.std())
-
-    best = min(left(np.column_stack([np.ones(200), speeds ** p])) for p in powers)
-    assert 0.01 < best < 0.5 * left(line)

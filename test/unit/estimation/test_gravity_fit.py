@@ -78,11 +78,11 @@ def test_arms_of_any_length(formulation, n_joints):
 
 def test_many_joints_of_which_the_last_have_no_gravity_torque():
     short = serial_arm(4)
-    q = poses(200, 10)
+    q = poses(200, 9)
     tau = np.zeros_like(q)
     tau[:, :4] = gravity_torque(short, q[:, :4])
     model = fit(samples_of(q, tau, 0.1)).model
-    unseen = poses(200, 10, seed=1)
+    unseen = poses(200, 9, seed=1)
     error = model.predict(unseen)
     error[:, :4] -= gravity_torque(short, unseen[:, :4])
     assert rms(error).max() < 0.05

@@ -26,10 +26,6 @@ def test_steady_sliding_follows_the_stribeck_curve(v):
     assert SURFACES.steady(np.array([v]))[0] == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_stribeck_excess_halves_at_its_speed():
-    assert SURFACES.steady(np.array([0.03]))[0] == pytest.approx(1.5 + 0.6 + 0.06)
-
-
 def test_agrees_with_a_general_integrator():
     def speed(t):
         return 0.1 * np.sin(3 * t)

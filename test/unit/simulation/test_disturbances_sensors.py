@@ -191,9 +191,3 @@ def test_the_six_axis_arm_has_three_parallel_axes_and_its_mass():
     moment = (12.7 * 0.232 + 4.27 * (0.612 + 0.331) + 2.0 * (1.184 - 0.003)
               + 2.0 * (1.184 + 0.003) + 0.62 * 1.184)
     assert stretched == pytest.approx(-9.80665 * moment, rel=0.01)
-
-
-def test_six_axis_names_are_checked():
-    assert six_axis(list('abcdef')).joints == tuple('abcdef')
-    with pytest.raises(OptionError):
-        six_axis(['a', 'b'])

@@ -26,15 +26,6 @@ def test_iiwa_gravity_has_the_published_rms():
     np.testing.assert_allclose(rms, published, rtol=0.02, atol=1e-12)
 
 
-def test_iiwa_upright_has_little_gravity_torque():
-    # Upright, only centres of mass off the vertical contribute: the y of the odd links is
-    # perpendicular to the axis of J2, the y axis of the base.
-    arm = arms.iiwa7()
-    tau = arms.gravity_torque(arm, np.zeros((1, 7)))[0]
-    assert tau[0] == pytest.approx(0, abs=1e-12)
-    assert np.abs(tau).max() < 2
-
-
 def test_iiwa_centres_and_flange_are_those_of_the_data_sheet():
     arm = arms.iiwa7()
     data = arm.model.createData()

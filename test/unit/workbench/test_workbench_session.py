@@ -1,6 +1,7 @@
 """Sessions of the workbench, without a browser."""
 
 import contextlib
+from copy import deepcopy
 from dataclasses import replace
 import html
 import json
@@ -16,7 +17,8 @@ from bench.shared.workbench_session import InProcess, session_of, worked
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
+from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
 from gravity_comp_ros.workbench.choice import Choice
@@ -42,10 +44,15 @@ def paths(tmp_path_factory):
     return tuple(folder / f'run{number}.mcap' for number in (1, 2))
 
 
-@pytest.fixture
-def learned(paths):
-    """Return a session with a model of gravity, before its diagnosis."""
+@pytest.fixture(scope='module')
+def first_stage(paths):
     return worked(session_of(*paths), until='Diagnose')
+
+
+@pytest.fixture
+def learned(first_stage):
+    """Return a session with a model of gravity, before its diagnosis."""
+    return deepcopy(first_stage)
 
 
 def test_add_reduces_the_error_and_undo_restores_it(paths):
@@ -160,6 +167,16 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     assert '--all-samples' in results.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
     assert 'fast motion' in results.slow_warning()
+
+
+def test_a_recording_without_efforts_is_reported(tmp_path):
+    samples = two_links(1)
+    write_bag(tmp_path / 'silent.mcap', [JointTopic(
+        '/joint_states', samples.names, samples.t, samples.q, samples.qd,
+        np.full_like(samples.tau, np.nan))])
+    session = worked(session_of(tmp_path / 'silent.mcap'))
+    assert 'effort is missing, NaN' in session.error
+    assert markup.text(session.error) in status_html(Results(session))
 
 
 def test_a_description_that_cannot_be_read_is_reported(paths, tmp_path):
