@@ -24,12 +24,12 @@ export PYTHONUNBUFFERED = 1
 # Tests start some hundred interpreters: each would compile this package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test campaign test-oldest lint venv clean
+.PHONY: help demo test bench test-oldest lint venv clean
 
 help:
 	@echo 'make demo         learn an arm, attach 2 kg, relearn, over real ROS 2 messages'
 	@echo 'make test         all tests, with lint and types'
-	@echo 'make campaign     judged recordings, minutes each: not part of make test'
+	@echo 'make bench        accuracy on judged recordings, minutes each: not part of make test'
 	@echo 'make test-oldest  all tests with the NumPy and SciPy of Ubuntu 24.04'
 	@echo 'make lint         ruff and mypy alone'
 	@echo 'make venv         only make $(VENV), with the requirements of the above'
@@ -40,10 +40,11 @@ help:
 demo: venv
 	@$(VENV)/bin/python examples/demo.py
 
-# Lint and types are tests (test/docs/test_style.py), where they run in parallel with the others.
-campaign: venv
+# The files of benches are in the folder bench/.
+bench: venv
 	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) -m campaign $(PYTEST_ARGS)
 
+# Lint and types are tests (test/docs/test_style.py), where they run in parallel with the others.
 test: venv
 	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
 

@@ -1,4 +1,4 @@
-"""Parameters of tests that only `make campaign` runs."""
+"""Parameters of tests that only `make bench` runs."""
 
 import pytest
 

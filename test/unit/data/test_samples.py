@@ -136,13 +136,6 @@ def test_a_missing_joint_is_refused():
         some().joints(['a', 'z'])
 
 
-def test_run_returns_a_single_run():
-    samples = concatenate([some(2, label='x'), some(4, label='y', seed=1)])
-    second = samples.run(1)
-    assert second.run_labels == ('y',) and set(second.runs) == {0}
-    np.testing.assert_array_equal(second.q, some(4, seed=1).q)
-
-
 def test_concatenate_matches_joints_by_name():
     first, second = some(3, label='x'), some(2, names=('c', 'a', 'b'), label='y', seed=1)
     both = concatenate([first, second])

@@ -104,6 +104,7 @@ def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
     assert np.sqrt((error ** 2).mean()) <= 0.1
 
 
+@pytest.mark.campaign
 def test_update_of_an_arm_without_right_angles():
     arm = generated.generated_arm(4)
     q = generated.small_motion(arm, 4).q

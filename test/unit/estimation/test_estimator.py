@@ -180,6 +180,7 @@ def test_long_recordings_cost_no_more_than_short_ones():
     assert rms(frictionless.tau - fitted.model.predict(frictionless.q)).max() < 2.0 * ROUGH_NOISE
 
 
+@pytest.mark.campaign
 def test_a_few_uneven_strokes_are_used_with_inertia():
     # Strokes start and stop at up to 0.6 rad/s^2: 3 N·m of inertia in some samples, at low speed.
     arm = arms.iiwa7()

@@ -7,6 +7,8 @@ motion of Eq. (17) with 0.1 N·m noise, tested later on the same motion and over
 range. `pytest -rP` prints the worst figures.
 """
 
+from functools import cache
+
 from bench import accuracy
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import dictionary
@@ -26,14 +28,14 @@ def truth() -> np.ndarray:
     return accuracy.exact_weights()
 
 
-@pytest.fixture(scope='module')
-def table3() -> dict[str, accuracy.Figures]:
-    return {name: accuracy.table3(name, SEEDS) for name in FORMULATIONS}
+@cache
+def table3(formulation: str) -> accuracy.Figures:
+    return accuracy.table3(formulation, SEEDS)
 
 
-@pytest.fixture(scope='module')
-def eq17() -> dict[str, accuracy.Figures]:
-    return {name: accuracy.eq17(name, SEEDS) for name in FORMULATIONS}
+@cache
+def eq17(formulation: str) -> accuracy.Figures:
+    return accuracy.eq17(formulation, SEEDS)
 
 
 def test_gravity_is_a_sum_over_the_dictionary(truth):
@@ -47,8 +49,8 @@ def test_gravity_is_a_sum_over_the_dictionary(truth):
 
 
 @BOTH
-def test_random_poses_as_in_table_3(table3, formulation):
-    figures = table3[formulation]
+def test_random_poses_as_in_table_3(formulation):
+    figures = table3(formulation)
     worst = 100 * figures.worst('nrmse')[1:4]
     print(f'{formulation}: worst nRMSE of J2, J3, J4 in %:', np.round(worst, 4))
     assert worst.max() <= {'potential': 0.03, 'per_joint': 0.15}[formulation]
@@ -56,8 +58,8 @@ def test_random_poses_as_in_table_3(table3, formulation):
 
 
 @BOTH
-def test_features_are_few_and_include_the_true_ones(table3, truth, formulation):
-    figures = table3[formulation]
+def test_features_are_few_and_include_the_true_ones(truth, formulation):
+    figures = table3(formulation)
     n_features = accuracy.most_features(figures)
     print(f'{formulation}: largest number of features of J1 to J7:', n_features)
     assert n_features.max() <= 20
@@ -69,8 +71,8 @@ def test_features_are_few_and_include_the_true_ones(table3, truth, formulation):
             np.testing.assert_allclose(weights, truth[large, joint], atol=0.2)
 
 
-def test_the_small_motion_with_a_potential(eq17):
-    figures = eq17['potential']
+def test_the_small_motion_with_a_potential():
+    figures = eq17('potential')
     print('potential: worst RMSE in N·m of J1 to J7, later:',
           np.round(figures.worst('later'), 3), 'anywhere:',
           np.round(figures.worst('anywhere'), 3))
@@ -78,8 +80,9 @@ def test_the_small_motion_with_a_potential(eq17):
     assert figures.worst('anywhere').max() <= 1.2
 
 
-def test_per_joint_does_not_generalise_from_the_small_motion(eq17):
-    figures, other = eq17['per_joint'], eq17['potential']
+@pytest.mark.campaign
+def test_per_joint_does_not_generalise_from_the_small_motion():
+    figures, other = eq17('per_joint'), eq17('potential')
     print('per_joint: worst RMSE in N·m of J1 to J7, later:',
           np.round(figures.worst('later'), 3), 'anywhere:',
           np.round(figures.worst('anywhere'), 3))
@@ -88,10 +91,9 @@ def test_per_joint_does_not_generalise_from_the_small_motion(eq17):
     assert 3 * other.worst('anywhere').max() < figures.worst('anywhere').max() < 300.0
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_small_motion_with_inertia(seed):
+def test_the_small_motion_with_inertia():
     # Trained on torque with inertia. Up to 0.05 N·m (RMS) of it is no gravity.
-    result = fit(accuracy.small_motion(seed, static=False))
+    result = fit(accuracy.small_motion(0, static=False))
     assert accuracy.rmse(result, accuracy.LATER).max() <= 0.05
     assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.1
     assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0

@@ -1,6 +1,7 @@
 """The vertical of arms with known axes, on walls and ceilings."""
 
 from dataclasses import replace
+from functools import cache
 
 from bench.estimator.mounted import tilted
 from bench.planning.scenes import known_axes
@@ -38,6 +39,13 @@ def recorded(arm, q=Q, seed=0, add=0.0):
 def moved(arm, motion=MOTION, seed=0):
     """Return samples of the moving arm, including its inertia."""
     return synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed))
+
+
+@cache
+def mounted(angle):
+    """Return an arm tilted by `angle` degrees, and its fit with known axes."""
+    arm = tilted(ARM, np.radians(angle), 0.7)
+    return arm, fit(moved(arm), FitOptions(geometry=AXES))
 
 
 def vertical_of(geometry):
@@ -95,8 +103,7 @@ def test_unmodelled_effects_yield_no_other_vertical(joint):
 
 @pytest.mark.parametrize('angle', [180.0, *campaign(45.0, 90.0)])
 def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
-    arm = tilted(ARM, np.radians(angle), 0.7)
-    result = fit(moved(arm), FitOptions(geometry=AXES))
+    arm, result = mounted(angle)
     # This motion hardly turns the first joint, whose moments matter on a wall.
     error = errors(result.model, arm)
     assert error[0] < 0.35 and error[1:].max() < 0.12
@@ -109,10 +116,10 @@ def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
 
 @pytest.mark.parametrize('angle', [180.0, *campaign(90.0)])
 def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
-    arm, centre = tilted(ARM, np.radians(angle), 0.7), (0.02, 0.03, 0.1)
-    loaded = with_payload(arm, Payload(2.0, centre))
+    arm, result = mounted(angle)
+    loaded = with_payload(arm, Payload(2.0, (0.02, 0.03, 0.1)))
     later = moved(loaded, eq17(20.0, start=100.0), 1)
-    old = fit(moved(arm), FitOptions(geometry=AXES)).model
+    old = result.model
     # For a model without axes the vertical is estimated from the torque of the model.
     for model in (old, replace(old, geometry=None), fit(moved(arm)).model):
         updated = update(model, later, geometry=AXES)

@@ -56,7 +56,7 @@ def test_a_wave_keeps_its_limits(pose, amplitude, frequency, limit):
     assert (np.abs(wave.amplitude) <= np.abs(amplitude) + 1e-12).all()
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), acceleration=strategies.floats(0.2, 3.0),
        jerk=strategies.floats(2.0, 50.0), reach=strategies.floats(0.05, 0.6),
@@ -86,7 +86,7 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     assert np.abs(motion.qd[[0, -1]]).max() < 1e-9
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), reach=strategies.floats(0.05, 2.0))
 def test_tours_of_all_joints_keep_their_limits(seed, duration, speed, reach):

@@ -52,7 +52,7 @@ def test_mcap_cut_anywhere_is_refused(mcap):
         refusal(mcap)
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(2))
 def test_flipped_bytes_are_refused_or_harmless(mcap, seed):
     whole = mcap.read_bytes()
     good = read_bag(mcap).samples

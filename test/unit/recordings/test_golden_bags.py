@@ -50,8 +50,3 @@ def test_readme_has_the_commands_of_the_script():
     assert len(script) == 5
     for arguments in script:
         assert f'`gravity_comp {arguments}`' in readme
-
-
-def test_bags_are_small():
-    sizes = [(BAGS / name).stat().st_size for name in FILES]
-    assert max(sizes) < 300_000 and sum(sizes) < 1_500_000
