@@ -235,6 +235,7 @@ def test_names_with_markup_or_formulas_are_shown_as_text(folder, watched):
                                                f'/$${LINK}$$<img src=x>')])
     page = folder / 'evil.html'
     assert main(['diagnose', str(folder / EVIL_BAG), '--html', str(page)]) == 0
+    assert 'fitted for this report to' in page.read_text()
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.get_by_label('Plots of joint').select_option(label='all joints')

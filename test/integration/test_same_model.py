@@ -57,8 +57,11 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
     np.testing.assert_array_equal(load_model(file).predict(poses()), fitted.predict(poses()))
 
 
-def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
+def test_a_fleet_learns_the_same(folder, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed')
+    # In this process; test_fleet.py has a cluster.
+    monkeypatch.setattr('gravity_comp_ros.fleet.run.run_tasks',
+                        lambda cluster, task, robots: enumerate(map(task, robots)))
     assert main(['fleet', 'fit', str(folder / 'robots'), '-o', str(tmp_path)]) == 0
     assert main(['fit', str(folder / 'robots' / 'one' / 'run'), '-o',
                  str(tmp_path / 'single.json')]) == 0
@@ -69,19 +72,9 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
 
 
 def test_the_workbench_can_ignore_the_description(folder):
-    session = on_the_bench(folder / 'robots' / 'one' / 'run')
+    session = worked(session_of(folder / 'robots' / 'one' / 'run'), until='Learn')
     session.learn(replace(session.choice, urdf='none'))
     results = Results(worked(session, until='Diagnose'))
     assert session.stage.model.geometry is None
     assert ' --urdf none ' in results.commands()[0]
-    assert results.facts(results.models()[1])['axes'] == 'not known'
-
-
-def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, capsys):
-    pytest.importorskip('bokeh')
-    bag, page = folder / 'gripper', tmp_path / 'page.html'
-    # The joints of the gripper are ignored.
-    assert main(['diagnose', str(bag), '--json', '--html', str(page)]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert set(printed['joints']) == set(JOINTS)
-    assert 'fitted for this report to' in page.read_text()
+    assert results.facts(results.models()[0])['axes'] == 'not known'

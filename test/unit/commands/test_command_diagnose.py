@@ -80,10 +80,7 @@ def test_text_has_a_sentence_a_table_and_commands(capsys):
                     'not identifiable from this recording', 'coulomb_friction', 'established',
                     'reversals', 'at rest', 'effective n'):
         assert message in out, message
-
-
-def test_the_next_step_is_a_command_that_works(capsys):
-    out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    # The next step is a command that works.
     command = next(line for line in out.splitlines() if 'gravity_comp add' in line)
     argv = shlex.split(command)[1:]
     assert argv[-4:] == ['one.mcap', 'two.mcap', '--model', 'arm.json']
@@ -100,21 +97,25 @@ def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
     assert 'coulomb_friction:shoulder' in out and 'torque_offset' not in out
 
 
+def both(capsys, *argv):
+    """Return the text and the content of the JSON file of one run."""
+    out, _ = shown(capsys, *argv, '--json', 'both.json')
+    return out, json.loads(Path('both.json').read_text())
+
+
 def test_no_findings_where_nothing_is_missing(capsys):
-    result = run_json(capsys, 'clean.mcap')
+    out, result = both(capsys, 'clean.mcap')
     assert result['findings'] == []
     assert result['verdict'] == 'Nothing is missing that is detectable in this motion.'
-    out, _ = shown(capsys, 'clean.mcap')
     assert out.startswith('Nothing is missing') and 'next step' not in out
 
 
 def test_friction_is_untestable_with_motion_in_one_direction(capsys):
-    result = run_json(capsys, 'one_way.mcap')
+    out, result = both(capsys, 'one_way.mcap')
     accepted = [f for f in result['findings'] if f['verdict'] in ('established', 'likely')]
     assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
     assert 'one direction only' in result['joints']['shoulder']['untestable']['coulomb_friction']
     assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
-    out, _ = shown(capsys, 'one_way.mcap')
     reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
     assert reason in ' '.join(out.split())
 

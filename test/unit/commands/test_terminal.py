@@ -1,6 +1,5 @@
 """Terminal output: tables of any width, commands, and progress in a log."""
 
-from pathlib import Path
 import re
 
 from gravity_comp_ros.cli import main
@@ -8,7 +7,6 @@ from gravity_comp_ros.commands import terminal
 import pytest
 from rich.cells import cell_len
 
-BAGS = Path(__file__).resolve().parent.parent / 'bags'
 JOINTS = [f'left_arm_shoulder_lift_joint_{n}' for n in range(1, 8)]
 NUMBER = re.compile(r'-?\d+\.\d+')
 

@@ -31,7 +31,7 @@ JOINTS = tuple(f'iiwa_joint_{n}' for n in range(1, 8))
 @pytest.fixture(scope='module')
 def samples():
     every = slow_samples(read_bag(BAGS / 'random_poses.mcap').samples).samples
-    return every.select(np.arange(0, len(every), 4))
+    return every.select(np.arange(0, len(every), 12))
 
 
 def edited(joint=None, link=None, **changes):

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-from bench.shared.campaign import campaign
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import JointSamples
@@ -34,7 +33,8 @@ def error(model):
     return np.sqrt(((model.predict(q) - gravity_torque(ARM, q)) ** 2).mean(axis=0))
 
 
-@pytest.mark.parametrize('seed', [60, *campaign(*range(61, 65))])
+@pytest.mark.campaign
+@pytest.mark.parametrize('seed', range(60, 65))
 def test_gravity_does_not_absorb_the_inertia_of_slow_motion(seed):
     """The first axis is vertical: only a tilt of the base explains its inertia as gravity."""
     errors = error(fit_model(recording(seed))[0].model)
