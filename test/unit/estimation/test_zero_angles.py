@@ -51,7 +51,7 @@ def test_gravity_is_accurate_with_any_zero_offsets(seed):
     assert same_axes(fixed.model.geometry, AXES)
 
 
-@pytest.mark.parametrize('joint', [1, 3])
+@pytest.mark.parametrize('joint', [1, *campaign(3)])
 def test_unmodelled_effects_yield_no_offset(joint):
     spring, friction = np.zeros((2, *MOTION.q.shape))
     spring[:, joint] = 5.0 * (MOTION.q[:, joint] - MOTION.q[:, joint].mean())

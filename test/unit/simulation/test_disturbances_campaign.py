@@ -52,71 +52,60 @@ def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
         assert judged.named == (False,) and len(judged.false) == 1 and not judged.right
     assert judge('coulomb_large', finding('coulomb_friction', ELBOW)).false == (
         'coulomb_friction:4 (established)',)
+    both = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
+    assert both.named == (True,) and not both.right and len(both.false) == 1
 
 
-def test_a_true_effect_with_a_false_one_is_named_but_not_right():
-    judged = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
-    assert judged.named == (True,) and not judged.right and len(judged.false) == 1
+def tied(*alternatives, verdict='ambiguous'):
+    return finding('stribeck_friction', verdict=verdict, alternatives=alternatives)
 
 
-def test_allowed_effects_are_no_false_alarms():
-    assert judge('coulomb_large', COULOMB, finding('presliding_hysteresis'),
-                 finding('inertia', ELBOW), finding('coriolis')).right
-    assert judge('nothing_white', finding('inertia')).right
-    assert not judge('nothing_white', finding('viscous_friction', verdict='likely')).right
+WEAK = finding('coulomb_friction', verdict='weak')
+OFFSET = finding('torque_offset', verdict='untestable')
 
 
-def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_alternatives():
-    def with_verdict(verdict, alternatives):
-        return judge('coulomb_large', finding('stribeck_friction', verdict=verdict,
-                                              alternatives=alternatives))
-    assert with_verdict('ambiguous', ['coulomb_friction']).right
-    assert with_verdict('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
-    assert not with_verdict('ambiguous', [f'coulomb_friction:{ELBOW}']).right
-    assert not with_verdict('ambiguous', ['viscous_friction']).right
-    assert with_verdict('weak', ['coulomb_friction']).named == (False,)
+@pytest.mark.parametrize('name, findings, right', [
+    # Effects that a case allows are no false alarms.
+    ('coulomb_large', [COULOMB, finding('presliding_hysteresis'), finding('inertia', ELBOW),
+                       finding('coriolis')], True),
+    ('nothing_white', [finding('inertia')], True),
+    ('nothing_white', [finding('viscous_friction', verdict='likely')], False),
+    # An ambiguous finding counts if the truth is among its alternatives.
+    ('coulomb_large', [tied('coulomb_friction')], True),
+    ('coulomb_large', [tied(f'coulomb_friction:{SHOULDER}')], True),
+    ('coulomb_large', [tied(f'coulomb_friction:{ELBOW}')], False),
+    ('coulomb_large', [tied('viscous_friction')], False),
+    ('coulomb_large', [tied('coulomb_friction', verdict='weak')], False),
+    # A weak finding is neither found nor false.
+    ('coulomb_large', [WEAK], False), ('nothing_white', [WEAK], True), ('too_weak', [WEAK], True),
+    ('too_weak', [], True), ('too_weak', [finding('torque_offset')], False),
+    # Alternatives of a truth, and effects of the whole arm.
+    ('cable', [finding('joint_spring', ELBOW)], True),
+    ('cable', [finding('cable_stiffness', None)], False),
+    ('tilted_base', [finding('base_tilt', None)], True),
+    ('tilted_base', [finding('base_tilt', JOINTS[0])], True),
+    # Every truth has to be named.
+    ('coulomb_and_viscous', [finding('coulomb_friction', ELBOW)], False),
+    ('coulomb_and_viscous', [finding('coulomb_friction', ELBOW),
+                             finding('viscous_friction', ELBOW)], True),
+    # `unexplained` has to name the joint.
+    ('detent', [finding(None, ELBOW, 'unexplained')], True),
+    ('detent', [finding(None, SHOULDER, 'unexplained')], False), ('detent', [], False),
+    ('detent', [finding(None, ELBOW, 'unexplained'), finding('torque_ripple', ELBOW)], False),
+    # `untestable` has to name both.
+    ('one_way', [{**OFFSET, 'rivals': ['coulomb_friction']}], True),
+    ('one_way', [finding('coulomb_friction', verdict='ambiguous',
+                         alternatives=['torque_offset'])], True),
+    ('one_way', [OFFSET], False), ('one_way', [finding('torque_offset')], False),
+    ('one_way', [], False)])
+def test_an_answer_is_right_or_wrong(name, findings, right):
+    assert judge(name, *findings).right == right
 
 
-def test_a_weak_finding_is_neither_found_nor_false():
-    weak = finding('coulomb_friction', verdict='weak')
-    assert not judge('coulomb_large', weak).right
-    assert judge('nothing_white', weak).right and judge('nothing_white', weak).open
-    assert judge('too_weak', weak).right and judge('too_weak').right
-    assert not judge('too_weak', finding('torque_offset')).right
-
-
-def test_ties_and_effects_of_the_whole_arm():
-    assert judge('cable', finding('joint_spring', ELBOW)).right
-    for joint in (None, JOINTS[0]):
-        assert judge('tilted_base', finding('base_tilt', joint)).right
-    assert not judge('cable', finding('cable_stiffness', None)).right
-
-
-def test_every_truth_has_to_be_named():
-    one = finding('coulomb_friction', ELBOW)
-    assert judge('coulomb_and_viscous', one).named == (True, False)
-    assert not judge('coulomb_and_viscous', one).right
-    assert judge('coulomb_and_viscous', one, finding('viscous_friction', ELBOW)).right
-
-
-def test_unexplained_has_to_name_the_joint():
-    assert judge('detent', finding(None, ELBOW, 'unexplained')).right
-    assert not judge('detent', finding(None, SHOULDER, 'unexplained')).right
-    assert not judge('detent').right
-    assert not judge('detent', finding(None, ELBOW, 'unexplained'),
-                     finding('torque_ripple', ELBOW)).right
-
-
-def test_untestable_has_to_name_both():
-    offset = finding('torque_offset', verdict='untestable', alternatives=['coulomb_friction'])
-    assert judge('one_way', offset).right
-    assert judge('one_way', finding('coulomb_friction', verdict='ambiguous',
-                                    alternatives=['torque_offset'])).right
-    alone = finding('torque_offset', verdict='untestable')
-    assert not judge('one_way', alone).right
-    assert judge('one_way', alone, untestable={'coulomb_friction': 'one direction only'}).right
-    assert not judge('one_way', finding('torque_offset')).right
-    assert not judge('one_way').right
+def test_an_effect_without_a_finding_may_be_untestable():
+    assert judge('one_way', OFFSET, untestable={'coulomb_friction': 'one direction only'}).right
+    assert judge('nothing_white', WEAK).open
+    assert judge('coulomb_and_viscous', finding('coulomb_friction', ELBOW)).named == (True, False)
 
 
 def done(name, seed, *findings, floor=0.1):
