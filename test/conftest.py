@@ -1,6 +1,8 @@
 """Fixtures, terminal width and order of all tests."""
 
+import fcntl
 import gc
+import os
 from pathlib import Path
 import re
 
@@ -27,14 +29,20 @@ OPTIONAL = {'bokeh', 'dask', 'distributed', 'mujoco', 'playwright', 'pyarrow', '
 
 @pytest.fixture(scope='session')
 def iiwa_model_file(tmp_path_factory) -> Path:
-    """Return the file of the initial model of most node tests; read-only."""
+    """Return the file of the initial model of most node tests; read-only, for all workers."""
     from gravity_comp_ros.data.gate import slow_samples
     from gravity_comp_ros.estimation.fit import fit
     from gravity_comp_ros.models.model_file import save_model
     from gravity_comp_ros.recordings.bag import read_bag
-    path = tmp_path_factory.mktemp('models') / 'unloaded.json'
-    samples = read_bag(BAGS / 'eq17_unloaded.mcap').samples
-    save_model(path, fit(slow_samples(samples).samples).model)
+    root = tmp_path_factory.getbasetemp()
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        root = root.parent
+    path = root / 'unloaded.json'
+    with (root / 'unloaded.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not path.exists():
+            samples = read_bag(BAGS / 'eq17_unloaded.mcap').samples
+            save_model(path, fit(slow_samples(samples).samples).model)
     return path
 
 
