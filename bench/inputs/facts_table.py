@@ -17,10 +17,10 @@ from pathlib import Path
 import sys
 import tempfile
 
+from gravity_comp_ros.api.arm_facts import arm_facts
 from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.cli import main as gravity_comp
-from gravity_comp_ros.commands.reading import arm_facts
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.motion import describe
@@ -40,11 +40,13 @@ def facts_of(path: Path) -> list[Fact]:
         path = Path(tempfile.mkdtemp()) / 'table.mcap'
         for rate in ([], ['--rate', '100']):
             quiet(['convert', str(table), *rate, '-o', str(path)])
-    read = read_bag(path, ReadOptions(refuse=False))
+    options = ReadOptions(refuse=False)
+    read = read_bag(path, options)
     data = Recording(read.samples, reports=(read.report,))
     arm = known_arm(data)
     motion = enough_motion(arm.of(data).samples, arm.axes.geometry).facts()
-    return [*read.report.facts, *arm_facts(data, arm), *describe(read.samples).motion, *motion]
+    return [*read.report.facts, *arm_facts(data, arm, options),
+            *describe(read.samples).motion, *motion]
 
 
 def simulated(folder: Path) -> Iterator[Path]:

@@ -6,8 +6,9 @@ import argparse
 from dataclasses import asdict, replace
 import shlex
 
+from gravity_comp_ros.api.arm_facts import check_facts, model_facts
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.refitting import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.findings import Verdict
@@ -54,6 +55,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
+        check_facts(model_facts(recording, arguments.read_options(args), model))
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
     reports = recording.reports
     holdout = refitting.held_out_errors(

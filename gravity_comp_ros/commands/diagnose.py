@@ -10,10 +10,12 @@ import shlex
 import time
 from typing import Any
 
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.learn import known_arm, KnownArm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
@@ -61,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
         if model is not None:
             recording = refitting.without_held_out(model, recording)
         arm = known_arm(recording, _options(args))
-        facts = reading.arm_facts(recording, arm, args.accept, model,
-                                  reading.whole_arm(args, args.bags))
+        facts = arm_facts(recording, arm, read_options(args), model)
+        check_facts(facts)
         base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)

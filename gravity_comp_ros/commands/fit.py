@@ -7,18 +7,17 @@ from dataclasses import asdict, replace
 from math import degrees
 import time
 
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.learn import known_arm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.display import percent, shortened
-from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import fitted_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
-from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
@@ -32,10 +31,8 @@ def run(args: argparse.Namespace) -> int:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
-        facts = reading.arm_facts(whole, arm, args.accept,
-                                  whole=reading.whole_arm(args, args.bags))
-        for fact in refused(facts):
-            raise DataError(fact.sentence)
+        facts = arm_facts(whole, arm, arguments.read_options(args))
+        check_facts(facts)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()

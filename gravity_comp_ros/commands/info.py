@@ -6,11 +6,12 @@ import argparse
 from collections.abc import Iterable
 from dataclasses import replace
 
+from gravity_comp_ros.api.arm_facts import arm_facts
 from gravity_comp_ros.api.learn import known_arm, KnownArm, LearnOptions
 from gravity_comp_ros.api.read import joined, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
-from gravity_comp_ros.commands import next_step, reading
+from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.commands.terminal import answer, progress, safe, show, table
 from gravity_comp_ros.data.gate import GateOptions
@@ -19,8 +20,7 @@ from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
 from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
 from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.recordings.units import TORQUE_UNITS
+from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 'green',
             Action.REFUSED: 'red'}
@@ -36,8 +36,7 @@ def run(args: argparse.Namespace) -> int:
             data = Recording(each.samples, slow, (each.report,))
             arm = known_arm(data, LearnOptions(axes=axes_options(args),
                                                ordered=args.joints is not None))
-            more = reading.arm_facts(data, arm, args.accept,
-                                     whole=reading.whole_arm(args, [each.report.path]))
+            more = arm_facts(data, arm, options)
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
                           describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.
@@ -86,15 +85,16 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
         why += '; few samples are slow, so `fit` uses fast samples as well'
     if inverted:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
-            recordings[0][0], TORQUE_UNITS[args.effort_unit], inverted)})
+            recordings[0][0], read_options(args), inverted)})
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
 
 
-def _scales(report: ReadReport, unit: float, inverted: set[str]) -> dict[str, float]:
+def _scales(report: ReadReport, options: ReadOptions, inverted: set[str]) -> dict[str, float]:
     """Return --effort-scale by joint as given, with the opposite sign for `inverted` joints."""
     names = list(dict.fromkeys([*report.effort_scale, *sorted(inverted)]))
-    return {name: report.effort_scale.get(name, unit) / unit * (-1.0 if name in inverted else 1.0)
-            for name in names}
+    unit = replace(options, effort_scale={}).scale(names)
+    return {name: report.effort_scale.get(name, 1.0) / unit[name]
+            * (-1.0 if name in inverted else 1.0) for name in names}
 
 
 def _show(report: ReadReport, facts: RecordingFacts) -> None:

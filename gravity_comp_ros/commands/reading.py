@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
 
-from gravity_comp_ros.api.learn import known_arm, KnownArm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
-from gravity_comp_ros.errors import BagError, DataError, Hint
-from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
-from gravity_comp_ros.estimation.axis_directions import axis_facts
-from gravity_comp_ros.estimation.joint_gains import joint_gains
-from gravity_comp_ros.estimation.moved_base import moved_base
-from gravity_comp_ros.facts.fact import as_noted, Fact
-from gravity_comp_ros.facts.order import order_facts
+from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.robot_description import first_description
-
-# Reads the samples of all joints in their order; None if they cannot be read.
-WholeArm = Callable[[], JointSamples | None]
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,
@@ -44,74 +30,6 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     :raises ModelMismatchError: if two bags are of different robots.
     """
     return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
-
-
-def arm_facts(recording: Recording, arm: KnownArm, accept: Collection[str] = (),
-              model: GravityModel | None = None, whole: WholeArm = lambda: None) -> list[Fact]:
-    """
-    Return the facts on the joints against each other.
-
-    They are on the order of the names, the axes of the description, the gains of the efforts and
-    the vertical.
-
-    :param accept: names of kinds that are noted, whatever is done about them otherwise.
-    :param model: see `torque_facts`.
-    :param whole: see `torque_facts`.
-    """
-    samples, geometry = arm.of(recording).samples, arm.axes.geometry
-    by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
-    facts = order_facts(samples, arm.order.joints) if by_name else []
-    rotations = None if geometry is None else geometry.rotations
-    facts = facts or torque_facts(samples, rotations, model, whole)
-    return [as_noted(fact) if fact.kind.value in accept else fact for fact in facts]
-
-
-def whole_arm(args: argparse.Namespace, paths: Sequence[Path]) -> WholeArm:
-    """Return the reader of the recordings with the joints that `args.joints` leaves out."""
-    def read() -> JointSamples | None:
-        options = replace(read_options(args), joints=None, refuse=False)
-        try:
-            recording = read_recording(paths, options, None)
-        except BagError:
-            return None
-        return known_arm(recording).of(recording).samples
-    return read
-
-
-def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
-                 model: GravityModel | None = None,
-                 whole: WholeArm = lambda: None) -> list[Fact]:
-    """
-    Return the facts that axes are reversed, gains disagree, or the vertical changes.
-
-    :param rotations: of described axes.
-    :param model: of the arm before; its axes count if none are described, and the gains are
-        relative to a joint that agrees with it.
-    :param whole: reads all joints, called if the vertical changes: the samples may be of a part
-        of an arm, on a link that other joints tilt.
-    """
-    if model is not None and rotations is None:
-        samples = samples.joints(model.joints)
-    if not moves_enough(samples):
-        return []
-    fit = ArmFit(samples, rotations)
-    facts: list[Fact] = []
-    if rotations is not None:
-        facts = axis_facts(fit, rotations)
-    elif model is not None and model.chain is not None:
-        facts = axis_facts(fit, model.chain.axes, model)
-    if facts:
-        return facts
-    gains = joint_gains(fit)
-    if gains.facts():
-        return (gains if model is None else gains.relative_to(model, samples)).facts()
-    base = moved_base(fit)
-    facts = [] if base is None else base.facts()
-    every = whole() if facts else None
-    if every is not None and every.n_joints > samples.n_joints and moves_enough(every):
-        base = moved_base(ArmFit(every))
-        facts = [] if base is None else base.facts()
-    return facts
 
 
 def lines(recording: Recording) -> list[str]:

@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 import shlex
 
+from gravity_comp_ros.api.arm_facts import check_facts, model_facts
 from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.export.payload_lines import in_frame, millimetres, Payload, payload_of
@@ -53,7 +54,8 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
         arm = None if args.flange is None else _arm(args, model)
-        _check_torques(args, model, recording)
+        check_facts(model_facts(recording, arguments.read_options(args), model),
+                    why='A payload changes no axis, no gain and no vertical')
         result, axes = update_model(model, recording, axes)
         estimate = result.report.payload
         flange = in_frame(payload_of(result.model), arm, args.flange) \
@@ -70,19 +72,6 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     terminal.answer(args, document,
                     lambda: _show(args, recording, axes, result, target, flange), *warnings)
     return 0
-
-
-def _check_torques(args: argparse.Namespace, model: GravityModel, recording: Recording) -> None:
-    """
-    Check that no axis, no gain of an effort and no vertical has changed: no payload does that.
-
-    :raises DataError: if one has, and the reader does not accept it.
-    """
-    for fact in reading.torque_facts(recording.samples, None, model,
-                                     reading.whole_arm(args, args.bags)):
-        if fact.kind.value not in args.accept:
-            raise DataError(f'{fact.sentence}. A payload changes no axis, no gain and no '
-                            f'vertical; --accept {fact.kind.value} updates the model all the same')
 
 
 def _arm(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

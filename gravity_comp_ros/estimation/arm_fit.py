@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
@@ -41,6 +42,25 @@ _DAMPING, _FACTOR, _LOW_DAMPING, _HIGH_DAMPING = 1e-2, 5.0, 1e-7, 1e6
 _CONVERGED, _FLOOR = 0.3, 1e-4
 
 
+@dataclass(frozen=True)
+class ArmFitOptions:
+    """
+    Limits of another hypothesis about an arm.
+
+    - `max_time`: correlation time of white residuals, in rows of some tenths of a second; that of
+      a wrong hypothesis is that of the motion.
+    - `min_gain`: log evidence in nats, over the autocorrelation time.
+
+    :raises OptionError: if a value is not positive.
+    """
+
+    max_time: float = 10.0
+    min_gain: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'arm fit')
+
+
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """
@@ -68,7 +88,9 @@ class ArmFit:
     :param rotations: of described axes (`Geometry`); None for unknown axes.
     """
 
-    def __init__(self, samples: JointSamples, rotations: FloatArray | None = None) -> None:
+    def __init__(self, samples: JointSamples, rotations: FloatArray | None = None,
+                 options: ArmFitOptions = ArmFitOptions()) -> None:
+        self.options = options
         problem = Problem.of(samples.select(evenly_picked(samples.n_samples, _SAMPLES)))
         self.poses, generic = generic_poses(problem, _ROWS)
         self.q, qd = self.poses.q, self.poses.qd
@@ -158,6 +180,15 @@ class ArmFit:
     def time(self, state: ArmState) -> float:
         """Return the longest correlation time of the joints' residuals, in rows."""
         return float(correlation_times(state.residual, self.poses.runs).max())
+
+    def is_white(self, state: ArmState) -> bool:
+        """Return whether the residuals are those of an arm: they do not follow the motion."""
+        return self.time(state) <= self.options.max_time
+
+    def is_better(self, state: ArmState, other: ArmState) -> bool:
+        """Return whether a state is white, and clearly more probable than another one."""
+        gain = (other.cost - state.cost) / self.time(state)
+        return self.is_white(state) and gain >= self.options.min_gain
 
     def rest(self, state: ArmState) -> FloatArray:
         """Return the residual (N,) as a share of each joint's effort without friction."""

@@ -31,9 +31,6 @@ class GainOptions:
     - `sigmas`: standard deviations by which the logarithm of a gain differs from 0.
     - `max_residual`: share of a joint's effort (without friction) that an arm with these gains
       may leave, and `max_reference` of the joint with the largest effort; more is another effect.
-    - `max_time`: correlation time of the residuals, in rows of some tenths of a second; that of
-      an arm with wrong gains, or of a base that moved, is that of the motion.
-    - `min_gain`: log evidence in nats, over the autocorrelation time, of gains that differ.
     - `friction`: standard deviation of the logarithm of a joint's friction and inertia between two
       recordings, by temperature and load.
     - `starts`: drawn gains at the start of the search, whose logarithms have the standard
@@ -46,8 +43,6 @@ class GainOptions:
     sigmas: float = 4.0
     max_residual: float = 0.3
     max_reference: float = 0.1
-    max_time: float = 10.0
-    min_gain: float = 10.0
     friction: float = 0.15
     starts: int = 3
     spread: float = 1.2
@@ -62,8 +57,8 @@ class JointGains:
     Gains relative to the joint `reference`.
 
     `log` and `std` (N,) are the logarithm and its standard deviation, `residual` (N,) the share of
-    a joint's effort that remains, `time` its correlation time in rows, `evidence` in nats that of
-    gains that differ. The gains of `by_friction` are those of friction and inertia.
+    a joint's effort that remains. Gains that differ are `established` or not. The gains of
+    `by_friction` are those of friction and inertia.
     """
 
     names: tuple[str, ...]
@@ -71,8 +66,7 @@ class JointGains:
     log: FloatArray
     std: FloatArray
     residual: FloatArray
-    time: float
-    evidence: float
+    established: bool
     by_friction: frozenset[int] = frozenset()
 
     def relative_to(self, model: GravityModel, samples: JointSamples,
@@ -98,7 +92,7 @@ class JointGains:
 
     def facts(self, options: GainOptions = GainOptions()) -> list[Fact]:
         """Return the fact that gains disagree, if they do."""
-        if self.evidence < options.min_gain or self.time > options.max_time:
+        if not self.established:
             return []
         clear = ((np.abs(self.log) > np.log(options.min_ratio))
                  & (np.abs(self.log) > options.sigmas * self.std)
@@ -146,12 +140,12 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     starts = [np.log(fit.size[free] / fit.size[reference]), np.full(len(free), -options.spread),
               *rng.normal(0.0, options.spread, (options.starts, len(free)))]
     for seed, start in enumerate(starts):
-        if fit.time(best) <= options.max_time:
+        if fit.is_white(best):
             break
         log = np.zeros(n)
         log[free] = start
         best = min(best, fit.run(fit.start(seed, log), log, free), key=cost_of)
-    time, std = fit.time(best), np.zeros(n)
+    std = np.zeros(n)
     std[free] = fit.std(best, free)
-    return JointGains(fit.poses.names, reference, best.log, std, fit.rest(best), time,
-                      (equal.cost - best.cost) / time)
+    return JointGains(fit.poses.names, reference, best.log, std, fit.rest(best),
+                      fit.is_better(best, equal))

@@ -19,8 +19,6 @@ class MovedBaseOptions:
 
     - `min_tilt`, rad: a smaller tilt may be a soft floor, with little torque.
     - `linear`, rad: the effect `base_tilt` is linear in the tilt, and describes a smaller one.
-    - `max_time`: correlation time of the residuals, in rows of some tenths of a second; that of a
-      base that moved is that of the motion, and that of the base that tilts must be less.
     - `min_gain`: log evidence in nats, over the autocorrelation time, for each of the four numbers
       of a tilt.
     - `max_tilts`: a base that tilts more often is not searched for.
@@ -31,7 +29,6 @@ class MovedBaseOptions:
 
     min_tilt: float = 0.05
     linear: float = 0.1
-    max_time: float = 10.0
     min_gain: float = 3.0
     max_tilts: int = 3
     places: int = 12
@@ -61,18 +58,18 @@ class MovedBase:
     """
     The vertical of a recording.
 
-    `time` is the correlation time of the residual in rows, `evidence` in nats that of a base that
-    tilts, less `min_gain` for each number of the tilts.
+    `white` are the residuals of a base that tilts, `evidence` in nats is that of such a base, less
+    `min_gain` for each number of the tilts.
     """
 
     tilts: tuple[Tilt, ...]
-    time: float
+    white: bool
     evidence: float
 
     def facts(self, options: MovedBaseOptions = MovedBaseOptions()) -> list[Fact]:
         """Return the fact that the vertical changes, if it does."""
         tilts = [tilt for tilt in self.tilts if tilt.angle >= options.min_tilt]
-        if self.evidence < 0.0 or self.time > options.max_time or not tilts:
+        if self.evidence < 0.0 or not self.white or not tilts:
             return []
         evidence = f'the vertical changes {" and ".join(map(str, tilts))}'
         if max(tilt.angle for tilt in tilts) < options.linear:
@@ -87,16 +84,16 @@ class MovedBase:
 def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> MovedBase | None:
     """Return the vertical of a recording, None where a base at rest explains it."""
     plain = fit.plain
-    if fit.time(plain) <= options.max_time:
+    if fit.is_white(plain):
         return None
-    state, ramps, time, evidence = plain, np.zeros((0, 2)), 0.0, 0.0
+    state, ramps, evidence = plain, np.zeros((0, 2)), 0.0
     for _ in range(options.max_tilts):
         before = evidence
         state, ramps = _one_more(fit, state, ramps, options)
-        time = fit.time(state)
-        evidence = (plain.cost - state.cost) / time - 4.0 * options.min_gain * len(ramps)
+        evidence = ((plain.cost - state.cost) / fit.time(state)
+                    - 4.0 * options.min_gain * len(ramps))
         # The first of two opposite tilts has no evidence of its own.
-        if time <= options.max_time or evidence < before and len(ramps) > 1:
+        if fit.is_white(state) or evidence < before and len(ramps) > 1:
             break
     t, runs, labels = fit.poses.t, fit.poses.runs, fit.poses.run_labels
     last = len(t) - 1
@@ -105,7 +102,8 @@ def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> M
         rows = [int(np.clip(round(row), 0, last)) for row in (begin, end)]
         tilts.append(Tilt(float(np.linalg.norm(tilt)), float(t[rows[0]]), float(t[rows[1]]),
                           (labels[runs[rows[0]]], labels[runs[rows[1]]])))
-    return MovedBase(tuple(sorted(tilts, key=lambda tilt: tilt.begin)), time, evidence)
+    return MovedBase(tuple(sorted(tilts, key=lambda tilt: tilt.begin)),
+                     fit.is_white(state), evidence)
 
 
 def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBaseOptions

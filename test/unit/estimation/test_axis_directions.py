@@ -6,8 +6,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation import axis_directions
 from gravity_comp_ros.estimation.arm_fit import ArmFit
-from gravity_comp_ros.facts.fact import Kind
-from gravity_comp_ros.facts.order import order_facts
+from gravity_comp_ros.estimation.torque_facts import torque_facts
+from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
@@ -43,7 +43,7 @@ def axis_facts(samples):
 @pytest.mark.parametrize('seed', range(2))
 def test_an_arm_as_described_has_no_facts(seed):
     samples = arm(seed)
-    assert axis_facts(samples) == [] and order_facts(samples, NAMES) == []
+    assert axis_facts(samples) == [] and torque_facts(samples, by_name=True) == []
 
 
 @pytest.mark.parametrize('joint', [1, 2, 4])
@@ -80,14 +80,22 @@ def test_the_options_correct_the_recording(tmp_path):
     assert axis_facts(read) == []
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_exchanged_names_are_noted(seed):
-    samples = arm(seed)
-    order = [2, 1, 0, 3, 4, 5]
-    exchanged = replace(samples, q=samples.q[:, order], qd=samples.qd[:, order],
-                        tau=samples.tau[:, order])
-    (fact,) = order_facts(exchanged, NAMES)
-    assert fact.joints == ('pan', 'elbow') and '--rename pan=elbow,elbow=pan' in fact.otherwise
+@pytest.mark.parametrize(('names', 'labels'), [
+    (NAMES, ('elbow', 'lift', 'pan', 'wrist_1', 'wrist_2', 'wrist_3')),
+    (NAMES, ('lift', 'pan', 'elbow', 'wrist_1', 'wrist_2', 'wrist_3')),
+    # Three joints change places: neither a pair, nor its own inverse.
+    (('s0', 's1', 'e0', 'e1', 'w0', 'w1'), ('e0', 'e1', 's0', 's1', 'w0', 'w1')),
+    (('base', 'shoulder', 'fore', 'elbow', 'wrist_1', 'wrist_2'),
+     ('base', 'elbow', 'fore', 'shoulder', 'wrist_1', 'wrist_2'))])
+def test_values_in_another_order_than_the_names_are_refused(names, labels):
+    samples = replace(arm(), names=names)
+    recorded = replace(samples.joints(labels), names=names)
+    (fact,) = torque_facts(recorded, by_name=True)
+    assert (fact.kind, fact.action) == (Kind.ORDER, Action.REFUSED)
+    renames = dict(pair.split('=') for pair in fact.otherwise.split()[1].rstrip(',').split(','))
+    assert [renames.get(name, name) for name in names] == list(labels)
+    # Names that give no order are not judged by it.
+    assert all(fact.kind is not Kind.ORDER for fact in torque_facts(recorded))
 
 
 @pytest.mark.parametrize('seed', range(2))
@@ -97,7 +105,7 @@ def test_an_arm_on_a_wall_is_in_order(seed):
     wall[0] = ABOUT_X
     tau = samples.tau + (Chain(wall, MOMENTS).torque(samples.q)
                          - Chain(ROTATIONS, MOMENTS).torque(samples.q))
-    assert order_facts(replace(samples, tau=tau), NAMES) == []
+    assert torque_facts(replace(samples, tau=tau), by_name=True) == []
 
 
 def test_small_degrees_are_refused(tmp_path):

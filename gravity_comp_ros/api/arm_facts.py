@@ -1,0 +1,70 @@
+"""Facts on the joints of recordings against each other, and their refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gravity_comp_ros.api.learn import known_arm, KnownArm
+from gravity_comp_ros.api.read import read_recording
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
+from gravity_comp_ros.errors import BagError, DataError
+from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
+from gravity_comp_ros.facts.fact import as_noted, Fact, refused
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.recordings.read_options import ReadOptions
+
+
+def arm_facts(recording: Recording, arm: KnownArm, options: ReadOptions,
+              model: GravityModel | None = None) -> list[Fact]:
+    """
+    Return the facts on the order of the names, described axes, gains, and the vertical.
+
+    :param options: those that the recording was read with.
+    :param model: see `torque_facts`.
+    """
+    geometry = arm.axes.geometry
+    facts = torque_facts(
+        arm.of(recording).samples, None if geometry is None else geometry.rotations, model,
+        _whole_arm(recording, options),
+        by_name=geometry is None and arm.order.source in (NUMBERS, WORDS))
+    return _with_accepted(facts, options)
+
+
+def model_facts(recording: Recording, options: ReadOptions, model: GravityModel) -> list[Fact]:
+    """
+    Return the facts that axes, gains or the vertical differ from those of a model.
+
+    :param options: those that the recording was read with.
+    """
+    facts = torque_facts(recording.samples, None, model, _whole_arm(recording, options))
+    return _with_accepted(facts, options)
+
+
+def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:
+    """
+    Check that no fact is refused.
+
+    :param where: the recording, before the refusal; `why`: a sentence after it.
+    :raises DataError: if one is.
+    """
+    for fact in refused(facts):
+        raise DataError(f'{where}: ' * bool(where) + fact.sentence + f'. {why}' * bool(why))
+
+
+def _with_accepted(facts: Sequence[Fact], options: ReadOptions) -> list[Fact]:
+    return [as_noted(fact) if fact.kind.value in options.accept else fact for fact in facts]
+
+
+def _whole_arm(recording: Recording, options: ReadOptions) -> WholeArm:
+    """Return the reader of the recordings with the joints that `options.joints` leaves out."""
+    def read() -> JointSamples | None:
+        every = replace(options, joints=None, refuse=False)
+        try:
+            whole = read_recording([each.path for each in recording.reports], every, None)
+        except BagError:
+            return None
+        return known_arm(whole).of(whole).samples
+    return read
