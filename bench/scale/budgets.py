@@ -98,6 +98,7 @@ CASES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
         'fit', ('slow.mcap', '--all-samples', '-o', 'made.json'), 3.0, 500.0),
     'fit of twelve joints': ('fit', ('twelve1.mcap', '-o', 'made.json'), 20.0, 500.0),
     'fit of an hour at 1 kHz': ('fit', ('kilohertz.mcap', '-o', 'made.json'), 0.0, 500.0),
+    'info of an hour at 1 kHz': ('info', ('kilohertz.mcap',), 30.0, 1000.0),
     'update': ('update', ('loaded.mcap', '--model', 'eq17.json', '-o', 'made.json'), 0.3, 500.0),
     'diagnose five runs': ('diagnose', _FIVE, 4.0, 500.0),
     'diagnose an hour at 1 kHz': ('diagnose', ('kilohertz.mcap',), 30.0, 1000.0),

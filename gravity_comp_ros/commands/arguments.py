@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.errors import GravityCompError, Hint, OptionError
-from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit, TORQUE_UNITS
+from gravity_comp_ros.recordings.units import (
+    ANGLE_HELP, radians_per_unit, SHARE_UNITS, TORQUE_UNITS)
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.axes import AxesOptions
@@ -21,12 +21,6 @@ DRAWN = 'robot description for the three-dimensional drawing of the arm'
 # Copy of the formulations of `estimation.fit`, the default first, so that --help does not import
 # it; a test compares both.
 FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
-
-
-# Fields of `ReadOptions` with an option of the same name, in the order in which a printed command
-# lists them.
-_READING = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rename', 'position_unit', 'accept',
-            'reverse', 'zero', 'differentiate')
 
 
 # Remedies of errors, in terms of the options.
@@ -96,9 +90,12 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action=_Merge,
                        default={}, help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
-    group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
+    group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *SHARE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
+    group.add_argument('--rated-torque', metavar='JOINT=NM', type=scales, action=_Merge,
+                       default={}, help='torque of each joint at 100 %%, for effort in percent '
+                       'or permille of it, e.g. a=10,b=30; may be repeated')
     group.add_argument('--position-unit', metavar='UNIT', type=position_unit, default='rad',
                        help=f'unit of angles and speeds in the bag: {ANGLE_HELP} (default: '
                        '%(default)s)')
@@ -121,25 +118,8 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
 
 def read_options(args: argparse.Namespace) -> ReadOptions:
     """Return the `ReadOptions` of the arguments of `add_reading`."""
-    from gravity_comp_ros.recordings.bag import ReadOptions
-    return ReadOptions(**{name: getattr(args, name) for name in _READING})
-
-
-def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:
-    """Return the given options of `add_reading` as words, --joints only if `joints` is set."""
-    words = []
-    for name in _READING:
-        value = getattr(args, name)
-        if value and value not in ('Nm', 'rad') and (joints or name != 'joints'):
-            words += ['--' + name.replace('_', '-'), *([] if value is True else [_text(value)])]
-    return words
-
-
-def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:
-    if isinstance(value, Mapping):
-        return ','.join(f'{key}={part:g}' if isinstance(part, float) else f'{key}={part}'
-                        for key, part in value.items())
-    return value if isinstance(value, str) else ','.join(value)
+    from gravity_comp_ros.recordings.read_options import OPTIONS, ReadOptions
+    return ReadOptions(**{name: getattr(args, name) for name in OPTIONS})
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.commands.arguments import reading_words
+from gravity_comp_ros.commands.arguments import read_options
 
 
 def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path] | None = None,
@@ -24,7 +24,7 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
     line = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
     if model is not None:
         line += ['--model', str(model)]
-    return shlex.join([*line, *reading_words(args, joints=model is None), *more])
+    return shlex.join([*line, *read_options(args).words(joints=model is None), *more])
 
 
 def new_name(stem: str = 'arm', ending: str = 'json') -> str:

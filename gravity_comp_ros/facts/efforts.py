@@ -71,8 +71,8 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
             Kind.EFFORT_UNIT, names, f'effort has whole numbers only on '
             f'{listed(names, len(signals.names))}', Action.NOTED,
             'counts, mA or per mille of a rated torque rather than N·m; a model predicts them in '
-            'this unit', '--effort-scale JOINT=VALUE gives the N·m per unit: for per mille, a '
-            'thousandth of the rated torque',
+            'this unit', '--effort-scale JOINT=VALUE gives the N·m per unit; for per mille, '
+            '--effort-unit permille --rated-torque JOINT=N·m',
             _by_joint(signals, largest)))
     return facts
 

@@ -113,7 +113,8 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
         columns = _read_columns(storage, topic, options.rename)
     where = f'{path}, topic {topic}'
     options = _with_joint_names(where, columns.names,
-                                replace(options, joints=joints, effort_scale={}))
+                                replace(options, joints=joints, effort_scale={},
+                                        effort_unit='Nm', rated_torque={}))
     sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
     zero = np.array([options.zero.get(name, 0.0) for name in joints])
     goal = sign * (radians_per_unit(options.position_unit) * columns.values(joints)[0] - zero)
@@ -133,9 +134,11 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
     if chosen is not None:
         chosen = named_joints(where, names, chosen, 'chosen')
     zeros = named_joints(where, names, options.zero, 'zero')
+    rated = named_joints(where, names, options.rated_torque, 'rated torque')
     return replace(options, joints=chosen, effort_scale=scale,
                    reverse=named_joints(where, names, options.reverse, 'reversed'),
-                   zero=dict(zip(zeros, options.zero.values())))
+                   zero=dict(zip(zeros, options.zero.values())),
+                   rated_torque=dict(zip(rated, options.rated_torque.values())))
 
 
 def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,

@@ -10,8 +10,18 @@ from typing import Any
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Fact
-from gravity_comp_ros.recordings.units import radians_per_unit, TORQUE_UNITS
+from gravity_comp_ros.recordings.units import (
+    check_effort_unit, EFFORT_UNITS, radians_per_unit, SHARE_UNITS, TORQUE_UNITS)
 import numpy as np
+
+# Fields of `ReadOptions` with a command-line option of the same name, in the order in which a
+# printed command lists them.
+OPTIONS = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rated_torque', 'rename',
+           'position_unit', 'accept', 'reverse', 'zero', 'differentiate')
+
+
+# Units of effort in a bag; a current is scaled by its torque constant (`effort_scale`).
+BAG_UNITS = (*TORQUE_UNITS, *SHARE_UNITS)
 
 
 @dataclass(frozen=True)
@@ -24,7 +34,8 @@ class ReadOptions:
     - `effort_scale`: factor on the effort by joint, sign included; default 1.
     - `differentiate`: compute velocities from positions even if velocities are recorded.
     - `position_unit`: unit of positions and velocities, see `units.radians_per_unit`.
-    - `effort_unit`: unit of the scaled effort, one of `TORQUE_UNITS`.
+    - `effort_unit`: unit of the scaled effort, one of `BAG_UNITS`.
+    - `rated_torque`: N·m of each joint at 100 %, for efforts in per cent or per mille of it.
     - `rename`: new names of joints, by recorded name; the other options use the new names.
     - `accept`: kinds of facts (`facts.fact.Kind`) that are neither corrected nor refused.
     - `refuse`: whether a recording is refused for its facts; they are listed in the report.
@@ -32,8 +43,8 @@ class ReadOptions:
     - `zero`: position at which the joint is at 0, by joint, rad; subtracted before `reverse`.
     - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
 
-    In `joints`, `reverse`, `zero` and `effort_scale` a joint is named, or numbered from 1 in
-    order of appearance.
+    In `joints`, `reverse`, `zero`, `rated_torque` and `effort_scale` a joint is named, or numbered
+    from 1 in order of appearance.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
         or kind of fact is unknown, or `max_messages` is less than 1.
@@ -51,19 +62,20 @@ class ReadOptions:
     reverse: tuple[str, ...] = ()
     zero: Mapping[str, float] = field(default_factory=dict)
     refuse: bool = True
+    rated_torque: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.max_messages is not None and self.max_messages < 1:
             raise OptionError(f'{self.max_messages} messages to read; it must be 1 or more')
         radians_per_unit(self.position_unit)
         accepted_kinds(self.accept)
-        for joint, scale in self.effort_scale.items():
-            if not np.isfinite(scale) or scale == 0:
-                raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '
-                                  f'and not 0')
-        if self.effort_unit not in TORQUE_UNITS:
-            raise OptionError(f'effort unit {self.effort_unit!r} is not one of '
-                              f'{", ".join(TORQUE_UNITS)}')
+        for what, values in (('effort scale', self.effort_scale),
+                             ('rated torque', self.rated_torque)):
+            for joint, value in values.items():
+                if not np.isfinite(value) or value == 0:
+                    raise OptionError(f'{what} of joint {joint} is {value}; it must be finite '
+                                      f'and not 0')
+        check_effort_unit(self.effort_unit, BAG_UNITS, bool(self.rated_torque))
         if len(set(self.rename.values())) < len(self.rename):
             raise OptionError(f'two joints get the same name: {", ".join(self.rename.values())}')
         if self.joints is not None:
@@ -73,10 +85,43 @@ class ReadOptions:
                 raise OptionError(f'joints repeat: {", ".join(self.joints)}')
 
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
-        """Return N·m per recorded unit of effort, sign included, for each joint."""
-        unit = TORQUE_UNITS[self.effort_unit]
-        return {joint: unit * float(self.effort_scale.get(joint, 1.0))
+        """
+        Return N·m per recorded unit of effort, sign included, for each joint.
+
+        :raises OptionError: if the rated torque of a joint is missing.
+        """
+        unit, rated = EFFORT_UNITS[self.effort_unit], self.rated_torque
+        unrated = [joint for joint in joints if rated and joint not in rated]
+        if unrated:
+            raise OptionError(f'the rated torque of {", ".join(unrated)} is missing')
+        return {joint: unit * rated.get(joint, 1.0) * float(self.effort_scale.get(joint, 1.0))
                 * (-1.0 if joint in self.reverse else 1.0) for joint in joints}
+
+    def words(self, joints: bool = True) -> list[str]:
+        """
+        Return the arguments of a command that reads with these options.
+
+        :param joints: whether to include --joints.
+        """
+        words = []
+        for name in OPTIONS:
+            value = getattr(self, name)
+            if value and value not in ('Nm', 'rad') and (joints or name != 'joints'):
+                words.append('--' + name.replace('_', '-'))
+                words += [] if value is True else [_text(value)]
+        return words
+
+
+def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:
+    if isinstance(value, Mapping):
+        return ','.join(f'{key}={_exact(part)}' for key, part in value.items())
+    return value if isinstance(value, str) else ','.join(value)
+
+
+def _exact(value: object) -> str:
+    """Return a number in the shortest form that is read as the same number."""
+    short = f'{value:g}' if isinstance(value, float) else str(value)
+    return repr(value) if isinstance(value, float) and float(short) != value else short
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,9 @@ from gravity_comp_ros.recordings.table_parquet import is_parquet, read_parquet
 from gravity_comp_ros.recordings.table_units import (
     check_angles, check_seconds, check_velocity, decoded)
 from gravity_comp_ros.recordings.units import (
-    CURRENT_UNITS, is_ticks, radians_per_unit, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
+    check_effort_unit, CURRENT_UNITS, EFFORT_UNITS, is_ticks, radians_per_unit, TIME_UNITS)
 import numpy as np
 
-EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS, **SHARE_UNITS}
 NONE = 'none'
 NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
 
@@ -72,10 +71,10 @@ class TableOptions:
     skip_bad_rows: bool = False
 
     def __post_init__(self) -> None:
-        for what, unit, units in (('time', self.time_unit or 's', TIME_UNITS),
-                                  ('effort', self.effort_unit, EFFORT_UNITS)):
-            if unit not in units:
-                raise OptionError(f'{what} unit {unit!r} is not one of {", ".join(units)}')
+        if (self.time_unit or 's') not in TIME_UNITS:
+            raise OptionError(f'time unit {self.time_unit!r} is not one of '
+                              f'{", ".join(TIME_UNITS)}')
+        check_effort_unit(self.effort_unit, EFFORT_UNITS, self.rated_torque is not None)
         radians_per_unit(self.position_unit or 'rad')
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
             raise OptionError(f'rate is {self.rate} Hz; it must be positive')
@@ -87,11 +86,6 @@ class TableOptions:
         if is_current != (self.torque_constant is not None):
             raise OptionError('effort in A or mA needs a torque constant in N·m/A'
                               if is_current else 'a torque constant is for effort in A or mA')
-        is_share = self.effort_unit in SHARE_UNITS
-        if is_share != (self.rated_torque is not None):
-            raise OptionError('effort in per cent or per mille needs a rated torque in N·m'
-                              if is_share else 'a rated torque is for effort in percent or '
-                              'permille')
         for what, values in (('torque constant', self.torque_constant or (1.0,)),
                              ('rated torque', self.rated_torque or (1.0,)),
                              ('gear ratio', self.gear_ratio)):

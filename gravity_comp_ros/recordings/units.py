@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import pi
 import re
 
@@ -17,6 +18,7 @@ TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'kgfm':
 CURRENT_UNITS = {'A': 1.0, 'mA': 1e-3}
 # Share per unit; conversion to torque requires the rated torque.
 SHARE_UNITS = {'percent': 1e-2, 'permille': 1e-3}
+EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS, **SHARE_UNITS}
 
 _TICKS = re.compile(r'ticks=(\d+)$')
 
@@ -33,6 +35,22 @@ def radians_per_unit(unit: str) -> float:
     if unit not in ANGLE_UNITS:
         raise OptionError(f'position unit {unit!r} is not {ANGLE_HELP}')
     return ANGLE_UNITS[unit]
+
+
+def check_effort_unit(unit: str, units: Collection[str], is_rated: bool) -> None:
+    """
+    Check a unit of effort.
+
+    :param units: the known units.
+    :param is_rated: whether rated torques are given, of which a share is a torque.
+    :raises OptionError: if it is unknown, or rated torques are missing or without use.
+    """
+    if unit not in units:
+        raise OptionError(f'effort unit {unit!r} is not one of {", ".join(units)}')
+    is_share = unit in SHARE_UNITS
+    if is_share != is_rated:
+        raise OptionError('effort in per cent or per mille needs a rated torque in N·m'
+                          if is_share else 'a rated torque is for effort in percent or permille')
 
 
 def is_ticks(unit: str | None) -> bool:

@@ -153,8 +153,8 @@ def finding(effect, verdict, alternatives=(), next_step='move it'):
 
 def arguments(model):
     return Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
-                     effort_scale={}, effort_unit='Nm', rename={}, position_unit='rad', accept=(),
-                     reverse=(), zero={}, differentiate=False)
+                     effort_scale={}, effort_unit='Nm', rated_torque={}, rename={},
+                     position_unit='rad', accept=(), reverse=(), zero={}, differentiate=False)
 
 
 @pytest.mark.parametrize('model', ['arm.json', None])

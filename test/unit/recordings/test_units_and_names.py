@@ -220,6 +220,20 @@ def test_currents_need_a_torque_constant():
         ReadOptions(effort_unit='A')
 
 
+@pytest.mark.parametrize(('unit', 'share'), [('percent', 1e-2), ('permille', 1e-3)])
+def test_shares_of_rated_torques(tmp_path, unit, share):
+    known = read_bag(bag(tmp_path / 'nm.mcap')).samples
+    path = bag(tmp_path / 'x.mcap', tau=TAU / (share * np.array([20.0, 5.0])))
+    rated = {'1': 20.0, 'joint_2': 5.0}
+    report = same(path, ReadOptions(effort_unit=unit, rated_torque=rated), known)
+    assert report.effort_scale == pytest.approx({'joint_1': 20 * share, 'joint_2': 5 * share})
+    with pytest.raises(OptionError, match='the rated torque of joint_2 is missing'):
+        read_bag(path, ReadOptions(effort_unit=unit, rated_torque={'1': 20.0}))
+    for options in ({'effort_unit': unit}, {'rated_torque': rated}):
+        with pytest.raises(OptionError, match='rated torque'):
+            ReadOptions(**options)
+
+
 def test_renamed_joints(tmp_path):
     known = read_bag(bag(tmp_path / 'x.mcap', names=('shoulder', 'elbow'))).samples
     path = bag(tmp_path / 'y.mcap')
