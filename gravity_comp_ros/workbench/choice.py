@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 import math
 import shlex
 
@@ -20,12 +20,11 @@ from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 @dataclass(frozen=True)
 class Choice:
     """
-    Chosen runs (by number) and joints, reading options, and samples.
+    Chosen runs (by number) and joints, options of reading, and samples.
 
-    `effort_scale` is N·m per unit of effort by joint, sign included (default 1); `differentiate`
-    computes velocities from positions. `urdf` is the robot description for the joint axes,
-    `none` for no description, None for that of the recordings. Gravity is fitted to and compared
-    on samples slower than `max_speed` in rad/s (None: the default limit), or all samples.
+    The joints are those of `joints`, in this order. `urdf` is the robot description for the joint
+    axes, `none` for no description, None for that of the recordings. Gravity is fitted to and
+    compared on samples slower than `max_speed` in rad/s (None: the default limit), or all samples.
 
     :raises OptionError: if a value is invalid.
     """
@@ -33,8 +32,7 @@ class Choice:
     runs: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
     formulation: str = FitOptions().formulation
-    effort_scale: Mapping[str, float] = field(default_factory=dict)
-    differentiate: bool = False
+    reading: ReadOptions = ReadOptions()
     max_speed: float | None = None
     all_samples: bool = False
     urdf: str | None = None
@@ -43,16 +41,12 @@ class Choice:
         if self.max_speed is not None and not (math.isfinite(self.max_speed)
                                                and self.max_speed > 0.0):
             raise OptionError(f'the speed limit is {self.max_speed} rad/s; it must be above 0')
-        for joint, scale in self.effort_scale.items():
-            if not math.isfinite(scale) or scale == 0.0:
-                raise OptionError(f'the scale of the effort of {joint} is {scale}; it must be '
-                                  f'finite and not 0')
 
-    def reading(self, topic: str | None) -> ReadOptions:
-        """Return the options to read the recordings."""
-        scale = {joint: x for joint, x in self.effort_scale.items()
+    def options(self) -> ReadOptions:
+        """Return the options to read the recordings; what is refused is refused by each job."""
+        scale = {joint: x for joint, x in self.reading.effort_scale.items()
                  if x != 1.0 and (not self.joints or joint in self.joints)}
-        return ReadOptions(topic, self.joints or None, scale, self.differentiate)
+        return replace(self.reading, joints=self.joints or None, effort_scale=scale, refuse=False)
 
     def learning(self, ordered: bool) -> LearnOptions:
         """
@@ -86,16 +80,6 @@ class Choice:
             raise DataError('no run is selected')
         return Recording(concatenate(runs).joints(self.joints), self.gate(),
                          tuple(reports[number] for number in self.runs))
-
-    def reading_options(self, topic: str | None, joints: bool = True) -> list[str]:
-        """Return the arguments of a command with the same reading options."""
-        command = [] if topic is None else ['--topic', topic]
-        if joints:
-            command += ['--joints', ','.join(self.joints)]
-        options = self.reading(topic)
-        for joint, scale in options.effort_scale.items():
-            command += ['--effort-scale', f'{joint}={scale!r}']
-        return command + (['--differentiate'] if self.differentiate else [])
 
     def gate_options(self) -> list[str]:
         """Return the arguments of a command with the same gate."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts, model_facts
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import ASKED, known_arm, learn, Learned, LearnOptions
+from gravity_comp_ros.api.learn import (
+    ASKED, known_arm, KnownArm, learn, Learned, LearnOptions)
 from gravity_comp_ros.api.read import read_each
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import add_to_model
@@ -21,6 +24,7 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+from gravity_comp_ros.recordings.bag import Recording as BagRecording
 from gravity_comp_ros.workbench.choice import Choice
 import numpy as np
 
@@ -31,12 +35,14 @@ class Read:
     Read recordings; the process keeps the samples for later jobs.
 
     `model` is the name of the model that determines the joints, if any. `urdf` is as in `Choice`.
+    `ordered` tells whether the joints were given in the order of the arm.
     """
 
     paths: tuple[Path, ...]
     options: ReadOptions
     model: str = ''
     urdf: str | None = None
+    ordered: bool = False
 
     def gives_same_samples(self, other: Read | None) -> bool:
         """Return whether another reading gives the same samples, up to the order of joints."""
@@ -127,6 +133,10 @@ class JobRunner:
         if isinstance(job, Read):
             return read
         recording = job.choice.recording(read.samples, read.reports)
+        for report in recording.reports:
+            check_facts(report.facts, where=report.path.name)
+        if isinstance(job, (Diagnose, Add)):
+            check_facts(model_facts(recording, job.read.options, job.model))
         if isinstance(job, Learn):
             return _learned(recording, job, progress)
         if isinstance(job, Diagnose):
@@ -157,14 +167,25 @@ def _read(job: Read, progress: Progress) -> ReadResult:
     recordings = read_each(job.paths, job.options, progress)
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
+    arm = known_arm(Recording(samples, None, reports),
+                    LearnOptions(axes=AxesOptions(job.urdf), ordered=job.ordered))
     if job.options.joints is not None:
-        return ReadResult(samples, reports)
-    arm = known_arm(Recording(samples, None, reports), LearnOptions(axes=AxesOptions(job.urdf)))
+        return ReadResult(samples, _judged(recordings, arm, job.options))
     left_out = arm.axes.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
-    return ReadResult(samples.joints(arm.order.joints), reports)
+    return ReadResult(samples.joints(arm.order.joints), _judged(recordings, arm, job.options))
+
+
+def _judged(recordings: Sequence[BagRecording], arm: KnownArm,
+            options: ReadOptions) -> tuple[ReadReport, ...]:
+    """Return the reports with the facts on the joints against each other."""
+    reports = []
+    for each in recordings:
+        facts = arm_facts(Recording(each.samples, None, (each.report,)), arm, options)
+        reports.append(replace(each.report, facts=(*each.report.facts, *facts)))
+    return tuple(reports)
 
 
 def _learned(recording: Recording, job: Learn, progress: Progress) -> Learned:

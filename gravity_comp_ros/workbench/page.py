@@ -72,14 +72,15 @@ class Page:
         dark = widgets.button('Dark or light', lambda: None, name='style')
         dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
         self.settings = column(widgets.html(''), sizing_mode='stretch_width')
-        self.earlier = widgets.html('', 'earlier')
+        self.facts, self.earlier = widgets.html('', 'facts'), widgets.html('', 'earlier')
         self.missing, self.history, self.shown = (
             column(widgets.html(''), sizing_mode='stretch_width', name=name)
             for name in ('missing', 'history', 'shown'))
         head = column(self.verdict, row(self.status, self.cancel, self.retry,
                                         sizing_mode='stretch_width'),
                       self.downloads.element, self.link, name='head', sizing_mode='stretch_width')
-        side = column(dark, self.settings, self.earlier, sizing_mode='stretch_width', name='side')
+        side = column(dark, self.facts, self.settings, self.earlier, name='side',
+                      sizing_mode='stretch_width')
         views = column(widgets.tabs(NAMES, self._on_tab), self.shown, name='views',
                        sizing_mode='stretch_width')
         for root in (head, side, self.missing, self.history, views):
@@ -157,6 +158,7 @@ class Page:
         """Show a new state of the session."""
         session = results.session
         self._version = session.version
+        self.facts.text = page_parts.facts_html(session.read.reports if session.read else ())
         self._make_views(results)
         self._show_verdict(session)
         plans = PlanActions(session.request_plan, self.downloads.give)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bokeh.models import CustomJS, Div
+from gravity_comp_ros.facts.fact import Action
+from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.access import ARGUMENT
 from gravity_comp_ros.workbench.jobs import described
@@ -74,6 +76,19 @@ def status_html(results: Results) -> str:
     if session.error:
         return f'<p id="trouble" class="warning">{markup.text(session.error)}</p>{below}'
     return f'<p id="idle" class="quiet">{markup.text(session.done or "Ready")}</p>{below}'
+
+
+def facts_html(reports: Sequence[ReadReport]) -> str:
+    """Return the facts of each recording, a line each; '' if there are none."""
+    lines = [(report.path.name, fact) for report in reports for fact in report.facts]
+    if not lines:
+        return ''
+    listed = ''.join(
+        f'<li class="{"warning" if fact.action is Action.REFUSED else "quiet"}">'
+        f'{markup.text(name)}: {"refused: " * (fact.action is Action.REFUSED)}'
+        f'{markup.text(fact.sentence)}</li>' for name, fact in lines)
+    return f'<details id="facts" open><summary>Facts of the recordings ({len(lines)})</summary>' \
+           f'<ul>{listed}</ul></details>'
 
 
 def earlier_html(saved: Sequence[Entry], token: str) -> str:

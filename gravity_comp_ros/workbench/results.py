@@ -192,15 +192,14 @@ class Results:
         session = self.session
         if session.at is None:
             return []
-        return [*stages.command_lines(session.stages, session.at, session.paths, session.topic),
-                *stages.reports(session.choice, session.paths, session.topic)]
+        return [*stages.command_lines(session.stages, session.at, session.paths),
+                *stages.reports(session.choice, session.paths)]
 
     def _next_command(self) -> str:
         """Return the command line that adds the established and likely effects."""
         targets = tuple(t for f, t in self.findings() if t and f.is_missing)
         session = self.session
-        return stages.add_command(targets, session.choice, session.paths,
-                                  session.topic) if targets else ''
+        return stages.add_command(targets, session.choice, session.paths) if targets else ''
 
     def models(self) -> list[NamedModel]:
         """Return all models that can be compared: stages, and further model files."""

@@ -158,11 +158,10 @@ def _start(options: ServeOptions) -> Start:
     urdf = None if options.urdf is None else options.urdf.resolve()
     # The same default as `fit`: a chain with --urdf.
     default = FitOptions().formulation if urdf is None else 'chain'
-    choice = Choice((), reading.joints or (), options.formulation or default,
-                    dict(reading.effort_scale), reading.differentiate, options.max_speed,
-                    options.all_samples, None if urdf is None else str(urdf))
+    choice = Choice((), reading.joints or (), options.formulation or default, reading,
+                    options.max_speed, options.all_samples, None if urdf is None else str(urdf))
     given = tuple(GivenModel(path, load_model(path)) for path in options.models)
-    return Start(options.bags, choice, given, reading.topic, urdf)
+    return Start(options.bags, choice, given, urdf)
 
 
 def _argument(document: Document, name: str) -> str:

@@ -45,7 +45,7 @@ class Session:
                  place: Path | None = None) -> None:
         self.id, self.place, self.worker = identity, place, worker
         self.paths, self.choice, self.given = start.paths, start.choice, start.given
-        self.topic, self.urdf = start.topic, start.urdf
+        self.urdf = start.urdf
         self.joints = start.choice.joints
         self.ordered = bool(start.choice.joints)
         self.read: ReadResult | None = None
@@ -265,8 +265,8 @@ class Session:
                            warnings=warnings_of_fit(answer)))
 
     def _reading(self) -> Read:
-        return Read(self.paths, self.choice.reading(self.topic),
-                    self.given[0].name if self.given else '', self.choice.urdf)
+        return Read(self.paths, self.choice.options(),
+                    self.given[0].name if self.given else '', self.choice.urdf, self.ordered)
 
     def _append(self, stage: Stage) -> None:
         self.stages = [*self.stages[:0 if self.at is None else self.at + 1], stage]
@@ -314,7 +314,7 @@ class Session:
             return
         try:
             store.save(self.place, self.id, Saved(
-                Start(self.paths, self.choice, self.given, self.topic, self.urdf), self.joints,
+                Start(self.paths, self.choice, self.given, self.urdf), self.joints,
                 tuple(self.stages), self.at, self.to_learn, self._hashes()))
             self.save_error = ''
         except GravityCompError as problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bokeh.layouts import column
 from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
@@ -11,6 +11,7 @@ from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
+from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
@@ -49,12 +50,19 @@ class Sidebar:
             'Speed limit of slow samples, rad/s', limit, 'max-speed',
             f'{GateOptions().max_speed:g}')
         self.scales: dict[str, TextInput] = {
-            name: widgets.field(name, f'{choice.effort_scale.get(name, 1.0):g}', f'scale-{k}')
+            name: widgets.field(name, f'{choice.reading.effort_scale.get(name, 1.0):g}',
+                                f'scale-{k}')
             for k, name in enumerate(self._joints)}
         self.speeds = widgets.boxes(['compute velocities from positions'],
-                                    [0] if choice.differentiate else [], 'differentiate')
+                                    [0] if choice.reading.differentiate else [], 'differentiate')
         self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
                                                   choice.formulation, name='formulation')
+        # Kinds of facts that are refused, or were accepted.
+        kinds = dict.fromkeys(fact.kind.value for r in reports for fact in refused(r.facts))
+        self._kinds = tuple(dict.fromkeys((*choice.reading.accept, *kinds)))
+        self.accept: CheckboxGroup = widgets.boxes(
+            [f'accept {kind}' for kind in self._kinds],
+            [self._kinds.index(kind) for kind in choice.reading.accept], 'accept')
         known = [(_KNOWN, 'from the description, if any'), (_UNKNOWN, 'unknown')]
         self._urdf = choice.urdf if choice.urdf != NO_DESCRIPTION else \
             None if session.urdf is None else str(session.urdf)
@@ -76,9 +84,11 @@ class Sidebar:
         scale = {name: _number(field.value, f'the scale of the effort of {name}')
                  for name, field in self.scales.items()}
         limit = self.limit.value.strip()
-        return Choice(runs, joints, self.formulation.value,
-                      {name: x for name, x in scale.items() if x != 1.0},
-                      bool(self.speeds.active),
+        reading = replace(
+            self.shows.reading, effort_scale={name: x for name, x in scale.items() if x != 1.0},
+            differentiate=bool(self.speeds.active),
+            accept=tuple(self._kinds[k] for k in sorted(self.accept.active)))
+        return Choice(runs, joints, self.formulation.value, reading,
                       _number(limit, 'the speed limit') if limit else None,
                       self.samples.value == _ALL,
                       NO_DESCRIPTION if self.axes.value == _UNKNOWN else self._urdf)
@@ -92,7 +102,7 @@ class Sidebar:
         show_units = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
                                     name='show-units')
         return [
-            widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
+            widgets.html('<h3>Runs</h3>'), self.runs, self.accept, widgets.html('<h3>Joints</h3>'),
             self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,
             units, self.formulation, self.axes,
             widgets.button('Fit with these settings', actions.learn, 'primary', name='learn'),

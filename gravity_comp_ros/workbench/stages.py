@@ -36,7 +36,6 @@ class Start:
     paths: tuple[Path, ...]
     choice: Choice = Choice()
     given: tuple[GivenModel, ...] = ()
-    topic: str | None = None
     urdf: Path | None = None
 
 
@@ -66,31 +65,29 @@ def branch(stages: Sequence[Stage], number: int) -> list[Stage]:
     return list(stages[start:number + 1])
 
 
-def command_lines(stages: Sequence[Stage], number: int, bags: tuple[Path, ...],
-                  topic: str | None) -> list[str]:
+def command_lines(stages: Sequence[Stage], number: int, bags: tuple[Path, ...]) -> list[str]:
     """
     Return command lines that reproduce the model exactly.
 
     :param bags: all recordings; the choice of each stage selects among them.
     """
-    return [_command(stage, bags, topic) for stage in branch(stages, number)]
+    return [_command(stage, bags) for stage in branch(stages, number)]
 
 
-def reports(choice: Choice, bags: tuple[Path, ...], topic: str | None) -> list[str]:
+def reports(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
     """Return command lines for the comparison and the diagnosis of the page."""
     files = _files(choice, bags)
-    reading = choice.reading_options(topic, joints=False)
+    reading = choice.options().words(joints=False)
     return [line('gravity_comp', 'compare', *files, '--model', MODEL_FILE, *reading,
                  *choice.gate_options()),
             line('gravity_comp', 'diagnose', *files, '--model', MODEL_FILE, *reading, '--html',
                  'report.html')]
 
 
-def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...],
-                topic: str | None) -> str:
+def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...]) -> str:
     """Return the command line that adds effects."""
     return line('gravity_comp', 'add', ','.join(effects), '--model', MODEL_FILE,
-                *_files(choice, bags), *choice.reading_options(topic, joints=False),
+                *_files(choice, bags), *choice.options().words(joints=False),
                 *choice.gate_options())
 
 
@@ -112,14 +109,14 @@ def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
+def _command(stage: Stage, bags: tuple[Path, ...]) -> str:
     if stage.given is not None:
         return line('cp', str(stage.given.resolve()), MODEL_FILE)
     if stage.effects:
-        return add_command(stage.effects, stage.choice, bags, topic)
+        return add_command(stage.effects, stage.choice, bags)
     choice = stage.choice
     return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
-                *choice.reading_options(topic), *choice.gate_options(), '-o', MODEL_FILE)
+                *choice.options().words(), *choice.gate_options(), '-o', MODEL_FILE)
 
 
 def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:

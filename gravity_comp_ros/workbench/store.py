@@ -22,10 +22,11 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.stages import GivenModel, Stage, Start
 
-_VERSION = 2
+_VERSION = 3
 _ID = re.compile(r'[0-9a-f]{16}')
 _MAX_SESSIONS = 50
 _MAX_BYTES = 256 * 2 ** 20
@@ -83,7 +84,7 @@ def save(place: Path, identity: str, saved: Saved) -> None:
         raise GravityCompError(f'cannot save the session in {place}: {problem}') from problem
     start = saved.start
     document = {
-        'version': _VERSION, 'changed': now(), 'topic': start.topic, 'urdf': _absolute(start.urdf),
+        'version': _VERSION, 'changed': now(), 'urdf': _absolute(start.urdf),
         'recordings': [_absolute(path) for path in start.paths], 'hashes': dict(saved.hashes),
         'given': [_absolute(given.path) for given in start.given], 'joints': list(saved.joints),
         'choice': asdict(start.choice), 'at': saved.at, 'to_learn': saved.to_learn,
@@ -109,7 +110,7 @@ def load(place: Path, identity: str) -> Saved:
         given = tuple(GivenModel(Path(path), load_model(path)) for path in document['given']
                       if Path(path).is_file())
         start = Start(tuple(map(Path, document['recordings'])), _choice(document['choice']), given,
-                      document['topic'], Path(document['urdf']) if document['urdf'] else None)
+                      Path(document['urdf']) if document['urdf'] else None)
         saved = Saved(start, tuple(document['joints']),
                       tuple(_unstage(entry) for entry in document['stages']), document['at'],
                       bool(document['to_learn']), dict(document['hashes']))
@@ -178,8 +179,11 @@ def _unstage(entry: dict[str, Any]) -> Stage:
 
 
 def _choice(entry: dict[str, Any]) -> Choice:
+    options: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
+                               for name, value in entry['reading'].items()}
     return Choice(**{**entry, 'runs': tuple(map(int, entry['runs'])),
-                     'joints': tuple(map(str, entry['joints']))})
+                     'joints': tuple(map(str, entry['joints'])),
+                     'reading': ReadOptions(**options)})
 
 
 def _check(saved: Saved) -> None:

@@ -1,6 +1,7 @@
 """Access to the server of the workbench: token, websocket, uploads, closing connections."""
 
 import asyncio
+from dataclasses import replace
 import http.client
 import inspect
 import logging
@@ -14,6 +15,7 @@ from bokeh.application import Application
 from bokeh.util.token import generate_jwt_token, generate_session_id
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import serve, upload
+from gravity_comp_ros.workbench.page_parts import facts_html
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Start
 import pytest
@@ -163,6 +165,22 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     while served.call(lambda: upload.UploadHandler._running):
         pass
     assert [path.name for path in kept.iterdir()] == [file.name]
+
+
+def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, tmp_path):
+    (session,) = served.sessions.open.values()
+    samples = two_links(2)
+    write_bag(tmp_path / 'new.mcap', [joint_states(replace(samples, tau=samples.tau * [1, 4]))])
+    status, _, _ = served.request(
+        f'/upload?token={TOKEN}&session={session.id}&name=new.mcap', 'PUT',
+        (tmp_path / 'new.mcap').read_bytes(), Origin=f'http://{served.host}')
+    worked(session)
+    assert status == 204 and session.choice.runs == (0, 1) and session.stage is None
+    (line,) = re.findall('new.mcap: refused: [^<]*', facts_html(session.read.reports))
+    assert 'gains disagree' in line and line.replace('refused: ', '') in session.error
+    session.learn(replace(session.choice, runs=(0,)))
+    worked(session, until='Diagnose')
+    assert not session.error and session.stage is not None
 
 
 @pytest.mark.parametrize('late', [False, True])

@@ -24,7 +24,7 @@ from gravity_comp_ros.workbench import sessions as all_sessions, store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.jobs import Add, Learn, Read
-from gravity_comp_ros.workbench.page_parts import status_html
+from gravity_comp_ros.workbench.page_parts import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import GivenModel, Start
@@ -179,6 +179,21 @@ def test_a_recording_without_efforts_is_reported(tmp_path):
     assert markup.text(session.error) in status_html(Results(session))
 
 
+def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_path):
+    path, samples = tmp_path / 'small.mcap', two_links(1)
+    write_bag(path, [joint_states(replace(samples, tau=samples.tau / 1e4))])
+    session = worked(session_of(path))
+    assert session.error.startswith('small.mcap: no effort reaches 0.1 N·m')
+    assert session.stage is None and '--effort-scale' in session.error
+    assert 'class="warning">small.mcap: refused: no effort' in facts_html(session.read.reports)
+    read = session.choice.reading
+    for change in ({'effort_scale': dict.fromkeys(JOINTS, 1e4)}, {'accept': ('effort_unit',)}):
+        session.learn(replace(session.choice, reading=replace(read, **change)))
+        worked(session, until='Diagnose')
+        assert not session.error and 'refused' not in facts_html(session.read.reports)
+    assert '--accept effort_unit' in Results(session).commands()[0]
+
+
 def test_a_description_that_cannot_be_read_is_reported(paths, tmp_path):
     session = worked(session_of(*paths, urdf=tmp_path / 'none.urdf'), until='Learn')
     assert Results(session).contents().arm is None
@@ -194,8 +209,9 @@ def a_random_choice(rng, session):
     gate = {} if rng.random() < 0.5 else (
         {'max_speed': 0.1} if rng.random() < 0.5 else {'all_samples': True})
     scale = {} if rng.random() < 0.5 else {'elbow': -1.0 / 3.0}
-    return replace(session.choice, runs=runs, joints=joints, effort_scale=scale,
-                   differentiate=bool(rng.random() < 0.5), **gate)
+    reading = replace(session.choice.reading, effort_scale=scale,
+                      differentiate=bool(rng.random() < 0.5))
+    return replace(session.choice, runs=runs, joints=joints, reading=reading, **gate)
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(1)])
@@ -206,7 +222,8 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
     bags = tuple(folder / path.name for path in paths)
     for path, bag in zip(paths, bags):
         bag.write_bytes(path.read_bytes())
-    session = worked(session_of(*bags, topic='/joint_states' if seed % 2 else None), until='Learn')
+    reading = ReadOptions('/joint_states' if seed % 2 else None, zero={'elbow': 0.1 / 3.0})
+    session = worked(session_of(*bags, choice=Choice(reading=reading)), until='Learn')
     results = Results(session)
     session.learn(a_random_choice(rng, session))
     worked(session, until='Diagnose')
