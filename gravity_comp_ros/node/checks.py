@@ -15,6 +15,7 @@ JOINTS_AGREE, BODY_EXPLAINS = 'joints agree', 'a body explains the change'
 NO_FAULT, WITHIN_LIMITS = 'no fault explains it better', 'within the payload limits'
 BODY_PRESENT, IN_EACH_PART = 'a body is present', 'in each part of the window'
 NO_PUSH, NOT_VARYING = 'no push in another direction', 'no varying force'
+NO_FACT = 'no fact against the samples'
 LASTS = 'lasts long enough'
 PREDICTS, BETTER_THAN_PREVIOUS = 'predicts new samples', 'better than the previous model'
 

@@ -20,8 +20,8 @@ from gravity_comp_ros.node.rows import Rows
 import numpy as np
 
 # Checks that fail where the effort is faulty.
-FAULTS = (checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS, checks.NO_FAULT,
-          checks.WITHIN_LIMITS)
+FAULTS = (checks.NO_FACT, checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS,
+          checks.NO_FAULT, checks.WITHIN_LIMITS)
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class FitJob:
     - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
     - `payload`: limits of a payload; `geometry`: the axes where they are known.
     - `formulation`: formulation of a full fit, as in `FitOptions`.
+    - `accept`: names of kinds of facts (`facts.fact.Kind`) that do not prevent a first model.
     """
 
     rows: Rows
@@ -67,6 +68,7 @@ class FitJob:
     on_request: bool = False
     payload: PayloadLimits = PayloadLimits()
     geometry: Geometry | None = None
+    accept: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from gravity_comp_ros.evaluation.expected_residual import expected_residual, res
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.node import acceptance, checks
+from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import compare, Prediction, reference_noise
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Hypotheses
@@ -160,6 +160,20 @@ def run_fit(job: FitJob) -> FitResult:
     :raises FitError: if there is no result, or there are too few samples for the effects.
     :raises DataError: if the samples do not excite a requested effect.
     """
+    if job.base is not None:
+        return _compared_fit(job)
+    job, check = first_samples.judged(job)
+    try:
+        result = _compared_fit(job)
+    except (FitError, DataError) as error:
+        if check.passed:
+            raise
+        raise DataError(check.text) from error
+    text = f'{check.text}; ' * bool(check.text and check.passed)
+    return replace(result, checks=(check, *result.checks), figures=text + result.figures)
+
+
+def _compared_fit(job: FitJob) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)

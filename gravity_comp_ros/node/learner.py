@@ -124,7 +124,7 @@ class Learner:
         base, old, settings = self.base, self.models.model, self.settings
         self._submit(wall, Running(FIT, lambda: FitJob(
             rows_of(ring), base, old, settings.formulation, settings.effects,
-            request is not None, limits, geometry), request))
+            request is not None, limits, geometry, settings.accept), request))
         arm.epoch.fit_started()
 
     def _start_request(self, arm: Arm, wall: float) -> None:

@@ -12,6 +12,7 @@ import math
 from typing import Any
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.facts.fact import Kind
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -190,6 +191,10 @@ class Parameters:
     compensate_speed: float = parameter(
         0.02, 'Minimum speed over which compensated friction changes its sign. Set it above the '
         'noise of the velocity at rest.', 'rad/s', 0.001, 1.0)
+    accept: tuple[str, ...] = parameter(
+        (), 'Facts about the samples for which a first model is refused otherwise, by their names '
+        'in the reply of `~/refit`, such as `effort_unit`.',
+        choices=tuple(kind.value for kind in Kind))
     settle_time: float = parameter(
         0.5, 'Time after `~/payload_changed` during which nothing is learned: the payload may '
         'swing.', 's', 0.0, 60.0)

@@ -455,6 +455,20 @@ def test_samples_that_were_left_out_as_outliers_are_a_warning(live):
     assert 'brake' in report.message and 'epoch 0 open' in report.message
 
 
+def test_what_fit_refuses_gives_no_first_model_unless_it_is_accepted(live):
+    small = 0.01 * torque(motion(200)[1])
+    node = live(auto_fit=False, formulation='potential')
+    feed_efforts(node, small)
+    success, text = refit(node)
+    assert not success and node.models.model is None
+    assert 'no effort reaches 0.1 N·m' in text and 'accept: [effort_unit]' in text
+    report = status(node, 'learning')
+    assert report.level == ERROR and 'no effort reaches' in report.message
+    node = live(auto_fit=False, formulation='potential', accept=('effort_unit',))
+    feed_efforts(node, small)
+    assert refit(node)[0] and node.models.model is not None
+
+
 def test_an_arm_that_compensates_gravity_itself_is_reported(live):
     node, rng = live(auto_fit=False, formulation='potential'), np.random.default_rng(2)
     feed_efforts(node, 0.1 * rng.standard_normal((200, 2)))

@@ -1,6 +1,7 @@
 """Fit process: it stays running; its death, hang or failure is detected."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 import re
 import subprocess
@@ -8,11 +9,12 @@ import sys
 import time
 
 from bench.shared.node_messages import rows_of
-from bench.shared.rough_links import two_links
+from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
+from gravity_comp_ros.node.rows import Rows
 from gravity_comp_ros.worker.supervised import BUSY, Failure, READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
 import numpy as np
@@ -54,6 +56,19 @@ def wait(fits, condition, seconds=60.0):
         events += fits.poll(time.monotonic())
         time.sleep(0.002)
     return events
+
+
+@pytest.mark.parametrize(('gains', 'kind'), [
+    ([1.0, 1.0], ''), ([-1.0, -1.0], 'effort_sign'), ([1.0, 4.0], 'effort_gain'),
+    ([1e-2, 1e-2], 'effort_unit')])
+def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
+    rough = two_links(1, reach=WIDE)
+    samples = replace(rough, tau=rough.tau * gains).select(np.arange(0, 1200, 4))
+    rows = Rows(samples, np.arange(300) % 20 >= 15)
+    result = run_fit(FitJob(rows, None, None, 'potential'))
+    assert result.accepted == (not kind) and kind in result.fault
+    accepted = run_fit(FitJob(rows, None, None, 'potential', accept=(kind,) if kind else ()))
+    assert accepted.checks[0].passed
 
 
 def test_it_fits_and_stays_running():
