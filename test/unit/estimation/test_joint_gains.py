@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from bench.shared.campaign import campaign
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import JointSamples
@@ -104,12 +105,13 @@ def test_coarse_counts_of_some_joints():
 
 @pytest.mark.parametrize('name, more', [
     ('spring', lambda q, qd, t: np.array([0, 0, 15.0, 0, 0, 0]) * (q - 0.5)),
-    ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
-    ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2.0),
     ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
     ('body from 50 s on', lambda q, qd, t: (t > 50)[:, None] * (gravity_torque(
         HEAVY, q) - gravity_torque(ARM, q))),
     ('contact', lambda q, qd, t: 20.0 * ((t > 50) & (t < 53))[:, None] + 0 * q),
+    *campaign(
+        ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
+        ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2)),
 ])
 def test_other_effects_are_neither(name, more):
     assert_neither(ArmFit(recorded(more=more)))
@@ -137,7 +139,7 @@ def turned(pitch, begin, seconds, q, t):
 
 
 @pytest.mark.parametrize('pitch, begin, seconds', [
-    (0.12, 50.0, 0.1), (-0.4, 20.0, 15.0)])
+    (0.12, 50.0, 0.1), *campaign((-0.4, 20.0, 15.0))])
 def test_a_base_that_turns(pitch, begin, seconds):
     fit = ArmFit(recorded(more=lambda q, qd, t: turned(pitch, begin, seconds, q, t)))
     (fact,) = moved_base(fit).facts()
