@@ -19,6 +19,29 @@ _MIN_DURATION = 10.0
 _MIN_TIME, _TIMES = 0.1, 4
 
 
+def _by_recording(motion: Motion, setting: Setting) -> FloatArray:
+    """
+    Return the factors (M, K) of a mean, and of the deviations of all recordings but the last.
+
+    :param setting: the starts of the recordings; empty for one value in all of them.
+    """
+    samples, starts = motion.samples, np.array(list(setting.values()))
+    columns = np.ones((samples.n_samples, max(1, len(starts))))
+    if len(starts):
+        own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
+        here = np.abs(own[:, None] - starts) < _SAME_START
+        columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
+    return columns
+
+
+def _recordings(motion: Motion) -> list[dict[str, float]]:
+    """Return the settings of one value, and of one for each recording if stamps name them."""
+    starts, clock = motion.samples.starts, has_clock(motion.samples)
+    if len(starts) < 2 or not clock:
+        return [{}]
+    return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
+
+
 class TorqueOffset(Effect):
     """
     The column is 1, and there are others if the offset differs between recordings.
@@ -53,20 +76,11 @@ class TorqueOffset(Effect):
     size = 0.3
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        samples, starts = motion.samples, np.array(list(setting.values()))
-        columns = np.ones((samples.n_samples, max(1, len(starts))))
-        if len(starts):
-            own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
-            here = np.abs(own[:, None] - starts) < _SAME_START
-            columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
-        return columns
+        return _by_recording(motion, setting)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return one offset, and one for each recording."""
-        starts, clock = motion.samples.starts, has_clock(motion.samples)
-        if len(starts) < 2 or not clock:
-            return [{}]
-        return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
+        return _recordings(motion)
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         return (*self.coefficients, *(
@@ -75,16 +89,25 @@ class TorqueOffset(Effect):
 
 
 class TorqueGain(Effect):
+    """
+    The column is gravity, and there are others if the gain differs between recordings.
+
+    The settings and the deviations d_k are those of `TorqueOffset`: a sensor may be calibrated, or
+    a drive changed, between recordings.
+    """
+
     name = 'torque_gain'
     title = 'Torque scale error'
     family = 'offset'
-    equation = 'tau_n = k g_n(q)'
-    description = 'Torque signal with an incorrect torque constant or gear ratio.'
+    equation = 'tau_n = k g_n(q), or (k + d_k) g_n(q) in recording k'
+    description = ('Torque signal with an incorrect torque constant or gear ratio, which may '
+                   'differ between recordings if the sensor is calibrated at each start.')
     coefficients = (Coefficient('k', '', 'relative error of the torque scale'),)
     confounders = ('payload_change', 'load_dependent_friction')
     experiment = ('attach a known mass to the arm and compare the change of the torque of joint '
                   '{joint} with weight times lever arm')
     signature = 'load'
+    setting_units = {'start_k': 's'}
     needs = Needs.SPEED
     source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
@@ -95,13 +118,22 @@ class TorqueGain(Effect):
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return motion.gravity[:, [joint]]
+        return motion.gravity[:, [joint]] * _by_recording(motion, setting)
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return one gain, and one for each recording."""
+        return _recordings(motion)
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        return (*self.coefficients, *(
+            Coefficient(f'd_{k}', '', f'deviation of the error in recording {k}')
+            for k in range(1, len(setting))))
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_load(motion.gravity[:, joint])
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.1])
+        return np.full(len(sizes.columns), 0.1)
 
 
 class TorqueDrift(Effect):

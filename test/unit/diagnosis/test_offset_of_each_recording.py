@@ -1,4 +1,4 @@
-"""A torque sensor that is zeroed at each start has another offset in each recording."""
+"""A torque sensor that is set at each start has another offset or gain in each recording."""
 
 from dataclasses import replace
 
@@ -72,3 +72,36 @@ def test_a_spring_at_rest_far_outside_is_no_alternative_to_an_offset():
     assert spring.implausible(np.array([0.2, 1.2]), linear) is None
     assert '360 degrees' in spring.implausible(np.array([-0.2, 1.3]), linear)
     assert spring.implausible(np.array([0.0, 1.3]), crank) is None
+
+
+def gains_of(gains):
+    """Return three recordings whose efforts of the shoulder have these gains, and the findings."""
+    runs = []
+    for k, gain in enumerate(gains):
+        samples = two_links(20 + k, reach=WIDE)
+        runs.append(replace(samples, tau=samples.tau * [gain, 1.0],
+                            starts=(MORNING + 100.0 * k,)))
+    samples = concatenate(runs)
+    model = fit(samples).model
+    return samples, model, {(f.effect, f.joint): f for f in diagnose(samples, model).findings
+                            if f.verdict in FOUND}
+
+
+def test_a_gain_of_each_recording_is_found_and_the_mean_is_predicted_later():
+    samples, model, findings = gains_of([1.1, 0.95, 1.0])
+    gain = findings['torque_gain', 'shoulder'].coefficients
+    # The mean gain is part of gravity; the deviations are relative to it.
+    assert set(gain) == {'k', 'd_1', 'd_2'}
+    for symbol, true in (('d_1', 1.1 - 1.0167), ('d_2', 0.95 - 1.0167)):
+        assert gain[symbol].value == pytest.approx(true, abs=0.015)
+    assert not any(effect == 'payload_change' for effect, _ in findings)
+    targets = [f'{effect}:{joint}' for effect, joint in findings if joint]
+    model = refit(samples, model, requests(targets, samples.names)).model
+    later = two_links(30, reach=WIDE)
+    later = replace(later, tau=later.tau * [1.0167, 1.0], starts=(MORNING + 1000.0,))
+    error = (predict_torque(model, later) - later.tau)[:, 0]
+    assert np.sqrt((error ** 2).mean()) < 2.0 * NOISE
+
+
+def test_equal_gains_are_no_finding():
+    assert all(effect != 'torque_gain' for effect, _ in gains_of([1.0, 1.0, 1.0])[2])
