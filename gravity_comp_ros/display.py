@@ -68,8 +68,11 @@ class Displayable(ABC):
 
 
 def percent(share: float | None) -> str:
-    """Return a share as per cent, a dash for None or a number that is not finite."""
-    return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
+    """Return a share with three digits, 9.63 % or 18.2 %; a dash for None or NaN."""
+    if share is None or not math.isfinite(share):
+        return '–'
+    value = 100.0 * share
+    return f'{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f} %'
 
 
 def change(before: float, after: float) -> str:

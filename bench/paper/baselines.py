@@ -1,11 +1,10 @@
 """
-Other methods: regression with known kinematics, kernels, an explicit formula, a nominal URDF.
+Other methods: regression with known kinematics, kernel ridge, an explicit formula, a nominal URDF.
 
 - regression: with known kinematics the torque is linear in the masses and first moments of the
   links (Yu 2022, Eq. (19)); least squares on Pinocchio's regressor.
-- kernel ridge and SVR: one for each joint, on that joint's row of the same regressor (physical) or
-  on the joint angles (raw). Hyper-parameters by cross-validation over blocks of time; the search
-  is included in the time.
+- kernel ridge: one for each joint, on that joint's row of the same regressor. Hyper-parameters by
+  cross-validation over blocks of time; the search is included in the time.
 - EFD: the explicit formula from D-H parameters, with errors of lengths up to 5 mm, of masses up to
   5 % and of centres up to 1 cm, as from a data sheet and a scale.
 - nominal: Pinocchio with the URDF, without a payload.
@@ -49,55 +48,42 @@ def regression(scene: Scene) -> Fitted:
                   scene.train.n_samples, seconds)
 
 
-def kernel(kind: str, physical: bool, quick: bool = False) -> Method:
-    """Return kernel ridge ('krr') or support vector regression ('svr')."""
+def kernel_ridge(quick: bool = False) -> Method:
+    """Return kernel ridge regression on rows of the regressor."""
     def method(scene: Scene) -> Fitted:
         start = time.process_time()
-        inputs = _inputs(scene, scene.train.q, physical)
-        fits = [_search(kind, quick).fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
+        inputs = _inputs(scene, scene.train.q)
+        fits = [_search(quick).fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
         seconds = time.process_time() - start
 
         def predict(q: FloatArray) -> FloatArray:
             return np.column_stack([search.predict(x) for search, x in zip(
-                fits, _inputs(scene, q, physical))])
-        counts = [_size(search, scene.train.n_samples) for search in fits]
-        return Fitted(predict, counts, scene.train.n_samples, seconds)
+                fits, _inputs(scene, q))])
+        n = scene.train.n_samples
+        return Fitted(predict, [n] * len(fits), n, seconds)
     return method
 
 
-def _inputs(scene: Scene, q: FloatArray, physical: bool) -> list[FloatArray]:
+def _inputs(scene: Scene, q: FloatArray) -> list[FloatArray]:
     """Return each joint's inputs (M, K)."""
-    if not physical:
-        return [q] * q.shape[1]
     rows = regressors(scene.nominal, q)
     # The torque of a joint depends on the links after it only.
     return [rows[:, n, n * _STATIC:] for n in range(q.shape[1])]
 
 
-def _search(kind: str, quick: bool) -> Any:
+def _search(quick: bool) -> Any:
     from sklearn.compose import TransformedTargetRegressor
     from sklearn.kernel_ridge import KernelRidge
     from sklearn.model_selection import GridSearchCV, KFold
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
-    from sklearn.svm import SVR
-    gammas = [0.1] if quick else [0.01, 0.1]
-    if kind == 'krr':
-        name, model = 'kernelridge', KernelRidge(kernel='rbf')
-        grid = {'alpha': [0.1] if quick else [1e-3, 1e-1, 10.0], 'gamma': gammas}
-    else:
-        name, model = 'svr', SVR(epsilon=0.01)
-        grid = {'C': [10.0] if quick else [1.0, 10.0], 'gamma': gammas}
-    scaled = TransformedTargetRegressor(make_pipeline(StandardScaler(), model),
-                                        transformer=StandardScaler())
+    grid = {'alpha': [0.1] if quick else [1e-3, 1e-1, 10.0],
+            'gamma': [0.1] if quick else [0.01, 0.1]}
+    scaled = TransformedTargetRegressor(
+        make_pipeline(StandardScaler(), KernelRidge(kernel='rbf')), transformer=StandardScaler())
     # Blocks of time: neighbouring samples are autocorrelated, which favours a narrow kernel.
-    return GridSearchCV(scaled, {f'regressor__{name}__{key}': values
+    return GridSearchCV(scaled, {f'regressor__kernelridge__{key}': values
                                  for key, values in grid.items()}, cv=KFold(3))
-
-
-def _size(search: Any, n_samples: int) -> int:
-    last = search.best_estimator_.regressor_[-1]
-    return int(len(last.support_)) if hasattr(last, 'support_') else n_samples
 
 
 def explicit(scene: Scene) -> Fitted:

@@ -18,7 +18,7 @@ from pathlib import Path
 import platform
 
 from bench.paper import figures, page
-from bench.paper.baselines import explicit, kernel, nominal, regression
+from bench.paper.baselines import explicit, kernel_ridge, nominal, regression
 from bench.paper.friction import check
 from bench.paper.methods import formulation, Method, stale, updated
 from bench.paper.recordings import BAGS, evaluate
@@ -75,11 +75,9 @@ def _has(module: str) -> bool:
 
 def _kernels(quick: bool) -> dict[str, Method]:
     if not _has('sklearn'):
-        print('scikit-learn is not installed: no kernel ridge, no SVR')
+        print('scikit-learn is not installed: no kernel ridge')
         return {}
-    return {f'{title} on {inputs}': kernel(kind, physical, quick)
-            for kind, title in (('krr', 'kernel ridge'), ('svr', 'SVR'))
-            for physical, inputs in ((True, 'physical features'), (False, 'raw angles'))}
+    return {'kernel ridge': kernel_ridge(quick)}
 
 
 def _known_kinematics() -> dict[str, Method]:
@@ -116,7 +114,7 @@ def _rows(methods: dict[str, Method], seeds: int, scene_of) -> list[Row]:
     scenes: dict[int, Scene] = {}
     rows = []
     for name, method in methods.items():
-        count = min(seeds, _KERNEL_SEEDS) if 'kernel' in name or 'SVR' in name else seeds
+        count = min(seeds, _KERNEL_SEEDS) if 'kernel' in name else seeds
         results = []
         for seed in range(count):
             if seed not in scenes:

@@ -44,16 +44,12 @@ def solvers(parts: list[list[dict]]) -> str:
 
 
 def growth(rows: list[dict]) -> str:
-    lines = ['| joints | features | L1 problem | support | whole fit of the joint, memory | '
-             'dense ADMM, its memory |', '|---|---|---|---|---|---|']
+    lines = ['| joints | features | L1 problem | whole fit of the joint, memory | dense matrix |',
+             '|---|---|---|---|---|']
     for row in rows[::2]:
-        dense = f'{8e-6 * 1000 * row["features"]:.0f} MB for the matrix alone'
-        if row.get('dense_seconds') is not None:
-            gap = f' (gap {row["dense_gap"]:.0e})' if row['dense_gap'] > 1e-6 else ''
-            dense = f'{seconds(row["dense_seconds"])}{gap}, {row["dense_megabytes"]:.0f} MB'
         lines.append(f'| {row["joints"]} | {row["features"]} | {seconds(row["seconds"])} | '
-                     f'{row["l1_support"]} | {seconds(row["fit_seconds"])}, '
-                     f'{row["megabytes"]:.0f} MB | {dense} |')
+                     f'{seconds(row["fit_seconds"])}, {row["megabytes"]:.0f} MB | '
+                     f'{8e-6 * 1000 * row["features"]:.0f} MB |')
     return '\n'.join(lines)
 
 
@@ -87,9 +83,8 @@ def main() -> None:
     tables = {}
     if args.solver.exists():
         results = json.loads(args.solver.read_text())
-        for name in ('eq17', 'random'):
-            if name in results:
-                tables[name] = solvers([results[name], results.get(f'{name}_slow', [])])
+        if 'eq17' in results:
+            tables['eq17'] = solvers([results['eq17'], results.get('eq17_slow', [])])
         if 'growth' in results:
             tables['growth'] = growth(results['growth'])
     if args.scale.exists():

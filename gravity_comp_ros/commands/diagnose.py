@@ -183,20 +183,6 @@ def _data_table(diagnosis: Diagnosis, motion: RecordingFacts, rest: Mapping[str,
         'effective sample size is smaller', _DATA, rows)
 
 
-def _untestable(diagnosis: Diagnosis) -> list[str]:
-    """Return a line for each effect that is untestable on some joints, with the reason."""
-    grouped: dict[str, list[tuple[str, str]]] = {}
-    for name, report in diagnosis.joints.items():
-        for effect, reason in report.untestable.items():
-            grouped.setdefault(effect, []).append((name, reason))
-    lines = [f'{effect}: {reason}' for effect, reason in diagnosis.untestable.items()]
-    for effect, entries in grouped.items():
-        names = ', '.join(name for name, _ in entries)
-        joints = 'every joint' if len(entries) == len(diagnosis.joints) else names
-        lines.append(f'{effect} on {joints}: {entries[0][1]}')
-    return lines
-
-
 def _show(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts,
           rest: Mapping[str, float], model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
@@ -208,7 +194,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts
     show_next_steps(args, diagnosis)
     for line in motion.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
-    untestable = _untestable(diagnosis)
+    untestable = wording.untestable(diagnosis)
     if untestable:
         terminal.show('', '[bold]not identifiable from this recording[/bold]')
         for line in untestable:

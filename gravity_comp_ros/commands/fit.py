@@ -22,6 +22,9 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
 
+# Number of terms shown of each equation.
+_SHOWN = 8
+
 
 def run(args: argparse.Namespace) -> int:
     """Fit, compare with held-out data, save and show."""
@@ -77,7 +80,7 @@ def _show(args: argparse.Namespace, learned: Learned, held_out: Comparison | Non
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
-        equation = shortened(result.model.equation(joint), args.terms)
+        equation = shortened(result.model.equation(joint), _SHOWN)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
     terminal.warn(*result.report.warnings)
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'

@@ -12,8 +12,7 @@ from gravity_comp_ros.api.steps import compare_model, not_held_out
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.wording import percent
-from gravity_comp_ros.display import change
+from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import Refit, RefitOptions
 from gravity_comp_ros.models.applied_effects import AppliedEffect
@@ -137,7 +136,7 @@ def effect_lines(result: Refit) -> list[str]:
 
 def _numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and nonlinear parameters in one line."""
-    return ', '.join([wording.numbers(effect), *(
+    return ', '.join([wording.coefficients(effect.coefficients, 6), *(
         f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
 
 

@@ -126,7 +126,7 @@ def _synthesis(args: argparse.Namespace, hidden_effects: list[Hidden]) -> Synthe
         payload = arms.Payload(args.payload, com)
     elif args.payload_com is not None:
         raise OptionError('--payload-com requires --payload')
-    noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
+    noise = NoiseOptions(args.relative_noise, args.noise)
     at = None if args.payload_at is None else args.start + args.payload_at
     disturbances = tuple(effect.disturbance for effect in hidden_effects)
     return SynthesisOptions(noise, args.seed, args.static, payload, at, disturbances)

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity, target
+from gravity_comp_ros.models.applied_effects import Quantity, target
 
 if TYPE_CHECKING:
     from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
@@ -40,9 +41,7 @@ def sentence(finding: Finding) -> str:
         at = finding.setting.get('angle')
         near = '' if at is None else f' near {at:.2f} rad'
         return f'unexplained torque on {place}{near}, which no effect of the library describes'
-    what = f'{title(finding.effect)} on {place}'
-    size = sizes(finding.coefficients)
-    what += f' ({size})' if size else ''
+    what = named(finding)
     before, after = before_and_after(finding)
     verb = 'reduces' if finding.nrmse_after < finding.nrmse_before else 'changes'
     change = f'it {verb} the held-out error from {before} to {after} of the torque range'
@@ -58,6 +57,13 @@ def sentence(finding: Finding) -> str:
     if finding.is_predicted:
         return f'{what}, predicted together with gravity already; {change}'
     return f'{what}; {change}'
+
+
+def named(finding: Finding) -> str:
+    """Return the effect of a finding with its place and size."""
+    size = sizes(finding.coefficients)
+    return (f'{title(finding.effect) if finding.effect else "an unknown effect"} on '
+            f'{where(finding)}{f" ({size})" if size else ""}')
 
 
 def where(finding: Finding) -> str:
@@ -94,13 +100,6 @@ def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
     return texts + (f' and {more} more' if more > 0 else '') or '–'
 
 
-def numbers(effect: AppliedEffect, limit: int = 6) -> str:
-    """Return the first `limit` coefficients of an effect of a model, in one line."""
-    parts = [f'{symbol} = {plus_minus(x)}' for symbol, x in effect.coefficients.items()]
-    return ', '.join([*parts[:limit], *([f'{len(parts) - limit} more'] if len(parts) > limit
-                                        else ())])
-
-
 def plus_minus(estimate: Quantity) -> str:
     """Return `0.790 ± 0.028 N·m`, with two significant digits of the half-width."""
     low, high = estimate.ci95
@@ -113,14 +112,6 @@ def plus_minus(estimate: Quantity) -> str:
         return f'{estimate.value:.3g} ± {half:.2g}{unit}'
     digits = max(digits, 0)
     return f'{estimate.value:.{digits}f} ± {half:.{digits}f}{unit}'
-
-
-def percent(share: float | None) -> str:
-    """Return a share with three digits, 9.63 % or 18.2 %; a dash for None or NaN."""
-    if share is None or not math.isfinite(share):
-        return '–'
-    value = 100.0 * share
-    return f'{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f} %'
 
 
 def before_and_after(finding: Finding) -> tuple[str, str]:
@@ -138,6 +129,18 @@ def _differing(before: float, after: float) -> tuple[str, str]:
 def change(finding: Finding) -> str:
     """Return the held-out error without and with an effect, joined by an arrow."""
     return ' → '.join(before_and_after(finding))
+
+
+def untestable(diagnosis: Diagnosis) -> list[str]:
+    """Return a line for each effect and reason, with the joints on which it is untestable."""
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for name, report in diagnosis.joints.items():
+        for effect, reason in report.untestable.items():
+            grouped.setdefault((effect, reason), []).append(name)
+    return [*(f'{effect}: {reason}' for effect, reason in diagnosis.untestable.items()), *(
+        f'{effect} on '
+        f'{"every joint" if len(names) == len(diagnosis.joints) else ", ".join(names)}: {reason}'
+        for (effect, reason), names in grouped.items())]
 
 
 def targets(findings: Sequence[Finding]) -> list[str]:

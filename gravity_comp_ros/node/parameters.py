@@ -136,14 +136,14 @@ class Parameters:
     """
 
     autostart: bool = parameter(
-        True, 'Configure and activate at the start, without a lifecycle manager.',
+        True, 'Configure and activate at the start.',
         read_only=True)
     diagnostics_rate: float = parameter(
         1.0, 'Rate of `/diagnostics`.', 'Hz', 0.1, 20.0, read_only=True)
     joints: tuple[str, ...] = parameter(
-        (), 'Joint names, in the order of the torques on `~/commands`; empty: those of the model '
-        'file, else of the first `joint_states` message. Set it if a gripper or several arms '
-        'publish on the topic.', read_only=True)
+        (), 'Joint names, in the order of `~/commands`; empty: those of the model file, else of '
+        'the first message. Set it if a gripper or several arms publish on the topic.',
+        read_only=True)
     effort_scale: tuple[float, ...] = parameter(
         (), 'Torque per unit of the effort field, sign included: the torque constant if effort is '
         'a motor current, -1 if its sign is opposite; empty: 1.', 'N·m per unit',
@@ -153,18 +153,17 @@ class Parameters:
         '`auto` subscribes to the topic `robot_description`, `off` uses none, any other value is '
         'the text of a URDF.', read_only=True, may_be_off=True)
     continuous_joints: tuple[str, ...] = parameter(
-        (), 'Continuous joints, in addition to those of the robot description. A position of any '
-        'other joint beyond ±4π is dropped.', read_only=True)
+        (), 'Continuous joints, in addition to those of the robot description.', read_only=True)
     max_age: float = parameter(
         0.3, 'Largest difference between the stamp of a joint state and the clock; others are '
-        'dropped. 0 accepts any stamp, for recordings that are played, and for drivers whose '
-        'stamps are not on the clock of this computer.', 's', 0.0, 3600.0)
+        'dropped. 0 accepts any stamp: of played recordings, and of drivers with another clock.',
+        's', 0.0, 3600.0)
     max_speed: float = parameter(
-        0.15, 'Only samples at which no joint is faster than this are learned from.', 'rad/s',
+        0.15, 'Maximum joint speed of samples that are learned from.', 'rad/s',
         0.001, 10.0)
     max_acceleration: float = parameter(
-        0.0, 'Only samples at which no joint has a larger acceleration (mean over 0.1 s) are '
-        'learned from; 0 disables this check.', 'rad/s²', 0.0, 1000.0)
+        0.0, 'Maximum joint acceleration (mean over 0.1 s) of samples that are learned from; 0: '
+        'no limit.', 'rad/s²', 0.0, 1000.0)
     sample_rate: float = parameter(
         5.0, 'Maximum rate of samples that are learned from.', 'Hz', 0.1, 1000.0)
     capacity: int = parameter(
@@ -178,11 +177,10 @@ class Parameters:
         choices=('auto', 'potential', 'chain', 'per_joint'))
     effects: tuple[str, ...] = parameter(
         (), 'Effects that a full fit estimates jointly with gravity, as `NAME` or `NAME:JOINT`. '
-        'Call `~/refit` after a change. The feed-forward contains only those listed in '
-        '`compensate`.')
+        'Call `~/refit` after a change.')
     compensate: tuple[str, ...] = parameter(
-        (), 'Effects of the model whose torque is published in addition to gravity, as `NAME` or '
-        '`NAME:JOINT`: `coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
+        (), 'Effects of the model whose torque is published, as `NAME` or `NAME:JOINT`: '
+        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
         '`degressive_friction`, `load_dependent_friction`, `torque_offset`, `joint_spring` or '
         '`cable_stiffness`. The status `feed-forward` lists those that the model has.')
     compensate_fraction: float = parameter(
@@ -199,11 +197,11 @@ class Parameters:
         0.5, 'Time after `~/payload_changed` during which nothing is learned: the payload may '
         'swing.', 's', 0.0, 60.0)
     min_samples: int = parameter(
-        30, 'Minimum number of training samples for the first fit of an epoch, if the change of a '
-        'model can be fitted.', 'samples', 10, 10000)
+        30, 'Training samples for the first fit of an epoch, if the change of a model can be '
+        'fitted.', 'samples', 10, 10000)
     first_samples: int = parameter(
-        100, 'Minimum number of training samples for the first fit otherwise, and after faulty '
-        'effort.', 'samples', 10, 10000)
+        100, 'Training samples for the first fit otherwise, and after faulty effort.', 'samples',
+        10, 10000)
     full_samples: int = parameter(
         500, 'Number of samples at which a last fit closes the epoch, once each joint has moved '
         'over `min_span`.', 'samples', 20, 20000)
@@ -214,15 +212,15 @@ class Parameters:
         20.0, 'Largest mass that is attached to or removed from the last link; more is refused.',
         'kg', 0.01, 1000.0)
     max_payload_reach: float = parameter(
-        1.0, 'Largest distance of the centre of mass of a payload from the last joint; without '
-        'known axes also the largest distance between neighbouring joints.', 'm', 0.01, 10.0)
+        1.0, 'Largest distance of the centre of mass of a payload from the last joint, without '
+        'known axes also between neighbouring joints.', 'm', 0.01, 10.0)
     on_suspected_payload: str = parameter(
         'report', 'Action on a suspected payload: `report` publishes an event on '
         '`~/payload_suspected`, `learn` also does what `~/payload_changed` does.',
         choices=('report', 'learn'))
     suspect_after: float = parameter(
-        16.0, 'Minimum duration of a change of the torque before it is suspected to be a payload. '
-        'A hand that presses straight down has the torque of a weight.', 's', 0.0, 120.0,
+        16.0, 'Minimum duration of a change of the torque before a payload is suspected. A hand '
+        'that presses straight down has the torque of a weight.', 's', 0.0, 120.0,
         read_only=True)
     fit_timeout: float = parameter(
         120.0, 'Maximum duration of a fit. Then its process is killed and restarted.', 's', 0.1,
@@ -255,7 +253,7 @@ class Parameters:
         0.001, 1e6)
     servo_stiffness: tuple[float, ...] = parameter(
         (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
-        'goal. `~/position_offset` is the published torque divided by it.', 'N·m/rad', 0.1,
+        'goal; it gives `~/position_offset`.', 'N·m/rad', 0.1,
         1e6, read_only=True)
     max_position_offset: float = parameter(
         0.2, 'Largest position offset of a joint. A stiffness in another unit would otherwise '
@@ -267,7 +265,7 @@ class Parameters:
         choices=('hold', 'fade', 'trust'))
     extrapolation_margin: float = parameter(
         1.0, 'Distance outside the trained range up to which the model is used unchanged; at most '
-        '0.1 rad for a `per_joint` model, which extrapolates badly.', 'rad', 0.01, 10.0)
+        '0.1 rad for a `per_joint` model.', 'rad', 0.01, 10.0)
     stale_after: float = parameter(
         0.3, 'Time without a usable joint state after which input is stale. Set it above the '
         'period of `joint_states`.', 's', 0.005, 10.0)

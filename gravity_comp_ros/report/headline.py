@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.report.contents import Contents
 import numpy as np
 
@@ -32,10 +33,9 @@ def headline(contents: Contents) -> str:
 
 
 def main_finding(contents: Contents) -> Finding | None:
-    """Return the finding of the headline, if it reduces the error visibly."""
-    findings = contents.diagnosis.findings if contents.diagnosis else ()
-    accepted = [f for f in findings if f.is_missing] or list(findings)
-    return accepted[0] if accepted and _visible(accepted[0]) else None
+    """Return the first finding of the headline, None if there is none."""
+    diagnosis = contents.diagnosis
+    return next(iter(diagnosis.found or diagnosis.findings), None) if diagnosis else None
 
 
 def named_joint(contents: Contents) -> str:
@@ -47,32 +47,14 @@ def named_joint(contents: Contents) -> str:
 
 
 def _missing(diagnosis: Diagnosis) -> str:
-    """Return the missing effects; those that do not reduce the error are not missing."""
-    accepted = [f for f in diagnosis.findings if f.is_missing]
-    visible = [f for f in accepted if _visible(f)]
-    if visible:
-        return f'Missing: {"; ".join(map(_named, visible))}.'
-    if accepted:
-        names = ', '.join(dict.fromkeys(f.effect or 'an unknown effect' for f in accepted))
-        return f'No missing effect changes the error; detected: {names}.'
+    if diagnosis.found:
+        return f'Missing: {"; ".join(map(wording.named, diagnosis.found))}.'
     if diagnosis.findings:
         first = diagnosis.findings[0]
-        return f'Not established ({first.verdict}): {_named(first)}.'
+        return f'Not established ({first.verdict}): {wording.named(first)}.'
     if any(joint.remaining_share > 0.0 for joint in diagnosis.joints.values()):
         return 'No effect of the library explains the residual.'
     return 'Nothing is missing that is detectable in this motion.'
-
-
-def _named(finding: Finding) -> str:
-    size = wording.sizes(finding.coefficients)
-    return (f'{wording.title(finding.effect) if finding.effect else "an unknown effect"} on '
-            f'{wording.where(finding)}{f" ({size})" if size else ""}')
-
-
-def _visible(finding: Finding) -> bool:
-    """Return whether the error decreases by at least one shown digit."""
-    return wording.percent(finding.nrmse_before) != wording.percent(finding.nrmse_after) \
-        and finding.nrmse_after < finding.nrmse_before
 
 
 def _largest(contents: Contents) -> str:
@@ -80,7 +62,7 @@ def _largest(contents: Contents) -> str:
     worst = contents.worst
     error = contents.comparison.joints[worst]
     sentence = (f'The error is largest on {worst}: {contents.error(worst)} N·m RMSE, '
-                f'{wording.percent(error.nrmse)} of the range of its torque')
+                f'{percent(error.nrmse)} of the range of its torque')
     others = [contents.comparison.joints[name].rmse for name in contents.joints if name != worst]
     median = float(np.median(others)) if others else 0.0
     if median > 0.0 and error.rmse > _REPORTED_RATIO * median:

@@ -7,16 +7,15 @@ from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.wording import percent
-from gravity_comp_ros.display import change
+from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import plot_time
-from gravity_comp_ros.report.decimate import keep_extremes
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import AFTER, BEFORE, FAINT, padded, plot, short
+from gravity_comp_ros.report.table import keep_extremes
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import NamedModel, Results
 from gravity_comp_ros.workbench.views import element
@@ -80,7 +79,7 @@ def _contents_table(results: Results, a: NamedModel, b: NamedModel) -> str:
     """Return a table of the provenance and the effects of both models."""
     of_a, of_b = results.facts(a), results.facts(b)
     rows = [[what, of_a[what], of_b[what]] for what in of_a]
-    in_a, in_b = ({effect.target: markup.units(wording.numbers(effect))
+    in_a, in_b = ({effect.target: markup.units(wording.coefficients(effect.coefficients, 6))
                    for effect in named.model.applied.effects} for named in (a, b))
     rows += [[target, in_a.get(target, 'not included'), in_b.get(target, 'not included')]
              for target in dict.fromkeys([*in_a, *in_b])]

@@ -54,9 +54,8 @@ def test_the_page_shows_the_output_of_the_commands(run):
 def test_the_page_on_tables_shows_the_output_of_the_commands(script, tmp_path):
     pytest.importorskip('pyarrow')
     assert_printed(TABLES, script.tables_page(TABLES, tmp_path))
-    # The hidden friction is found: 0.3 N·m from per mille, 0.8 N·m from currents.
+    # The hidden friction is found: 0.3 N·m from per mille.
     assert re.search(r'shoulder_pan +coulomb_friction +established +F_c = 0.(30|299)', TABLES)
-    assert re.search(r'joint_2 +coulomb_friction +established +F_c = 0.(80|799)', TABLES)
 
 
 def test_the_hidden_friction_is_found_and_added():

@@ -40,8 +40,6 @@ def fit(parser: argparse.ArgumentParser) -> None:
                         const=0.2, help='share of the data held out of the fit '
                         'for the error: whole runs, or blocks of a single run (0.2 if no number '
                         'is given)')
-    parser.add_argument('--terms', metavar='N', type=arguments.count, default=8,
-                        help='number of terms shown of each equation (default: %(default)s)')
     parser.add_argument('--effects', metavar='A,B:JOINT,...',
                         help='effects fitted jointly with gravity; without a joint, on every '
                         'joint where they are identifiable (docs/effects.md lists all)')

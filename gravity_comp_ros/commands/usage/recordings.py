@@ -85,8 +85,6 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        help='standard deviation of the torque noise, N·m (default: 0)')
     group.add_argument('--relative-noise', metavar='FRACTION', type=arguments.finite, default=0.0,
                        help='the same as a fraction of the torque (default: 0)')
-    group.add_argument('--noise-correlation', metavar='S', type=arguments.finite, default=0.0,
-                       help='correlation time of --noise (default: 0, white)')
     group.add_argument('--static', action='store_true',
                        help='gravity torque only, as if the arm stopped for every sample')
 

@@ -7,6 +7,7 @@ from bokeh.models import Label, Slope, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.report import markup
@@ -60,7 +61,7 @@ def findings_table(findings: tuple[Finding, ...]) -> str:
     """Return the ranked findings as a table."""
     rows = [[f'{k + 1}  {label(f)}', wording.where(f), f.verdict, coefficients(f),
              wording.change(f),
-             wording.percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
+             percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
              ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
     return markup.table(
         ['effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
@@ -106,12 +107,7 @@ def summaries(diagnosis: Diagnosis) -> str:
             diagnosis.joints.items()]
     table = markup.table(['joint', 'result', 'sensor noise N·m', 'effective sample size',
                           'held-out RMSE before N·m', 'after N·m'], rows, left=('result',))
-    grouped: dict[tuple[str, str], list[str]] = {}
-    for name, report in diagnosis.joints.items():
-        for effect, reason in report.untestable.items():
-            grouped.setdefault((effect, reason), []).append(name)
-    lines = [f'{effect} on {", ".join(joints)}: {reason}'
-             for (effect, reason), joints in grouped.items()]
+    lines = wording.untestable(diagnosis)
     untestable = markup.folded(f'Effects that are not identifiable from this recording '
                                f'({len(lines)})', markup.bullets(lines)) if lines else ''
     return table + untestable

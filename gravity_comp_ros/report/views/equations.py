@@ -28,7 +28,8 @@ def section(contents: Contents, selector: JointSelector) -> Section:
     if applied:
         lead += '<h3>Effects in addition to gravity</h3>' + markup.table(
             ['effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'],
-            [[e.name, e.joint or 'the whole arm', markup.units(wording.numbers(e)),
+            [[e.name, e.joint or 'the whole arm',
+              markup.units(wording.coefficients(e.coefficients, 6)),
               ', '.join(f'{k} {x:.3g}' for k, x in e.setting.items()) or '–'] for e in applied],
             left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
     after = markup.paragraph(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import named_joint

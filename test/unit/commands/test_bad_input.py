@@ -35,7 +35,6 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.parametrize(('status', 'call', 'message'), [
-    (2, 'fit GOOD --terms -3', 'not a positive integer'),
     (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
     (2, 'synth --samples 0 -o NEW.mcap', 'not a positive integer'),
     (2, 'synth --samples 1.5 -o NEW.mcap', 'not a positive integer'),
