@@ -182,7 +182,7 @@ class Core:
         reading = self.live.read(self._message(s, tau), s.t)
         if reading is not None:
             self.live.torque([reading], s.t)
-            self.live.learn(reading, s.t)
+            self.live.arm.learn(reading, s.t)
 
     def run(self, source: Iterator[Sample], arm: Arm, rng: np.random.Generator,
             contacts: Contacts | None, until_event: bool) -> list[tuple[float, str]]:
@@ -216,7 +216,7 @@ def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int,
     start = time.monotonic()
     low, high = model.coverage.q_min, model.coverage.q_max
     events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, contacts, False)
-    core.live.close()
+    core.live.learner.close()
     for t, text in events:
         print(f'  false alarm at {t:.0f} s: {text}')
     print(f'{hours:g} h of motion, {contacts.count} contacts, axes '
@@ -234,7 +234,7 @@ def delay(model: GravityModel, payload: Payload, axes: bool, seed: int) -> float
     start = 60.0
     events = core.run(moves(low, high, 300.0, rng, start), with_payload(ARM, payload), rng, None,
                       True)
-    core.live.close()
+    core.live.learner.close()
     return events[0][0] - start if events else float('inf')
 
 

@@ -88,7 +88,7 @@ class Servos:
                 reading = core.read(joint_state(self.arm.joints, t, *measured), t)
                 tau = None if reading is None else core.torque([reading], t)
                 if tau is not None:
-                    self.offset = position_offset(tau, stiffness, 0.5)
+                    self.offset = position_offset(tau, stiffness)
         return goal - self.arm.q
 
 

@@ -146,7 +146,7 @@ def running_node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run gravity_comp_node in its own process; on failure show the end of its log."""
     log = folder / 'node.log'
     command = [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
-               '-p', 'auto_fit:=false', '-p', 'capacity:=2000', '-p', 'max_age:=0.0',
+               '-p', 'auto_fit:=false', '-p', 'max_age:=0.0',
                '-p', f'fit_timeout:={FIT_TIMEOUT}', '-p', f'refit_timeout:={FIT_TIMEOUT}',
                # Playback is faster than real time.
                '-p', f'settle_time:={SETTLE_TIME / SPEED}']

@@ -39,7 +39,7 @@ class Nodes:
             fits = node.learner.fits
             if self._ready is None and fits.state == READY and not fits.restarts:
                 self._ready, node.learner.fits = fits, Supervised((), 1.0)
-            node.close()
+            node.learner.close()
         self._open.clear()
 
     def end(self) -> None:
@@ -74,7 +74,7 @@ def send_message(node, message, now, arrival=0.0):
     if reading is None:
         return None, None
     tau = node.torque([reading], now)
-    node.learn(reading, now)
+    node.arm.learn(reading, now)
     return reading, tau
 
 
@@ -90,7 +90,7 @@ def refit(node):
     """Request a fit of a `NodeCore`, and wait for it; return the reply."""
     until(node, lambda: node.learner.fits.state == 'ready')
     replies = []
-    node.refit(time.monotonic(), lambda *reply: replies.append(reply))
+    node.request(time.monotonic(), lambda *reply: replies.append(reply))
     until(node, lambda: replies)
     return replies[0]
 

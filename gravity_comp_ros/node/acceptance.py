@@ -7,7 +7,7 @@ payload is suspected.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
@@ -17,9 +17,8 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
+from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, moving_rms, PARTS
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.residual import moving_rms
 from gravity_comp_ros.node.rows import DELAYS, Rows
 import numpy as np
 
@@ -38,11 +37,10 @@ class AcceptanceOptions:
       5 kg it is 0.58 on an iiwa.
     - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
       Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
-    - `max_fault_lead`: log evidence by which a fault may explain the change better than a body;
-      a fault is a gain or a factor that differs from 1 by at least `min_gain_change`.
-    - `both_odds`: prior log odds of a body alone over a body and a faulty gain at once. In 288
-      recordings of real payloads on two arms one favoured both by 6.3 nats, one by 3.1, all
-      others by less than 1; a dead wrist of an arm without known axes by 10 after 10 s.
+    - `max_fault_lead`: log evidence by which a fault, with or without a body, may explain the
+      change better, a ratio of 20. After 7 s a dead wrist of an arm without known axes has 3.1
+      and more, a real payload 4.0 at most, and less with each second. A fault is a gain or a
+      factor that differs from 1 by at least `min_gain_change`.
     - `max_echo`: largest ratio of the model's residual to that of the published torque.
     - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
     - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying
@@ -64,7 +62,6 @@ class AcceptanceOptions:
     max_residual: float = 2.5
     max_fault_lead: float = 3.0
     min_gain_change: float = 0.1
-    both_odds: float = 6.0
     max_echo: float = 0.9
     min_body: float = 20.0
     min_over_push: float = 10.0
@@ -251,16 +248,17 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
 
 
 def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
-                limits: PayloadLimits) -> Iterator[Check]:
+                limits: PayloadLimits, forces: Sequence[Explanation] = ()) -> Iterator[Check]:
     """
     Yield the checks of a change: a body on the last link explains it, and no fault does so better.
 
     :param noise: reference noise (N,) in N·m, `scale` its ratio to that of the table (N,).
+    :param forces: other hypotheses that a fault must explain the change better than.
     """
     samples, names = table.samples, table.samples.names
     yield gravity_present(samples, table.before, noise)
     body, unchanged = table.explain(table.body), table.explain().log_evidence
-    explained = max(body.log_evidence, unchanged)
+    explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
     fault = max((each for each in _faults(table, scale) if each.log_evidence > unchanged
                  and each.residual <= OPTIONS.max_residual),
                 key=lambda each: each.log_evidence, default=None)
@@ -291,10 +289,10 @@ class _Fault:
 
 def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
     """Yield the fit of each gain of a joint, and of a common factor, that differs from 1."""
-    def fault(fit: Explanation, sentence: str, name: str, odds: float = 0.0) -> Iterator[_Fault]:
+    def fault(fit: Explanation, sentence: str, name: str) -> Iterator[_Fault]:
         change = float(fit.mean[0])
         if abs(change) >= OPTIONS.min_gain_change:
-            yield _Fault(sentence.format(name, 1.0 + change), fit.log_evidence - odds,
+            yield _Fault(sentence.format(name, 1.0 + change), fit.log_evidence,
                          float((fit.ratio(table.samples.qd) / scale).max()))
 
     for k in table.loaded_joints():
@@ -304,7 +302,7 @@ def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
                          name)
         yield from fault(table.body_and_gain(k), 'a body explains the change only with an effort '
                          'of {} of {:.3g} times the earlier one: its sensor or its drive is '
-                         'faulty', name, OPTIONS.both_odds)
+                         'faulty', name)
     yield from fault(table.factor(), 'the effort of {} is {:.3g} times the earlier one: another '
                      'unit or gain, no payload', 'all joints')
 

@@ -7,19 +7,16 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.external_torque import ExternalTorque, ExternalTorqueObserver
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
+from gravity_comp_ros.node.model_in_use import ModelInUse
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.realtime_effects import EffectsInUse
-from gravity_comp_ros.node.residual import LiveResidual
 from gravity_comp_ros.node.rows import DelayedSamples, SentTorqueHistory, SlowSample
-from gravity_comp_ros.node.torque_source import TorqueSource, UncertainChange
+from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import Watch
 import numpy as np
 
@@ -48,13 +45,7 @@ class Arm:
         self.learn_from = 0.0
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
-        self.model: GravityModel | None = None
-        self.effects = EffectsInUse(None, settings)
-        self._residual: LiveResidual | None = None
-        self._external: ExternalTorqueObserver | None = None
-        self._source: TorqueSource | None = None
-        self._change: UncertainChange | None = None
-        self._share: FloatArray | None = None
+        self.in_use: ModelInUse | None = None
         self._share_at = -np.inf
         self._drop_residuals()
         self._limit()
@@ -95,7 +86,7 @@ class Arm:
         if source == SOURCE and self.described is not None:
             settings = replace(settings, max_torque=self.described.max_effort)
         self.feed.set_options(settings)
-        self.feed.enable(self.is_allowed and source != 'none')
+        self.feed.enabled = self.is_allowed and source != 'none'
 
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on."""
@@ -103,8 +94,9 @@ class Arm:
         self.gate = _gate(len(self.joints), settings)
         self.reader.max_age = settings.max_age
         self._limit()
-        self.effects = EffectsInUse(self.model, settings)
-        self._feed()
+        if self.in_use is not None:
+            self.in_use.compensate(settings)
+            self.feed.use(self.in_use.source)
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
@@ -126,26 +118,11 @@ class Arm:
         :param learned: the number of its training samples; 0 for a model from a file.
         :param change: change from the previous payload where it was learned from few samples.
         """
-        self.model = model
         self.watch.use(model, before, learned)
-        self._residual = LiveResidual(model)
-        self._external = None
-        self.effects = EffectsInUse(model, self.settings)
-        self._source, self._change, self._share = TorqueSource.of(model), change, None
-        if change is not None:
-            share = np.zeros(len(self.joints))
-            self._share = share if self.pose is None else change.share(
-                self._source.nearest(self.pose))
-        self._feed()
-
-    def _feed(self) -> None:
-        """Pass the torque to publish to the feed-forward."""
-        if self._source is None:
-            return
-        source = replace(self._source, effects=self.effects.compensation())
-        if self._change is not None and self._share is not None:
-            source = replace(source, predict=self._change.with_share(self._share))
-        self.feed.use(source)
+        self.in_use = ModelInUse(model, self.settings, change)
+        if self.pose is not None:
+            self.in_use.update_share(self.pose)
+        self.feed.use(self.in_use.source)
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
@@ -156,15 +133,13 @@ class Arm:
         """
         Return the torque (N,) in N·m to publish without input, None for nothing.
 
-        The share of an uncertain change at the present pose is evaluated every `SHARE_PERIOD`.
+        The share of an uncertain change at the present pose is determined every `SHARE_PERIOD`.
         """
-        if self._change is not None and self._source is not None and self.pose is not None and (
+        if self.in_use is not None and self.pose is not None and (
                 not 0.0 <= now - self._share_at < SHARE_PERIOD):
             self._share_at = now
-            share = self._change.share(self._source.nearest(self.pose))
-            if self._share is None or not np.array_equal(share, self._share):
-                self._share = share
-                self._feed()
+            if self.in_use.update_share(self.pose):
+                self.feed.use(self.in_use.source)
         return self.watchdog(now)
 
     def watchdog(self, now: float) -> FloatArray | None:
@@ -194,15 +169,15 @@ class Arm:
 
     def _record_residual(self, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics and for the watch."""
-        reading, model = sample.reading, self.model
-        if model is None or self._residual is None:
+        reading, in_use = sample.reading, self.in_use
+        if in_use is None:
             return
         qdd = reading.acceleration() if sample.qdd is None else sample.qdd
-        gravity = model.predict_one(reading.q)
-        error, residual = self._residual.of(sample, gravity, qdd)
+        gravity = in_use.model.predict_one(reading.q)
+        error, residual = in_use.residual(reading, gravity, qdd)
         self._squares += np.square([error, residual])
         self._n_residual += 1
-        if not self.distance(reading.q).any():
+        if not in_use.distance(reading.q).any():
             self.watch.offer(reading, qdd, gravity, residual)
 
     def _drop_residuals(self) -> None:
@@ -215,45 +190,6 @@ class Arm:
         squares, n = self._squares, self._n_residual
         self._drop_residuals()
         return np.sqrt(squares / n) if n else None
-
-    def distance(self, q: FloatArray) -> FloatArray:
-        """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
-        if self.model is None or self._source is None:
-            return np.zeros(len(self.joints))
-        return self.model.coverage.distance(self._source.nearest(q))
-
-    def predicted(self, reading: Reading) -> FloatArray | None:
-        """Return the torque (N,) in N·m that the model predicts, None without a model."""
-        if self.model is None:
-            return None
-        return self.effects.predicted(reading, self.model.predict_one(reading.q))
-
-    def external_torque(self, reading: Reading) -> ExternalTorque | None:
-        """
-        Return the external torque (N,) after a reading; None if there is none now.
-
-        Call it for every reading; after a pause a new window of messages is needed.
-        """
-        if self.model is None or not isinstance(reading, CompleteReading):
-            return None
-        if self._external is None:
-            self._external = ExternalTorqueObserver(self.model)
-        return self._external.add(reading.t, reading.q, reading.qd, reading.tau)
-
-    def extrapolation(self) -> tuple[FloatArray, FloatArray] | None:
-        """
-        Return the uncertainty of the model at the present pose, None without a model or a pose.
-
-        :return: distance outside the trained range (N,) in rad; standard deviation of the
-            model's torque (N,) in N·m, empty if the model has none.
-        """
-        if self.model is None or self.pose is None:
-            return None
-        try:
-            std = self.model.predict_std(self.pose)[0]
-        except (DataError, np.linalg.LinAlgError):
-            std = np.zeros(0)
-        return self.distance(self.pose), std
 
     def _accepts_samples(self, now: float) -> bool:
         """Return whether `settle_time` has passed since the payload changed."""
@@ -272,5 +208,4 @@ class Arm:
 
 
 def _gate(n_joints: int, settings: Parameters) -> Gate:
-    return Gate(n_joints, GateOptions(settings.max_speed, settings.max_acceleration or None,
-                                      settings.sample_rate))
+    return Gate(n_joints, GateOptions(settings.max_speed, None, settings.sample_rate))

@@ -10,6 +10,7 @@ from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node.parameters import BY_NAME
 
 SOURCE = 'robot_description'
 
@@ -38,7 +39,9 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     continuous = tuple(name for name in joints
                        if name in known and known[name].kind == 'continuous')
     limits = [_effort(known[name].element) if name in known else math.nan for name in joints]
-    max_effort = tuple(limits) if all(0.0 < limit < math.inf for limit in limits) else ()
+    # A larger number means that there is no limit.
+    largest = BY_NAME['max_torque'].high or math.inf
+    max_effort = tuple(limits) if all(0.0 < limit <= largest for limit in limits) else ()
     try:
         geometry = parse_urdf(text, joints, SOURCE)
     except GravityCompError as problem:

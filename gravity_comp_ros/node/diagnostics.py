@@ -127,8 +127,10 @@ def learning_status(learner: Learner, arm: Arm) -> Status:
 
 def feedforward_status(arm: Arm, now: float) -> Status:
     """Return the state of the published torque."""
-    outside = 0.0 if arm.pose is None else float(arm.distance(arm.pose).max())
-    state, problem, effects = arm.feed.state(now), arm.effects.problem, arm.effects.sent
+    in_use, state = arm.in_use, arm.feed.state(now)
+    effects, problem = ((), '') if in_use is None else (in_use.compensated, in_use.problem)
+    outside = 0.0 if in_use is None or arm.pose is None else float(
+        in_use.distance(arm.pose).max())
     values = {'enabled': str(arm.feed.enabled).lower(),
               'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
               'compensated effects': ', '.join(effects) or 'none'}
@@ -155,10 +157,11 @@ def payload_status(watch: Watch) -> Status:
 
 def arm_statuses(arm: Arm) -> list[Status]:
     """Return one status per joint, with its residual since the last call."""
-    noise, residual, model = None, arm.take_residual(), arm.model
-    outside = None if model is None or arm.pose is None else arm.distance(arm.pose)
-    if model is not None:
-        noise = np.array([model.noise, expected_residual(model)])
+    noise = outside = None
+    residual, in_use = arm.take_residual(), arm.in_use
+    if in_use is not None:
+        noise = np.array([in_use.model.noise, expected_residual(in_use.model)])
+        outside = None if arm.pose is None else in_use.distance(arm.pose)
     return joint_statuses(arm.joints, arm.epoch.coverage().span, residual, noise, outside,
                           not arm.epoch.is_open)
 

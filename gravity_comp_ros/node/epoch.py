@@ -14,6 +14,10 @@ import numpy as np
 HELD_OUT_EVERY = 4
 # Growth of the number of samples after which the next fit is due.
 GROWTH = 1.25
+# Maximum number of samples, five minutes at 5 Hz; then new poses replace samples at similar poses.
+CAPACITY = 1500
+# Range of motion that each joint needs before the last fit, rad; joints below it are reported.
+MIN_SPAN = 0.2
 
 
 def rows_of(ring: SampleRing) -> Rows:
@@ -53,9 +57,10 @@ class Epoch:
         """Drop all samples; the epoch stays open or closed."""
         self._offered = 0
         self._fitted_at = 0
-        self._closing = False
+        # Whether the last fit was one of all samples that the epoch requires.
+        self._was_full = False
         n_extra = 1 + len(DELAYS) * len(self._names)
-        self._ring = SampleRing(self._names, self.settings.capacity, n_extra)
+        self._ring = SampleRing(self._names, CAPACITY, n_extra)
 
     def restart_after_broken_effort(self) -> None:
         """
@@ -95,8 +100,8 @@ class Epoch:
         return self._ring.coverage()
 
     def short_of_range(self) -> tuple[str, ...]:
-        """Return the joints that have not yet moved over `min_span`."""
-        return self.coverage().joints_below_span(self.settings.min_span)
+        """Return the joints that have not yet moved over `MIN_SPAN`."""
+        return self.coverage().joints_below_span(MIN_SPAN)
 
     def missing_for_fit(self) -> str | None:
         """Return the missing data of a fit, None if it has enough."""
@@ -111,27 +116,27 @@ class Epoch:
             return (f'{n_train} training and {n_held_out} held-out samples; '
                     f'{minimum} and {settings.block} are needed{why}: keep moving slowly')
         if len(self.short_of_range()) == len(self._names):
-            return (f'no joint has moved over {settings.min_span:g} rad: move the arm '
-                    'slowly through its range')
+            return (f'no joint has moved over {MIN_SPAN:g} rad: move the arm slowly through '
+                    'its range')
         return None
 
     def fit_is_due(self) -> bool:
         """Return whether the open epoch requires a fit now."""
-        if not self.is_open or self._closing:
+        if not self.is_open:
             return False
-        grown = len(self) >= GROWTH * self._fitted_at
-        return (grown or self._is_full()) and self.missing_for_fit() is None
+        # A fit that failed is repeated with more samples only: it may fail each time.
+        is_due = self._growing() >= GROWTH * self._fitted_at or (
+            self._is_full() and not self._was_full)
+        return is_due and self.missing_for_fit() is None
 
     def fit_started(self) -> None:
         """Record the start of a fit of all samples up to now."""
-        self._fitted_at = len(self)
-        self._closing = self.is_open and self._is_full()
+        self._fitted_at, self._was_full = self._growing(), self._is_full()
 
     def fit_ended(self, succeeded: bool) -> None:
         """Record the end of a fit; a failed fit does not close the epoch."""
-        if succeeded and self._closing:
+        if succeeded and self._was_full:
             self.is_open = False
-        self._closing = False
 
     def describe(self) -> str:
         """Return the state of the epoch as text."""
@@ -142,6 +147,10 @@ class Epoch:
         if self.is_open and missing:
             text += f', too little range on {", ".join(missing)}'
         return f'{text}; {self.note}' if self.note else text
+
+    def _growing(self) -> int:
+        """Return the number of samples, of a full ring with those that were replaced."""
+        return len(self) if len(self) < CAPACITY else self._offered
 
     def _is_full(self) -> bool:
         return len(self) >= self.settings.full_samples and not self.short_of_range()

@@ -57,6 +57,7 @@ class FeedForward:
 
     def __init__(self, n_joints: int, options: Parameters) -> None:
         self._n = n_joints
+        # Whether torque is allowed; it ramps either way.
         self.enabled = True
         self._source: TorqueSource | None = None
         self._version = 0
@@ -74,16 +75,12 @@ class FeedForward:
             np.broadcast_to(np.asarray(values, dtype=np.float64), (self._n,)) if values else None
             for values in (options.max_torque, options.max_torque_rate))
 
-    def use(self, source: TorqueSource | None) -> None:
-        """Change to the torque of another source; None stops publishing."""
-        if source is None or self._source is None:
+    def use(self, source: TorqueSource) -> None:
+        """Change to the torque of another source."""
+        if self._source is None:
             self._last = self._zero
         self._source = source
         self._version += 1
-
-    def enable(self, enabled: bool) -> None:
-        """Allow or forbid torque; it ramps either way."""
-        self.enabled = enabled
 
     def fail(self) -> None:
         """Treat the input as lost: `watch`, whose clock may be another, ends the torque."""

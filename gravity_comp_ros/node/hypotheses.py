@@ -3,18 +3,8 @@ Hypotheses that explain a window of samples: unchanged, a body, a push, a fault 
 
 The torque r (M, N) that the model in use does not predict is explained by columns A of torque,
 each scaled by the prior standard deviation of its coefficient, and by noise. Every hypothesis is
-such a set of columns; each includes those of H0: friction and offset that have changed, and the
-uncertainty of the model.
-
-| hypothesis | columns |
-|---|---|
-| unchanged | none |
-| a body on the last link | mass and first moment, or without known axes the moment of each link |
-| a push | those of the body, for forces in any direction |
-| a varying force | those of the body, and its torque varying in time |
-| gain of joint j | the torque of the model at joint j (0: dead or frozen, -1: sign), a constant |
-| a common factor | the torque of the model at all joints, and constants: 0 is no gravity at all |
-| a body and a gain of joint j | those of both; the gain applies to the torque of the body, too |
+such a set of columns (the table in docs/node.md); each includes those of H0: friction and offset
+that have changed, and the uncertainty of the model.
 
 With whitened rows the log evidence of a hypothesis is
 
@@ -37,7 +27,6 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.residual import moving_rms
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.
@@ -56,6 +45,20 @@ _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
 _MAX_STEPS, _CONVERGED = 10, 1e-3
 # Speed over which friction changes its sign where the model has no law of it by speed, rad/s.
 _WIDTH = 0.01
+# Speed below which a joint is at rest for its friction, rad/s.
+REST_SPEED = 0.01
+
+
+def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """
+    Return the RMS (N,) in N·m of a residual (M, N) over the samples at which the joint moves.
+
+    At rest friction has any value between its two directions, which no model predicts. All
+    samples count for a joint that is at rest most of the time.
+    """
+    moves = np.abs(qd) > REST_SPEED
+    moves |= moves.mean(axis=0) < 0.5
+    return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,10 +35,9 @@ from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import compare, Prediction, reference_noise
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Hypotheses
+from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms, REST_SPEED
 from gravity_comp_ros.node.job_messages import (
     AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
-from gravity_comp_ros.node.residual import moving_rms, REST_SPEED
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
@@ -117,7 +116,8 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
                        axes_under(chain, job.geometry))
     reference = reference_noise(expected_residual(model), gravity, table.before)
     present, other = acceptance.suspicion_checks(table)
-    other = [*acceptance.body_checks(table, reference, reference / noise, job.payload), *other]
+    other = [*acceptance.body_checks(table, reference, reference / noise, job.payload,
+                                     (table.push(), table.varying())), *other]
     ratio = np.sqrt(((gravity.tau - table.before) ** 2).mean(axis=0)) / noise
     k = int(np.argmax(ratio))
     figures = (f'residual of {samples.names[k]} {ratio[k] * noise[k]:.3g} N·m, noise of the '

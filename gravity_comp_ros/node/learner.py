@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
@@ -16,7 +17,7 @@ from gravity_comp_ros.node.job_messages import (
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
-from gravity_comp_ros.node.watch import LEARN, Suspicion
+from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.supervised import Failure, READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
 
@@ -32,33 +33,24 @@ MAX_CHECKS = 20
 FINE, REFUSED, FAULTY = range(3)
 
 
-@dataclass(frozen=True)
-class Request:
-    """One call of `~/refit` or `~/diagnose`: its reply, and its deadline in s."""
-
-    reply: Reply
-    until: float
-    is_diagnosis: bool
-
-
 @dataclass
-class Running:
+class Job:
     """
-    The running job, which another thread builds: its kind, and the call that waits for it.
+    A job that waits or runs: its kind, and the call of a service that waits for it until then, s.
 
     The result of an outdated job is discarded: another payload or model is in use since.
     """
 
     kind: str
-    prepare: Callable[[], AnyJob]
-    request: Request | None = None
+    call: Reply | None = None
+    until: float = math.inf
     is_outdated: bool = False
 
     def reply(self, success: bool, text: str) -> None:
         """Reply to the call that waits, if there is one."""
-        request, self.request = self.request, None
-        if request is not None:
-            request.reply(success, text)
+        call, self.call = self.call, None
+        if call is not None:
+            call(success, text)
 
 
 class Learner:
@@ -75,7 +67,7 @@ class Learner:
         self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NICENESS),
                                settings.fit_timeout)
         # Suspected payloads, and checks of decisions as JSON, that are not published yet.
-        self.events: deque[Suspicion] = deque(maxlen=10)
+        self.events: deque[PayloadResult] = deque(maxlen=10)
         self.decisions: deque[str] = deque(maxlen=MAX_CHECKS)
         # The checks of the last decision about a model.
         self.last_checks: tuple[Check, ...] = ()
@@ -84,15 +76,10 @@ class Learner:
         self.state, self.report = FINE, ''
         self.has_started = False
         self._log_lines = log_lines
-        # The call whose job has not started.
-        self._queued: Request | None = None
+        # The job of a call that has not started.
+        self._queued: Job | None = None
         # The model in use when the epoch began, whose change by a payload is fitted.
         self.base: GravityModel | None = None
-
-    @property
-    def _running(self) -> Running | None:
-        job: Running | None = self.fits.job
-        return job
 
     def poll(self, arm: Arm | None, now: float, wall: float) -> None:
         """Handle the results of the fit process, and submit the next job."""
@@ -107,39 +94,39 @@ class Learner:
             self._roll_back_automatically(arm, judged[0].text, now)
         if self.fits.state == READY:
             if self._queued is not None:
-                self._start_request(arm, wall)
+                self._start_queued(arm, wall, self._queued)
             elif (model := self._tested_model(arm)) is not None and arm.watch.is_due():
                 window, geometry, limits = arm.watch.window(), arm.geometry, self._limits()
-                self._submit(wall, Running(PAYLOAD, lambda: PayloadJob(
-                    window, model, limits, geometry)))
+                self._submit(wall, Job(PAYLOAD), lambda: PayloadJob(
+                    window, model, limits, geometry))
             elif self.settings.auto_fit and arm.epoch.fit_is_due():
-                self._submit_fit(arm, wall)
+                self._submit_fit(arm, wall, Job(FIT))
 
-    def _submit(self, wall: float, job: Running) -> None:
+    def _submit(self, wall: float, job: Job, prepare: Callable[[], AnyJob]) -> None:
+        """Submit a job that another thread prepares."""
         self.has_started = True
-        self.fits.submit(job, wall, lambda running: running.prepare())
+        self.fits.submit(job, wall, lambda _: prepare())
 
-    def _submit_fit(self, arm: Arm, wall: float, request: Request | None = None) -> None:
+    def _submit_fit(self, arm: Arm, wall: float, job: Job) -> None:
         ring, geometry, limits = arm.epoch.snapshot(), arm.geometry, self._limits()
         base, old, settings = self.base, self.models.model, self.settings
-        self._submit(wall, Running(FIT, lambda: FitJob(
-            rows_of(ring), base, old, settings.formulation, settings.effects,
-            request is not None, limits, geometry, settings.accept), request))
+        on_request = job.call is not None
+        self._submit(wall, job, lambda: FitJob(
+            rows_of(ring), base, old, settings.formulation, settings.effects, on_request, limits,
+            geometry, settings.accept))
         arm.epoch.fit_started()
 
-    def _start_request(self, arm: Arm, wall: float) -> None:
-        """Submit the job of the queued call."""
-        request, self._queued = self._queued, None
-        assert request is not None
+    def _start_queued(self, arm: Arm, wall: float, job: Job) -> None:
+        """Submit the job of a call."""
+        self._queued = None
         if (missing := arm.epoch.missing_for_fit()) is not None:
             # The payload has changed since the call.
-            request.reply(False, missing)
-        elif request.is_diagnosis:
+            job.reply(False, missing)
+        elif job.kind == DIAGNOSIS:
             ring, model = arm.epoch.snapshot(), self.models.model
-            self._submit(wall, Running(
-                DIAGNOSIS, lambda: DiagnosisJob(ring.samples(), model), request))
+            self._submit(wall, job, lambda: DiagnosisJob(ring.samples(), model))
         else:
-            self._submit_fit(arm, wall, request)
+            self._submit_fit(arm, wall, job)
 
     def _limits(self) -> PayloadLimits:
         return PayloadLimits(self.settings.max_payload, self.settings.max_payload_reach)
@@ -152,7 +139,7 @@ class Learner:
             return None
         return entry.model
 
-    def _ended(self, arm: Arm | None, job: Running | None, answer: object, now: float) -> None:
+    def _ended(self, arm: Arm | None, job: Job | None, answer: object, now: float) -> None:
         """Handle the result or failure of a job."""
         if job is None or arm is None:
             return
@@ -170,7 +157,7 @@ class Learner:
         else:
             job.reply(True, str(answer))
 
-    def _failed(self, job: Running, failure: Failure) -> None:
+    def _failed(self, job: Job, failure: Failure) -> None:
         """
         Report a job without a result.
 
@@ -179,7 +166,7 @@ class Learner:
         text = f'{failure.reason}; {self.kept}'
         if job.kind == FIT:
             self.last_fit = f'failed: {failure.reason}'
-            if failure.lost or job.request is None:
+            if failure.lost or job.call is None:
                 self.state, self.report = FAULTY, text
         job.reply(False, text)
         self._log_lines.append((True, text))
@@ -192,21 +179,20 @@ class Learner:
     def _payload_tested(self, arm: Arm, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
         self._decided('payload', result.text, (*result.checks, arm.watch.lasts()))
-        suspicion = arm.watch.add_finding(result)
-        if suspicion is None:
+        if not arm.watch.add_finding(result):
             return
-        self.events.append(suspicion)
-        self._log_lines.append((True, suspicion.text))
+        self.events.append(result)
+        self._log_lines.append((True, result.text))
         if self.settings.on_suspected_payload == LEARN:
             success, text = self.payload_changed(arm, now)
-            arm.epoch.note = f'opened automatically: {suspicion.text}'
+            arm.epoch.note = f'opened automatically: {result.text}'
             self._log_lines.append((not success, text))
 
     def _decided(self, decision: str, result: str, judged: tuple[Check, ...]) -> None:
         """Keep the checks of a decision for `~/checks`."""
         self.decisions.append(checks.to_json(decision, result, judged))
 
-    def _fit_ended(self, arm: Arm, job: Running, result: FitResult, now: float) -> None:
+    def _fit_ended(self, arm: Arm, job: Job, result: FitResult, now: float) -> None:
         """Use or refuse the model of a fit; reply, log, and publish its checks."""
         arm.epoch.fit_ended(not result.fault)
         # Friction at the start of a motion causes a single outlier.
@@ -292,8 +278,8 @@ class Learner:
         return entry
 
     def _discard_running(self) -> None:
-        if self._running is not None:
-            self._running.is_outdated = True
+        if self.fits.job is not None:
+            self.fits.job.is_outdated = True
 
     def payload_changed(self, arm: Arm, now: float) -> tuple[bool, str]:
         """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
@@ -322,32 +308,31 @@ class Learner:
 
     def request(self, arm: Arm, wall: float, reply: Reply, is_diagnosis: bool) -> None:
         """Queue a fit or a diagnosis; `reply` is called once, now or at its end."""
-        job = self._running
+        job = self.fits.job
         if self._queued is not None or (job is not None and job.kind != PAYLOAD):
             reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
                   'result will be in /diagnostics')
         elif (missing := arm.epoch.missing_for_fit()) is not None:
             reply(False, missing)
         else:
-            self._queued = Request(reply, wall + self.settings.refit_timeout, is_diagnosis)
+            self._queued = Job(DIAGNOSIS if is_diagnosis else FIT, reply,
+                               wall + self.settings.refit_timeout)
 
     def _expire(self, wall: float) -> None:
         """Reply to calls past their deadline."""
-        if self._queued is not None and wall > self._queued.until:
-            request, self._queued = self._queued, None
-            request.reply(False, f'the fit process is {self.fits.state}: '
-                          f'{self.fits.last_loss or "no fit has started"}; try again')
-        job = self._running
-        if job is not None and job.request is not None and wall > job.request.until:
-            job.reply(False, 'the fit is still running; its result will be in /diagnostics')
+        queued, running = self._queued, self.fits.job
+        if queued is not None and wall > queued.until:
+            self._queued = None
+            queued.reply(False, f'the fit process is {self.fits.state}: '
+                         f'{self.fits.last_loss or "no fit has started"}; try again')
+        if running is not None and wall > running.until:
+            running.reply(False, 'the fit is still running; its result will be in /diagnostics')
 
     def close(self) -> None:
         """End the fit process, and reply to pending calls."""
-        text = 'the node shuts down'
-        if self._queued is not None:
-            self._queued.reply(False, text)
-        if self._running is not None:
-            self._running.reply(False, text)
+        for job in (self._queued, self.fits.job):
+            if job is not None:
+                job.reply(False, 'the node shuts down')
         self._queued = None
         self.fits.stop()
         self.models.close()

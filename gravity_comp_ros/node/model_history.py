@@ -16,6 +16,8 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 Reply = Callable[[bool, str], None]
 # Maximum time for pending saves as the node ends, s.
 _LAST_SAVE = 1.0
+# Number of earlier payloads whose last model is kept.
+DEPTH = 10
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Entry:
 
 class ModelHistory:
     """
-    The model in use, and the last model of each of up to `depth` earlier payloads.
+    The model in use, and the last model of each of up to `DEPTH` earlier payloads.
 
     One thread writes the file: a slow disk delays nothing else, and the file always has the model
     of the last save.
@@ -45,13 +47,12 @@ class ModelHistory:
     :param path: the model file; empty if there is none.
     """
 
-    def __init__(self, path: str, depth: int) -> None:
+    def __init__(self, path: str) -> None:
         # Unlike that of Path, this function has no error where a user does not exist.
         self.path = expanduser(path)
         self.entry: Entry | None = None
         # Error of loading the file, or of the last save.
         self.problem = ''
-        self._depth = depth
         self._past: list[Entry] = []
         self._saves: SimpleQueue[tuple[Entry, Reply] | None] = SimpleQueue()
         self._writer: Thread | None = None
@@ -79,7 +80,7 @@ class ModelHistory:
         """
         if self.entry is not None and self.entry.epoch != epoch:
             self._past.append(self.entry)
-            del self._past[:-self._depth]
+            del self._past[:-DEPTH]
         self.entry = Entry(model, origin, now, epoch)
         return self.entry
 

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 import time
 
-from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
-from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
 from gravity_comp_ros.node.services import Services
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -35,6 +34,7 @@ DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                              durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Ticks per message on `~/extrapolation`, whose standard deviation takes 0.2 ms.
 TICKS_PER_EXTRAPOLATION = 5
+EXTERNAL_TORQUE = ('external_torque', 'external_torque_std', 'external_torque_significant')
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')
 
@@ -50,21 +50,23 @@ class GravityCompNode(LifecycleNode):
         self.settings = DeclaredParameters(self, self._check_settings, self._use_settings)
         self._core: NodeCore | None = None
         self._outputs: Outputs | None = None
-        self._subscription: Subscription | None = None
+        self.subscription: Subscription | None = None
         self._description: Subscription | None = None
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
-        self._service_set: Services | None = None
-        self._node_timers: list[Timer] = []
         self._active = False
         # The arm whose joint names the messages have.
         self._named_arm: Arm | None = None
         self._sent_model: GravityModel | None = None
         self._ticks = 0
         self._clock_is_simulated = False
+        self._input = InputGroup()
+        Services(self, self._active_core, self.now)
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._input = InputGroup()
+        self.create_timer(self.TICK, self._on_tick, clock=self._steady)
+        self.create_timer(1.0 / self.settings.values.diagnostics_rate, self._on_report,
+                          clock=self._steady)
         for text in unknown_parameter_warnings(self):
             self.get_logger().warning(text)
 
@@ -78,10 +80,6 @@ class GravityCompNode(LifecycleNode):
         if self._core is not None:
             self._core.set(values)
 
-    def subscription(self) -> Subscription | None:
-        """Return the subscription to `joint_states`, None while there is none."""
-        return self._subscription
-
     def now(self) -> float:
         """Return the time for ramps and watchdog in s: simulated if in use, else monotonic."""
         if self._clock_is_simulated:
@@ -93,7 +91,7 @@ class GravityCompNode(LifecycleNode):
         return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model file; create topics, services and timers; start the fit process."""
+        """Load the model file; create topics; start the fit process."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
@@ -106,13 +104,9 @@ class GravityCompNode(LifecycleNode):
         self._use_description(self._core)
         self._outputs = Outputs(self, self.settings.values)
         self._named_arm = self._sent_model = None
-        self._subscription = self.create_subscription(
+        self.subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
-        self._service_set = Services(self, self._active_core, self.now)
-        report = 1.0 / self.settings.values.diagnostics_rate
-        self._node_timers = [self.create_timer(self.TICK, self._on_tick, clock=self._steady),
-                             self.create_timer(report, self._on_report, clock=self._steady)]
         self._core.learner.fits.start(time.monotonic())
         return super().on_configure(state)
 
@@ -150,21 +144,16 @@ class GravityCompNode(LifecycleNode):
         return result
 
     def close(self) -> None:
-        """End the fit process, and destroy topics, services and timers."""
+        """End the fit process, and destroy topics."""
         self._active = False
         if self._core is not None:
-            self._core.close()
-        for timer in self._node_timers:
-            self.destroy_timer(timer)
-        if self._service_set is not None:
-            self._service_set.destroy()
-        for subscription in (self._subscription, self._description):
+            self._core.learner.close()
+        for subscription in (self.subscription, self._description):
             if subscription is not None:
                 self.destroy_subscription(subscription)
         if self._outputs is not None:
             self._outputs.destroy()
-        self._core = self._outputs = self._subscription = self._description = None
-        self._node_timers, self._service_set = [], None
+        self._core = self._outputs = self.subscription = self._description = None
 
     def fail(self, problem: Exception, details: str) -> None:
         """Report an error in a callback; from now on only `end_torque` publishes."""
@@ -199,32 +188,37 @@ class GravityCompNode(LifecycleNode):
         read = core.read_all(messages, arrival)
         if not read:
             return
-        message, newest = read[-1]
         if core.arm is not None and core.arm is not self._named_arm:
             outputs.name_joints(core.arm.joints)
             self._named_arm = core.arm
         tau = core.torque([reading for _, reading in read], now)
         if tau is not None:
-            outputs.torque(message.header.stamp, tau)
-        if outputs.publishes_prediction or outputs.publishes_residual:
-            self._publish_prediction(core, outputs, newest, message.header.stamp)
-        if outputs.publishes_external_torque and core.arm is not None:
-            for each, reading in read:
-                external = core.arm.external_torque(reading)
-                if external is not None:
-                    outputs.external_torque(each.header.stamp, reading.q, external)
-        for _, reading in read:
-            core.learn(reading, now)
+            outputs.torque(read[-1][0].header.stamp, tau)
+        if core.arm is not None:
+            self._publish_model_outputs(core.arm, outputs, read)
+            for _, reading in read:
+                core.arm.learn(reading, now)
 
-    def _publish_prediction(self, core: NodeCore, outputs: Outputs, reading: Reading,
-                            stamp: Time) -> None:
-        predicted = None if core.arm is None else core.arm.predicted(reading)
-        if predicted is None:
+    def _publish_model_outputs(self, arm: Arm, outputs: Outputs,
+                               read: Sequence[tuple[JointState, Reading]]) -> None:
+        """Publish prediction and residual of the newest reading, and the external torque."""
+        stamp, newest = read[-1][0].header.stamp, read[-1][1]
+        if (in_use := arm.in_use) is None:
             return
-        if outputs.publishes_prediction:
-            outputs.prediction(stamp, reading.q, predicted)
-        if outputs.publishes_residual and reading.tau is not None:
-            outputs.residual(stamp, reading.q, reading.tau - predicted)
+        if outputs.is_read('prediction', 'residual'):
+            predicted = in_use.predicted(newest)
+            outputs.joints('prediction', stamp, newest.q, predicted)
+            if newest.tau is not None:
+                outputs.joints('residual', stamp, newest.q, newest.tau - predicted)
+        if not outputs.is_read(*EXTERNAL_TORQUE):
+            return
+        for message, reading in read:
+            if isinstance(reading, CompleteReading) and (
+                    external := in_use.external_torque(reading)) is not None:
+                significant = np.where(external.significant, external.torque, 0.0)
+                for topic, values in zip(EXTERNAL_TORQUE,
+                                         (external.torque, external.std, significant)):
+                    outputs.joints(topic, message.header.stamp, reading.q, values)
 
     def _on_tick(self) -> None:
         core, outputs = self._core, self._outputs
@@ -244,11 +238,12 @@ class GravityCompNode(LifecycleNode):
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
-        if (outputs.publishes_extrapolation and core.arm is not None
-                and self._ticks % TICKS_PER_EXTRAPOLATION == 0):
-            extrapolation = core.arm.extrapolation()
-            if extrapolation is not None and self._active:
-                outputs.extrapolation(self.get_clock().now().to_msg(), *extrapolation)
+        arm = core.arm
+        if (arm is not None and arm.in_use is not None and arm.pose is not None and self._active
+                and self._ticks % TICKS_PER_EXTRAPOLATION == 0
+                and outputs.is_read('extrapolation')):
+            outputs.joints('extrapolation', self.get_clock().now().to_msg(),
+                           arm.in_use.distance(arm.pose), arm.in_use.std(arm.pose))
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)

@@ -16,8 +16,8 @@ from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.learner import can_change, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
+from gravity_comp_ros.node.model_in_use import compensable
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
-from gravity_comp_ros.node.realtime_effects import compensable
 
 Answer = tuple[bool, str]
 
@@ -41,7 +41,7 @@ class NodeCore:
         self._topic = topic
         # Events for the log: (is it a warning, sentence).
         self.log_lines: deque[tuple[bool, str]] = deque(maxlen=100)
-        self.models = ModelHistory(settings.model_file, settings.history)
+        self.models = ModelHistory(settings.model_file)
         self.learner = Learner(settings, self.models, self.log_lines)
         self.arm: Arm | None = None
         self._description = ''
@@ -147,21 +147,12 @@ class NodeCore:
         """
         Return the torque (N,) in N·m to publish for the newest of waiting readings.
 
-        Call `learn` for each after the torque has been published.
+        Call `Arm.learn` for each after the torque has been published.
 
         :param now: monotonic time in s, for ramps and the watchdog.
         """
         self._replaced += len(readings) - 1
         return None if self.arm is None else self.arm.torque(now, readings[-1])
-
-    def learn(self, reading: Reading, now: float) -> None:
-        """
-        Learn from a reading, and compare the model in use with it.
-
-        :param now: as for `torque`; torque published before it counts as sent.
-        """
-        if self.arm is not None:
-            self.arm.learn(reading, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
@@ -204,30 +195,19 @@ class NodeCore:
         :param wall: wall-clock time in s for timeouts of fits and calls, where `now` is
             simulated time, which pauses and jumps.
         """
-        arm = self.arm
-        self.learner.poll(arm, now, now if wall is None else wall)
-        if arm is None:
-            return None
-        return arm.tick(now)
+        self.learner.poll(self.arm, now, now if wall is None else wall)
+        return None if self.arm is None else self.arm.tick(now)
 
     def payload_changed(self, now: float) -> Answer:
-        """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
-        return (False, NO_JOINTS) if self.arm is None else \
-            self.learner.payload_changed(self.arm, now)
+        """Open a new epoch; see `Learner.payload_changed`."""
+        return self.learner.payload_changed(self.arm, now) if self.arm else (False, NO_JOINTS)
 
     def rollback(self, now: float) -> Answer:
         """Bring back the last model of the previous payload; no automatic fit follows."""
-        return (False, NO_JOINTS) if self.arm is None else self.learner.roll_back(self.arm, now)
+        return self.learner.roll_back(self.arm, now) if self.arm else (False, NO_JOINTS)
 
-    def refit(self, wall: float, reply: Reply) -> None:
-        """Fit the samples of the epoch; `reply` is called once, now or at the end of the fit."""
-        self._request(wall, reply, is_diagnosis=False)
-
-    def diagnose(self, wall: float, reply: Reply) -> None:
-        """Find the effects that the model does not include; `reply` as for `refit`."""
-        self._request(wall, reply, is_diagnosis=True)
-
-    def _request(self, wall: float, reply: Reply, is_diagnosis: bool) -> None:
+    def request(self, wall: float, reply: Reply, is_diagnosis: bool = False) -> None:
+        """Fit or diagnose the samples of the epoch; `reply` is called once, now or at its end."""
         if self.arm is None:
             reply(False, NO_JOINTS)
         else:
@@ -249,14 +229,6 @@ class NodeCore:
         """Keep the model and the samples; torque ramps up from zero at the next message."""
         if self.arm is not None:
             self.arm.deactivate()
-
-    def save(self, wall: float, reply: Reply) -> None:
-        """Write the model file; `reply` is called once, from another thread or now."""
-        self.models.save(reply)
-
-    def close(self) -> None:
-        """End the fit process, and reply to pending calls."""
-        self.learner.close()
 
     def statuses(self, now: float) -> list[diagnostics.Status]:
         """Return the statuses for /diagnostics, and restart their counts."""

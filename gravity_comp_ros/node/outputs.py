@@ -11,14 +11,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.external_torque import ExternalTorque
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.numbers import Parameters
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
+from gravity_comp_ros.node.job_messages import PayloadResult
 from gravity_comp_ros.node.parameters import Parameters as Settings
-from gravity_comp_ros.node.watch import Suspicion
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -32,6 +31,11 @@ EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
                        durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # A controller that starts later receives the last model.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Topics with one number per joint; the last one exists with a servo stiffness only.
+JOINT_TOPICS = ('gravity_torques', 'prediction', 'residual', 'extrapolation', 'external_torque',
+                'external_torque_std', 'external_torque_significant', 'position_offset')
+# Largest position offset, rad: a stiffness in another unit would otherwise move the arm.
+MAX_POSITION_OFFSET = 0.2
 
 
 def model_message(parameters: Parameters) -> Float64MultiArray:
@@ -67,13 +71,13 @@ def payload_message(payload: Payload | None, stamp: Time) -> InertiaStamped:
     return message
 
 
-def position_offset(tau: FloatArray, stiffness: FloatArray, limit: float) -> FloatArray:
+def position_offset(tau: FloatArray, stiffness: FloatArray) -> FloatArray:
     """
     Return the angle (N,) in rad to add to the goals of servos for a torque (N,) in N·m.
 
-    :param stiffness: (N,) or (1,) in N·m/rad. :param limit: largest offset in rad.
+    :param stiffness: (N,) or (1,) in N·m/rad.
     """
-    return np.minimum(np.maximum(tau / stiffness, -limit), limit)
+    return np.minimum(np.maximum(tau / stiffness, -MAX_POSITION_OFFSET), MAX_POSITION_OFFSET)
 
 
 class Outputs:
@@ -87,21 +91,14 @@ class Outputs:
     def __init__(self, node: LifecycleNode, settings: Settings) -> None:
         self._node = node
         self._stiffness = np.array(settings.servo_stiffness)
-        self._max_offset = settings.max_position_offset
-        self._offsets = None if not settings.servo_stiffness else \
-            node.create_lifecycle_publisher(JointState, '~/position_offset', DEPTH)
-        self._offset = JointState()
-        self._torques = node.create_lifecycle_publisher(JointState, '~/gravity_torques', DEPTH)
+        topics = JOINT_TOPICS if settings.servo_stiffness else JOINT_TOPICS[:-1]
+        self._joints = {topic: node.create_lifecycle_publisher(JointState, f'~/{topic}', DEPTH)
+                        for topic in topics}
+        self._messages = {topic: JointState() for topic in topics}
+        # The topics that have subscribers.
+        self._read: frozenset[str] = frozenset()
         self._commands = node.create_lifecycle_publisher(
             Float64MultiArray, '~/commands', DEPTH)
-        self._prediction = node.create_lifecycle_publisher(JointState, '~/prediction', DEPTH)
-        self._residual = node.create_lifecycle_publisher(JointState, '~/residual', DEPTH)
-        self._extrapolation = node.create_lifecycle_publisher(
-            JointState, '~/extrapolation', DEPTH)
-        # External torque, its standard deviation, and the torque where it is significant.
-        self._external = [node.create_lifecycle_publisher(JointState, f'~/external_torque{end}',
-                                                          DEPTH)
-                          for end in ('', '_std', '_significant')]
         self._suspected = node.create_lifecycle_publisher(
             DiagnosticArray, '~/payload_suspected', EVENT_QOS)
         self._checks = node.create_lifecycle_publisher(String, '~/checks', EVENT_QOS)
@@ -109,70 +106,40 @@ class Outputs:
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._model = node.create_publisher(Float64MultiArray, '~/model', LATCHED)
         self._payload = node.create_publisher(InertiaStamped, '~/payload', LATCHED)
-        self._torque, self._predicted = JointState(), JointState()
-        self._difference, self._outside = JointState(), JointState()
-        self._from_outside = JointState()
         self._command = Float64MultiArray()
-        self._command.layout.data_offset = 0
-        # Whether these topics have subscribers.
-        self.publishes_prediction = self.publishes_residual = self.publishes_extrapolation = False
-        self.publishes_external_torque = False
 
     def name_joints(self, joints: Sequence[str]) -> None:
         """Write the joint names into all messages."""
-        for message in (self._torque, self._predicted, self._difference, self._outside,
-                        self._from_outside, self._offset):
+        for message in self._messages.values():
             message.name = list(joints)
 
     def update_subscriptions(self) -> None:
         """Find which topics have subscribers; too slow to call for each message."""
-        self.publishes_prediction = self._prediction.get_subscription_count() > 0
-        self.publishes_residual = self._residual.get_subscription_count() > 0
-        self.publishes_extrapolation = self._extrapolation.get_subscription_count() > 0
-        self.publishes_external_torque = any(publisher.get_subscription_count() > 0
-                                             for publisher in self._external)
+        self._read = frozenset(topic for topic, publisher in self._joints.items()
+                               if publisher.get_subscription_count() > 0)
+
+    def is_read(self, *topics: str) -> bool:
+        """Return whether one of these topics of joints has a subscriber."""
+        return not self._read.isdisjoint(topics)
+
+    def joints(self, topic: str, stamp: Time, position: FloatArray | None = None,
+               effort: FloatArray | None = None) -> None:
+        """Publish one number per joint (N,) on a topic of `JOINT_TOPICS`."""
+        message = self._messages[topic]
+        message.header.stamp = stamp
+        if position is not None:
+            message.position = array('d', position.tobytes())
+        if effort is not None:
+            message.effort = array('d', effort.tobytes())
+        self._joints[topic].publish(message)
 
     def torque(self, stamp: Time, tau: FloatArray) -> None:
-        """Publish the feed-forward (N,) in N·m, as joint state, command and position offset."""
-        values = array('d', tau.tobytes())
-        self._command.data = values
+        """Publish the feed-forward (N,) in N·m, as command, joint state and position offset."""
+        self._command.data = array('d', tau.tobytes())
         self._commands.publish(self._command)
-        self._torque.header.stamp = stamp
-        self._torque.effort = values
-        self._torques.publish(self._torque)
-        if self._offsets is not None:
-            self._offset.header.stamp = stamp
-            self._offset.position = array('d', position_offset(
-                tau, self._stiffness, self._max_offset).tobytes())
-            self._offsets.publish(self._offset)
-
-    def prediction(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
-        """Publish the model's torque (N,) in N·m at pose q (N,), without ramp and limits."""
-        self._fill(self._predicted, stamp, q, tau)
-        self._prediction.publish(self._predicted)
-
-    def residual(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
-        """Publish measured minus predicted torque (N,) in N·m."""
-        self._fill(self._difference, stamp, q, tau)
-        self._residual.publish(self._difference)
-
-    def external_torque(self, stamp: Time, q: FloatArray, external: ExternalTorque) -> None:
-        """Publish external torque, its standard deviation, and its significant values."""
-        significant = np.where(external.significant, external.torque, 0.0)
-        for publisher, values in zip(self._external,
-                                     (external.torque, external.std, significant)):
-            self._fill(self._from_outside, stamp, q, values)
-            publisher.publish(self._from_outside)
-
-    def extrapolation(self, stamp: Time, distance: FloatArray, std: FloatArray) -> None:
-        """
-        Publish the extrapolation of the model at the present pose.
-
-        :param distance: distance outside the trained range (N,) in rad.
-        :param std: standard deviation of the model's torque (N,) in N·m, or empty.
-        """
-        self._fill(self._outside, stamp, distance, std)
-        self._extrapolation.publish(self._outside)
+        self.joints('gravity_torques', stamp, effort=tau)
+        if self._stiffness.size:
+            self.joints('position_offset', stamp, position_offset(tau, self._stiffness))
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish /diagnostics."""
@@ -191,10 +158,10 @@ class Outputs:
         """Publish the checks of a decision, as JSON."""
         self._checks.publish(String(data=decision))
 
-    def payload_suspected(self, suspicion: Suspicion) -> None:
+    def payload_suspected(self, found: PayloadResult) -> None:
         """Publish the suspicion of an unannounced payload, with its evidence."""
         self._suspected.publish(self._array([
-            Status('payload_suspected', WARN, suspicion.text, suspicion.values)]))
+            Status('payload_suspected', WARN, found.text, found.values)]))
 
     def _array(self, statuses: Sequence[Status]) -> DiagnosticArray:
         message = DiagnosticArray()
@@ -210,15 +177,7 @@ class Outputs:
 
     def destroy(self) -> None:
         """Destroy all publishers."""
-        for publisher in (self._torques, self._commands, self._prediction, self._residual,
-                          self._extrapolation, *self._external, self._suspected,
-                          self._checks, *([self._offsets] if self._offsets else [])):
+        for publisher in (*self._joints.values(), self._commands, self._suspected, self._checks):
             self._node.destroy_lifecycle_publisher(publisher)
         for each in (self._diagnostics, self._model, self._payload):
             self._node.destroy_publisher(each)
-
-    @staticmethod
-    def _fill(message: JointState, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
-        message.header.stamp = stamp
-        message.position = array('d', q.tobytes())
-        message.effort = array('d', tau.tobytes())

@@ -161,14 +161,8 @@ class Parameters:
     max_speed: float = parameter(
         0.15, 'Maximum joint speed of samples that are learned from.', 'rad/s',
         0.001, 10.0)
-    max_acceleration: float = parameter(
-        0.0, 'Maximum joint acceleration (mean over 0.1 s) of samples that are learned from; 0: '
-        'no limit.', 'rad/s²', 0.0, 1000.0)
     sample_rate: float = parameter(
         5.0, 'Maximum rate of samples that are learned from.', 'Hz', 0.1, 1000.0)
-    capacity: int = parameter(
-        1500, 'Maximum number of samples; then new poses replace samples at similar poses.',
-        'samples', 50, 20000, read_only=True)
     auto_fit: bool = parameter(
         True, 'Fit automatically in an open epoch. If false, only `~/refit` fits.')
     formulation: str = parameter(
@@ -186,9 +180,6 @@ class Parameters:
     compensate_fraction: float = parameter(
         0.7, 'Fraction of their torque that is published. With the whole friction an arm may '
         'drift on its own.', '', 0.0, 1.0)
-    compensate_speed: float = parameter(
-        0.02, 'Minimum speed over which compensated friction changes its sign. Set it above the '
-        'noise of the velocity at rest.', 'rad/s', 0.001, 1.0)
     accept: tuple[str, ...] = parameter(
         (), 'Facts about the samples for which a first model is refused otherwise, by their names '
         'in the reply of `~/refit`, such as `effort_unit`.',
@@ -204,10 +195,7 @@ class Parameters:
         10, 10000)
     full_samples: int = parameter(
         500, 'Number of samples at which a last fit closes the epoch, once each joint has moved '
-        'over `min_span`.', 'samples', 20, 20000)
-    min_span: float = parameter(
-        0.2, 'Minimum range of motion of each joint in an epoch. Joints below it are reported.',
-        'rad', 0.0, 6.3)
+        'over 0.2 rad.', 'samples', 20, 1500)
     max_payload: float = parameter(
         20.0, 'Largest mass that is attached to or removed from the last link; more is refused.',
         'kg', 0.01, 1000.0)
@@ -233,9 +221,6 @@ class Parameters:
         read_only=True)
     auto_save: bool = parameter(
         False, 'Write the model file whenever a new model is in use.')
-    history: int = parameter(
-        10, 'Number of earlier payloads whose last model `~/rollback` can bring back.',
-        'payloads', 1, 100, read_only=True)
     enabled: bool = parameter(
         True, 'Publish torque from the start. `~/enable` changes this at runtime.',
         read_only=True)
@@ -255,9 +240,6 @@ class Parameters:
         (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
         'goal; it gives `~/position_offset`.', 'N·m/rad', 0.1,
         1e6, read_only=True)
-    max_position_offset: float = parameter(
-        0.2, 'Largest position offset of a joint. A stiffness in another unit would otherwise '
-        'move the arm.', 'rad', 0.0, 1.0, read_only=True)
     extrapolation: str = parameter(
         'hold', 'Torque at poses more than `extrapolation_margin` outside the trained range: '
         '`hold` uses the torque of the nearest pose inside the margin, `fade` reduces torque to '
@@ -312,9 +294,6 @@ class Parameters:
             if getattr(self, name) > self.full_samples:
                 raise OptionError(f'parameter {name}: {getattr(self, name)} is more than '
                                   f'full_samples, {self.full_samples}')
-        if self.full_samples > self.capacity:
-            raise OptionError(f'parameter full_samples: {self.full_samples} is more than '
-                              f'capacity, {self.capacity}')
 
 
 TABLE = tuple(row_of(each) for each in fields(Parameters))

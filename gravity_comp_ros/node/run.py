@@ -43,7 +43,7 @@ def run(args: Sequence[str] | None = None) -> int:
         if rclpy.ok():
             raise
         return 0
-    executor = InputFirstExecutor(node.subscription, node.on_joint_states)
+    executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states)
     try:
         return _spin(node, executor)
     except ExternalShutdownException:

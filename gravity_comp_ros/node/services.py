@@ -22,7 +22,7 @@ INACTIVE = 'the node is not active: activate it first'
 
 class Services:
     """
-    The services, from configuration to cleanup.
+    The services. They exist as long as the node, so that a call that waits is always answered.
 
     :param core: returns the core of the node, None while it is not active.
     :param now: returns the time for ramps in s.
@@ -33,24 +33,20 @@ class Services:
         self._node, self._core = node, core
         # Fits and disks are slow: these reply later, while joint states are handled.
         waiting = ReentrantCallbackGroup()
-        self._services = [
+        deferred: dict[str, Callable[[NodeCore, Reply], None]] = {
+            'refit': lambda core, reply: core.request(time.monotonic(), reply),
+            'diagnose': lambda core, reply: core.request(time.monotonic(), reply, True),
+            'save_model': lambda core, reply: core.models.save(reply)}
+        for name, start in deferred.items():
             node.create_service(Trigger, f'~/{name}', self._deferred(start),
                                 qos_profile=SERVICE_QOS, callback_group=waiting)
-            for name, start in (('refit', NodeCore.refit), ('diagnose', NodeCore.diagnose),
-                                ('save_model', NodeCore.save))]
         immediate: dict[str, tuple[type, Callable[[NodeCore, Any], Answer]]] = {
             'payload_changed': (Trigger, lambda core, _: core.payload_changed(now())),
             'rollback': (Trigger, lambda core, _: core.rollback(now())),
             'enable': (SetBool, lambda core, request: core.enable(request.data))}
-        self._services += [
+        for name, (kind, answer) in immediate.items():
             node.create_service(kind, f'~/{name}', self._immediate(answer),
                                 qos_profile=SERVICE_QOS)
-            for name, (kind, answer) in immediate.items()]
-
-    def destroy(self) -> None:
-        """Destroy all services."""
-        for service in self._services:
-            self._node.destroy_service(service)
 
     def _immediate(self, answer: Callable[[NodeCore, Any], Answer]) -> Callable[[Any, Any], Any]:
         def respond(request: Any, response: Any) -> Any:
@@ -59,14 +55,14 @@ class Services:
                                 else answer(core, request))
         return respond
 
-    def _deferred(self, start: Callable[[NodeCore, float, Reply], None]) -> Callable[
+    def _deferred(self, start: Callable[[NodeCore, Reply], None]) -> Callable[
             [Any, Any], Coroutine[Any, Any, Any]]:
         async def respond(_: Any, response: Any) -> Any:
             future, core = Future(executor=self._node.executor), self._core()
             if core is None:
                 future.set_result((False, INACTIVE))
             else:
-                start(core, time.monotonic(), lambda *answer: _complete(future, answer))
+                start(core, lambda *answer: _complete(future, answer))
             return self._logged(response, await future)
         return respond
 

@@ -41,10 +41,10 @@ class TorqueSource:
     effects: Compensation | None = None
 
     @classmethod
-    def of(cls, model: GravityModel, effects: Compensation | None = None) -> TorqueSource:
+    def of(cls, model: GravityModel) -> TorqueSource:
         """Return the torque source of a model, with the reach of its formulation."""
         reach = PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf
-        return cls(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach, effects)
+        return cls(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """

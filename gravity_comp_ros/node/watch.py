@@ -9,7 +9,6 @@ tests the window (`acceptance.suspicion_checks`).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -20,7 +19,7 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import PARTS
 from gravity_comp_ros.node.job_messages import PayloadResult
-from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.messages import CompleteReading
 import numpy as np
 
 LEARN = 'learn'
@@ -54,26 +53,13 @@ _NORMAL = 2.5
 _NEW_SAMPLES = 5
 
 
-@dataclass(frozen=True)
-class Suspicion:
-    """Suspicion of another payload since `since` (stamp of the first sample in s)."""
-
-    since: float
-    text: str
-    values: Mapping[str, str]
-
-
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """A slow sample, its residual in units of noise, and whether that of any joint is large."""
+    """A slow sample, its acceleration, and its residual in units of the noise, (N,) each."""
 
-    t: float
-    q: FloatArray
-    qd: FloatArray
-    tau: FloatArray
+    reading: CompleteReading
     qdd: FloatArray
     ratio: FloatArray
-    is_large: bool
 
 
 class Watch:
@@ -128,11 +114,11 @@ class Watch:
     def forget(self) -> None:
         """Drop the window and the findings."""
         self.restart()
-        self.suspicion: Suspicion | None = None
+        self.suspicion: PayloadResult | None = None
         # Evidence of a change of the effort that no payload explains; empty if there is none.
         self.other = ''
 
-    def offer(self, reading: Reading, qdd: FloatArray | None, gravity: FloatArray,
+    def offer(self, reading: CompleteReading, qdd: FloatArray | None, gravity: FloatArray,
               residual: FloatArray) -> None:
         """
         Add a slow sample at a pose within the trained range.
@@ -149,17 +135,15 @@ class Watch:
         if self._before is not None:
             old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._noise
             self._errors.append((error, old))
-        if qdd is not None and reading.qd is not None and reading.tau is not None:
-            ratio = residual / residual_noise(self._model)
-            self._add(_Row(reading.t, reading.q, reading.qd, reading.tau, qdd, ratio,
-                           float(np.abs(ratio).max()) > _LARGE))
+        if qdd is not None:
+            self._add(_Row(reading, qdd, residual / residual_noise(self._model)))
 
     def _add(self, row: _Row) -> None:
         """Add a sample to the window of a payload test."""
-        rows = self._rows
-        if float(np.abs(row.qdd).max()) >= MAX_ACCELERATION or rows and (
-                row.t < rows[-1].t + 0.9 * PERIOD
-                or float(np.abs(row.q - rows[-1].q).max()) < _MIN_MOTION):
+        rows, last = self._rows, self._rows[-1].reading if self._rows else None
+        if float(np.abs(row.qdd).max()) >= MAX_ACCELERATION or last is not None and (
+                row.reading.t < last.t + 0.9 * PERIOD
+                or float(np.abs(row.reading.q - last.q).max()) < _MIN_MOTION):
             return
         rows.append(row)
         self._wait = max(0, self._wait - 1)
@@ -191,11 +175,12 @@ class Watch:
         length = self._due[self._tests % len(self._due)]
         self._tests += 1
         rows = list(self._rows)[-length:]
-        self._duration = rows[-1].t - rows[0].t
+        self._duration = rows[-1].reading.t - rows[0].reading.t
         picked = np.unique(
             np.linspace(0, length - 1, min(length, MAX_WINDOW)).round().astype(int))
         t, q, qd, tau, qdd = (np.array(column) for column in zip(
-            *((row.t, row.q, row.qd, row.tau, row.qdd) for row in (rows[k] for k in picked))))
+            *((row.reading.t, row.reading.q, row.reading.qd, row.reading.tau, row.qdd)
+              for row in (rows[k] for k in picked))))
         return JointSamples.single_run(self._names, t, q, qd, tau, 'live', qdd=qdd)
 
     def lasts(self) -> Check:
@@ -203,23 +188,26 @@ class Watch:
         return Check(checks.LASTS, self._duration, self._min_duration, True,
                      'the change has not lasted long enough')
 
-    def add_finding(self, finding: PayloadResult) -> Suspicion | None:
-        """Record a finding; return a suspicion if it is new and has lasted long enough."""
+    def add_finding(self, finding: PayloadResult) -> bool:
+        """Record a finding; return whether it is a new suspicion that has lasted long enough."""
         self.other = finding.text if finding.is_other else ''
         if not finding.is_payload or self.suspicion is not None or not self.lasts().passed:
-            return None
-        self.suspicion = Suspicion(finding.since, finding.text, finding.values)
-        return self.suspicion
+            return False
+        self.suspicion = finding
+        return True
 
     def _due_lengths(self) -> list[int]:
         """Return the lengths of windows with a large residual in each part, longest first."""
         rows = list(self._rows)
-        if len(rows) < MIN_WINDOW or not rows[-1].is_large:
+        if len(rows) < MIN_WINDOW:
             return []
-        large = np.array([row.is_large for row in rows])
+        large = np.abs([row.ratio for row in rows]).max(axis=1) > _LARGE
+        if not large[-1]:
+            return []
         enough = next((length for length in range(MIN_WINDOW, len(rows) + 1)
                        if large[-length]
-                       and rows[-1].t - rows[-length].t >= self._min_duration), None)
+                       and rows[-1].reading.t - rows[-length].reading.t >= self._min_duration),
+                      None)
         lengths = {min(len(rows), MAX_WINDOW), MIN_WINDOW}
         if enough is not None:
             lengths |= {length for length in

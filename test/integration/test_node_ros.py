@@ -182,8 +182,13 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         until_last(probe, rest)
         torques = np.abs(matrix(probe.torques[count:])).max(axis=1)
         assert torques[0] == 0.0 and 0.0 < torques[-1] < 0.5 * whole
+        # A call that waits is answered, although its node is cleaned up meanwhile.
+        probe.stream(part(later, 50, 120))
+        waiting = probe.call_async('refit')
         assert change(probe, Transition.TRANSITION_DEACTIVATE)
         assert change(probe, Transition.TRANSITION_CLEANUP) and state() == 'unconfigured'
+        probe.until(waiting.done, 60, 'the answer to a call that waited')
+        assert waiting.result().message and 'not active' in probe.call('refit').message
         count = len(probe.torques)
         probe.stream(part(later, 40, 50))
         assert len(probe.torques) == count
@@ -201,7 +206,7 @@ WRONG_PARAMETERS = [
     ('max_torque', [1.0, 2.0], '2 values for 7 joints'), ('max_torque', ['much'], ''),
     ('formulation', 'magic', 'one of auto, potential, chain'), ('ramp_time', -1.0, 'ramp_time'),
     ('stale_action', 'drop', 'hold'), ('joints', ['a'], 'read-only'),
-    ('model_file', '/etc/passwd', 'read-only'), ('full_samples', 5000, 'more than capacity'),
+    ('model_file', '/etc/passwd', 'read-only'), ('full_samples', 5000, 'full_samples'),
     ('effects', ['gremlins'], 'gremlins'), ('compensate', ['inertia'], 'compensate'),
     ('no_such_parameter', 1, '')]
 # Many more than the default depth of a queue.

@@ -90,7 +90,7 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     assert 'model.json' in status(node, 'model').message
     assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
     answers = []
-    node.save(0.0, lambda *answer: answers.append(answer))
+    node.models.save(lambda *answer: answers.append(answer))
     assert not answers[0][0] and path.read_bytes() == content
     # The first message does not end the report.
     assert status(node, 'model').level == ERROR and 'model.json' in status(node, 'model').message
@@ -106,7 +106,7 @@ def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_fil
     now = feed(node, 80)
     until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
-    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.request(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(time.monotonic())
     assert node.learner.fits.state == 'fitting'
     assert node.payload_changed(now)[0]
@@ -184,8 +184,8 @@ def test_close_replies_to_pending_calls(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     feed(node, 80)
     answers = []
-    node.refit(0.0, lambda *answer: answers.append(answer))
-    node.close()
+    node.request(0.0, lambda *answer: answers.append(answer))
+    node.learner.close()
     assert answers == [(False, 'the node shuts down')]
 
 
@@ -202,7 +202,7 @@ def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file)
     feed(node, 80)
     until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
-    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.request(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(20.0, time.monotonic())
     node.tick(1e6, time.monotonic())
     assert node.learner.fits.state == 'fitting' and not answers
@@ -225,7 +225,7 @@ def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
     tau = node.torque(readings, now + 0.2)
     np.testing.assert_allclose(tau, node.models.model.predict_one(q[-1]))
     for reading in readings:
-        node.learn(reading, now + 0.2)
+        node.arm.learn(reading, now + 0.2)
     # The last sample waits for later messages.
     assert len(node.arm.epoch) == 49
     report = status(node, 'input', now)
@@ -246,7 +246,7 @@ def test_waiting_messages_of_another_device_are_left_out_once_the_arm_is_known(l
     assert node.arm.joints == tuple(arm[0].name)
     assert [message for message, _ in read] == arm
     for _, reading in read:
-        node.learn(reading, 0.0)
+        node.arm.learn(reading, 0.0)
 
 
 def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
@@ -275,7 +275,7 @@ def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
     now = feed(node, 80)
     until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
-    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.request(time.monotonic(), lambda *answer: answers.append(answer))
     assert node.payload_changed(now)[0] and not answers
     node.tick(time.monotonic())
     assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
@@ -310,6 +310,8 @@ def test_a_description_gives_axes_limits_and_continuous_joints():
     assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
     assert 'order' in describe_arm(URDF, ('b', 'a')).problem
     assert describe_arm('<robot', ('a',)).problem
+    # A number beyond all drives stands for no limit.
+    assert describe_arm(URDF.replace('effort="1.5"', 'effort="1e9"'), ('a', 'b')).max_effort == ()
 
 
 def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
@@ -350,13 +352,13 @@ def test_events_are_logged(live, model_file, tmp_path):
     assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
     node.models.path = str(tmp_path / 'none' / 'model.json')
     replies = []
-    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.save(lambda *reply: replies.append(reply))
     until(node, lambda: replies)
     assert not replies[0][0] and 'none' in replies[0][1]
     assert status(node, 'model').level == WARN
     # The status is that of the last save.
     (tmp_path / 'none').mkdir()
-    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.save(lambda *reply: replies.append(reply))
     until(node, lambda: len(replies) == 2)
     assert replies[1][0] and status(node, 'model').level == OK
 
@@ -367,7 +369,7 @@ def test_a_failed_diagnosis_is_no_state_of_learning(live, model_file):
     until(node, lambda: node.learner.fits.state == 'ready')
     pid, answers = node.learner.fits.pid, []
     os.kill(pid, signal.SIGSTOP)
-    node.diagnose(time.monotonic(), lambda *answer: answers.append(answer))
+    node.request(time.monotonic(), lambda *answer: answers.append(answer), True)
     until(node, lambda: node.learner.fits.state == 'fitting')
     os.kill(pid, signal.SIGKILL)
     until(node, lambda: answers)
@@ -398,7 +400,7 @@ def test_a_lost_fit_process_is_reported_and_restarted(live, model_file, number, 
     pid = node.learner.fits.pid
     # Stopped first, because on a busy machine the job might end before the signal.
     os.kill(pid, signal.SIGSTOP)
-    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.request(time.monotonic(), lambda *answer: answers.append(answer))
     until(node, lambda: node.learner.fits.state == 'fitting')
     os.kill(pid, number)
     until(node, lambda: answers)
@@ -495,9 +497,9 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
 
     monkeypatch.setattr(model_history, 'save_model', slow_disk)
     replies = []
-    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.save(lambda *reply: replies.append(reply))
     node.models.use(second, 'another', 1.0)
-    node.save(0.0, lambda *reply: replies.append(reply))
+    node.models.save(lambda *reply: replies.append(reply))
     both.set()
     until(node, lambda: len(replies) == 2)
     assert saved == [first, second] and all(success for success, _ in replies)
@@ -516,7 +518,7 @@ def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_fil
 
     monkeypatch.setattr(model_history, 'save_model', full_memory)
     for _ in range(2):
-        node.save(0.0, lambda *reply: replies.append(reply))
+        node.models.save(lambda *reply: replies.append(reply))
     until(node, lambda: len(replies) == 2, 30.0)
     assert not replies[0][0] and 'no memory' in replies[0][1] and replies[1][0]
 

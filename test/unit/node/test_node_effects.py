@@ -116,10 +116,10 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
 
 def test_diagnose_names_the_missing_effect(node):
     replies = []
-    node.diagnose(time.monotonic(), lambda *reply: replies.append(reply))
+    node.request(time.monotonic(), lambda *reply: replies.append(reply), True)
     assert not replies[0][0] and 'no slow samples yet' in replies[0][1]
     feed(node, 1.0, 300)
-    node.diagnose(time.monotonic(), lambda *reply: replies.append(reply))
+    node.request(time.monotonic(), lambda *reply: replies.append(reply), True)
     until(node, lambda: len(replies) == 2)
     assert replies[1][0] and 'coulomb_friction:a (established)' in replies[1][1]
 
@@ -169,4 +169,4 @@ def test_a_per_joint_model_is_held_near_its_range(tmp_path):
         status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
         assert status.level == WARN and 'outside the trained range' in status.message
     finally:
-        node.close()
+        node.learner.close()

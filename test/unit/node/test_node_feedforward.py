@@ -173,11 +173,11 @@ def test_returning_input_ramps_up_from_the_present_torque():
 
 def test_disable_ramps_down_to_zero_then_publishes_nothing():
     feed, t = started()
-    feed.enable(False)
+    feed.enabled = False
     torques = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
     np.testing.assert_allclose(torques, 10.0 - np.arange(1, 11), atol=1e-9)
     assert feed.update(t + 1.1, Q) is None and feed.state(t + 1.1) == ff.DISABLED
-    feed.enable(True)
+    feed.enabled = True
     assert float(feed.update(t + 1.2, Q)[0]) == pytest.approx(1.0)
 
 
@@ -250,7 +250,7 @@ def test_no_sequence_of_events_exceeds_the_limits(script, policy):
         elif what == 'watch':
             tau = feed.watch(now)
         elif what in ('enable', 'disable'):
-            feed.enable(what == 'enable')
+            feed.enabled = what == 'enable'
         elif what == 'swap':
             feed.use(constant(20 * x))
         if tau is not None:

@@ -46,7 +46,7 @@ def live():
 
     yield make
     for each in nodes:
-        each.close()
+        each.learner.close()
 
 
 def test_samples_of_the_node_are_those_of_the_recording(live):

@@ -44,7 +44,7 @@ def test_defaults_are_allowed_by_the_table_itself():
 @pytest.mark.parametrize('name, value, why', [
     ('max_speed', -1.0, 'must lie in 0.001 to 10'), ('max_speed', 'fast', 'of type double'),
     ('max_speed', float('nan'), 'must be finite'), ('max_speed', True, 'of type double'),
-    ('capacity', 10.5, 'whole number'), ('capacity', 1, 'must lie in 50 to 20000'),
+    ('full_samples', 90.5, 'whole number'), ('full_samples', 1, 'must lie in 20 to 1500'),
     ('formulation', 'magic', 'one of auto, potential, chain'), ('auto_fit', 1, 'true or false'),
     ('max_torque', 5.0, 'must be a list'), ('max_torque', [1.0, -1.0], 'must lie in 0'),
     ('max_torque', [1.0, float('inf')], 'must be finite'), ('joints', ['a', 'a'], 'differ'),
@@ -72,7 +72,7 @@ def test_integers_are_accepted_for_doubles():
 @pytest.mark.parametrize('change, why', [
     ({'joints': ('a', 'b'), 'max_torque': (1.0, 2.0, 3.0)}, 'max_torque: 3 values for 2'),
     ({'joints': tuple('abcdefghijk')}, 'at most 10'), ({'effort_scale': (0.0,)}, 'would erase'),
-    ({'min_samples': 600}, 'more than full_samples'), ({'capacity': 100}, 'more than capacity'),
+    ({'min_samples': 600}, 'more than full_samples'),
     ({'hold_time': float('nan')}, 'hold_time.*finite'),
     ({'extrapolation': 'guess'}, 'one of hold'),
     ({'extrapolation_margin': 0.0}, 'must lie in 0.01 to 10')])

@@ -15,8 +15,8 @@ from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.residual import LiveResidual
-from gravity_comp_ros.node.rows import SlowSample
+from gravity_comp_ros.node.model_in_use import ModelInUse
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
 from hypothesis import given, strategies as st
@@ -126,11 +126,11 @@ def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
                          ('viscous_friction', 2, {}, {'F_v': 4.0}),
                          ('torque_offset', 3, {}, {'b': -0.7}),
                          ('load_dependent_friction', 4, {'width': 0.002}, {'mu': 0.1}))
-    live, gravity = LiveResidual(fitted), np.full(7, -5.0)
+    in_use, gravity = ModelInUse(fitted, Parameters()), np.full(7, -5.0)
 
     def nuisance(q, qd):
-        sample = SlowSample(CompleteReading(0.0, q, qd, np.zeros(7)), np.zeros((1, 7)))
-        error, residual = live.of(sample, gravity, np.ones(7))
+        reading = CompleteReading(0.0, q, qd, np.zeros(7))
+        error, residual = in_use.residual(reading, gravity, np.ones(7))
         np.testing.assert_array_equal(error, -gravity)
         return error - residual
 
@@ -192,7 +192,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
             assert np.diff(window.t).min() > 0.85 * PERIOD
-            if watch.add_finding(replace(finding, since=window.t[0])) is not None:
+            if watch.add_finding(replace(finding, since=window.t[0])):
                 suspected.append(t)
     assert len(suspected) <= 1 and all(t >= lasting for t in suspected)
     if lasts < lasting:
@@ -269,4 +269,4 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
             status = {each.name: each for each in live.statuses(232.0)}['payload']
             assert status.level == OK
     finally:
-        live.close()
+        live.learner.close()
