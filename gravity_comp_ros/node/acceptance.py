@@ -259,11 +259,14 @@ def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
     yield gravity_present(samples, table.before, noise)
     body, unchanged = table.explain(table.body), table.explain().log_evidence
     explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
-    fault = max((each for each in _faults(table, scale) if each.log_evidence > unchanged
-                 and each.residual <= OPTIONS.max_residual),
-                key=lambda each: each.log_evidence, default=None)
-    yield Check(checks.NO_FAULT, -np.inf if fault is None else fault.log_evidence - explained,
-                OPTIONS.max_fault_lead, text='' if fault is None else fault.text)
+    faults = [each for each in _faults(table, scale) if each.log_evidence > unchanged
+              and each.residual <= OPTIONS.max_residual]
+    # A fault alone is named unless one with a body is clearly better.
+    margin = OPTIONS.max_fault_lead
+    named = max(faults, key=lambda each: each.log_evidence - margin * each.has_body, default=None)
+    yield Check(checks.NO_FAULT,
+                max((each.log_evidence for each in faults), default=-np.inf) - explained,
+                margin, text='' if named is None else named.text)
     ratio = body.ratio(samples.qd) / scale
     worst = int(np.argmax(ratio))
     text = ''
@@ -285,15 +288,17 @@ class _Fault:
     text: str
     log_evidence: float
     residual: float
+    has_body: bool
 
 
 def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
     """Yield the fit of each gain of a joint, and of a common factor, that differs from 1."""
-    def fault(fit: Explanation, sentence: str, name: str) -> Iterator[_Fault]:
+    def fault(fit: Explanation, sentence: str, name: str,
+              has_body: bool = False) -> Iterator[_Fault]:
         change = float(fit.mean[0])
         if abs(change) >= OPTIONS.min_gain_change:
             yield _Fault(sentence.format(name, 1.0 + change), fit.log_evidence,
-                         float((fit.ratio(table.samples.qd) / scale).max()))
+                         float((fit.ratio(table.samples.qd) / scale).max()), has_body)
 
     for k in table.loaded_joints():
         name = table.samples.names[k]
@@ -302,7 +307,7 @@ def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
                          name)
         yield from fault(table.body_and_gain(k), 'a body explains the change only with an effort '
                          'of {} of {:.3g} times the earlier one: its sensor or its drive is '
-                         'faulty', name)
+                         'faulty', name, has_body=True)
     yield from fault(table.factor(), 'the effort of {} is {:.3g} times the earlier one: another '
                      'unit or gain, no payload', 'all joints')
 

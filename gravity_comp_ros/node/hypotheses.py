@@ -162,8 +162,8 @@ class Hypotheses:
         return np.flatnonzero(rms(self.before) > self._noise).tolist()
 
     def gain(self, joint: int) -> Explanation:
-        """Return the fit of another gain of one joint, and a constant torque of it."""
-        return self.explain(self._fault([joint]))
+        """Return the fit of another gain of one joint."""
+        return max(self._gains(joint, self.body[:0], self._base), key=_evidence)
 
     def factor(self) -> Explanation:
         """Return the fit of a common factor of all joints, and constant torques."""
@@ -171,18 +171,17 @@ class Hypotheses:
 
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
-        return max((fit for scale in self._scales
-                    for fit in self._body_and_gain(joint, scale / self._scale * self.body)),
-                   key=lambda fit: fit.log_evidence)
+        return max((fit for scale in self._scales for fit in self._gains(
+            joint, scale / self._scale * self.body, self._loaded)), key=_evidence)
 
-    def _body_and_gain(self, joint: int, body: FloatArray) -> Iterator[Explanation]:
+    def _gains(self, joint: int, body: FloatArray, base: FloatArray) -> Iterator[Explanation]:
         """
-        Yield the fits of a body and of the gain 1 + g of one joint: any gain, 0 and -1.
+        Yield the fits of the columns of a body and the gain 1 + g of one joint: any, 0 and -1.
 
-        The effort of the joint is (1 + g) (b + Bx), b the torque of the model and Bx that of the
-        body, so that a dead joint does not measure the body either. The product is linearised
-        at the last solution: the residual to explain is then r + g Bx, and its fit by the columns
-        b + Bx and (1 + g) B is that of the product.
+        Any gain includes a constant torque. The effort of the joint is (1 + g) (b + Bx), b the
+        torque of the model and Bx that of the body, so that a dead joint does not measure the
+        body either. The product is linearised at the last solution: the residual to explain is
+        then r + g Bx, and its fit by the columns b + Bx and (1 + g) B is that of the product.
         """
         here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
         fault, gain = self._fault([joint]), 0.0
@@ -190,7 +189,7 @@ class Hypotheses:
         own = fault[0].copy()
         for _ in range(_MAX_STEPS):
             fault[0] = own + torque
-            fit = self.explain(fault, np.where(here, 1.0 + gain, 1.0) * body, base=self._loaded,
+            fit = self.explain(fault, np.where(here, 1.0 + gain, 1.0) * body, base=base,
                                r=self._r + gain * torque)
             before, gain = gain, float(fit.mean[0])
             torque = np.where(here, fit.mean[len(fault):] @ body, 0.0)
@@ -198,7 +197,7 @@ class Hypotheses:
                 break
         yield fit
         for gain in (-1.0, -2.0):
-            fit = self.explain(np.where(here, 1.0 + gain, 1.0) * body, base=self._loaded,
+            fit = self.explain(np.where(here, 1.0 + gain, 1.0) * body, base=base,
                                r=self._r - gain * own)
             yield replace(fit, mean=np.concatenate(([gain], fit.mean)))
 
@@ -276,6 +275,10 @@ class Hypotheses:
             return [self._white(self._moment_scale() * columns) for columns in forces]
         moments = self._body_scale()[:, None] * self._geometry.tool_moments()
         return [self._white(np.tensordot(moments, columns, axes=1)) for columns in forces]
+
+
+def _evidence(fit: Explanation) -> float:
+    return fit.log_evidence
 
 
 def _friction_columns(samples: JointSamples, friction: FloatArray, model: GravityModel,

@@ -57,6 +57,7 @@ NEW_EFFECTS_FACTOR = 2.0
 MAX_OUTLIERS = 0.3
 # A candidate model, with how it was fitted.
 Candidate = tuple[str, GravityModel]
+Tried = tuple[str, GravityModel, Prediction]
 _chains = ChainOfModel()
 
 
@@ -177,8 +178,8 @@ def _compared_fit(job: FitJob) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
-    candidates = list(_candidates(job, chain, first))
-    how, model, prediction = _best(candidates, job)
+    tried = [(how, model, predicted(model, job)) for how, model in _candidates(job, chain, first)]
+    how, model, prediction = _best(tried, job)
     comparison = compare(prediction, None if job.old is None else predicted(job.old, job),
                          job.rows, job.old is not None
                          and len(job.rows.train) > job.old.coverage.n_samples)
@@ -188,8 +189,8 @@ def _compared_fit(job: FitJob) -> FitResult:
         if checks.failed(judged) is None and how != CHANGE:
             judged.append(_converged(model, job))
     figures = comparison.figures
-    if len(candidates) > 1:
-        figures += f'; tried: {_candidate_errors(candidates, job)}'
+    if len(tried) > 1:
+        figures += f'; tried: {_errors(tried, job)}'
     q = job.rows.train.q
     return FitResult(model, tuple(judged), figures, how, time.monotonic() - start, q.min(axis=0),
                      q.max(axis=0), left_out, comparison.is_compensated)
@@ -282,28 +283,26 @@ def _none_if_too_many(outliers: BoolArray) -> BoolArray:
     return outliers
 
 
-def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, Prediction]:
+def _best(tried: list[Tried], job: FitJob) -> Tried:
     """
     Return the first candidate unless a later one has a smaller held-out error by a margin.
 
     A change of the old model extrapolates best, then a chain, then a potential. The margins
     exceed the statistical uncertainty of the error.
     """
-    (how, model), *others = candidates
-    best = predicted(model, job)
-    for name, other in others:
-        prediction = predicted(other, job)
-        margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN
-        if compare(prediction, best, job.rows, margin=margin).is_better:
-            how, model, best = name, other, prediction
-    return how, model, best
+    best, *others = tried
+    for other in others:
+        margin = _FULL_FIT_MARGIN if best[0] == CHANGE else _SPARSE_MARGIN
+        if compare(other[2], best[2], job.rows, margin=margin).is_better:
+            best = other
+    return best
 
 
-def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
+def _errors(tried: list[Tried], job: FitJob) -> str:
     """Return the held-out RMSE of each candidate over all joints as text."""
     held_out, texts = job.rows.held_out, []
-    for how, model in candidates:
-        error = predicted(model, job).residual(job.rows.samples)[held_out]
+    for how, _, prediction in tried:
+        error = prediction.residual(job.rows.samples)[held_out]
         texts.append(f'{how} {rms(moving_rms(error, job.rows.samples.qd[held_out])):.3g} N·m')
     return ', '.join(texts)
 

@@ -97,13 +97,10 @@ class WorkerProcess:
                 self.end()
         return received
 
-    def end(self, wait: float = 0.0) -> None:
-        """Kill the process, if there is one; wait for its end for some seconds at most."""
+    def end(self) -> None:
+        """Kill the process, if there is one; its thread waits for its end."""
         if self._process is not None:
             self._process.kill()
-            if wait:
-                with suppress(subprocess.TimeoutExpired):
-                    self._process.wait(wait)
         self._process = self._connection = None
         self._received = SimpleQueue()
 

@@ -146,7 +146,7 @@ def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
     change(node, compensate=('viscous_friction:b',))
     t, tau = feed(node, 1.0, 2)
     status = {s.name: s for s in node.statuses(t)}['feed-forward']
-    assert status.level == WARN and 'no effect to compensate' in status.message
+    assert status.level == WARN and 'none of the effects to compensate' in status.message
     q, _ = motion(t - 0.2)
     np.testing.assert_allclose(tau, node.models.model.predict_one(q))
 
