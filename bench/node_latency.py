@@ -42,7 +42,7 @@ BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Topics to and from each node.
 TOPICS = {'echo': ('to_echo', 'from_echo'),
           'node': ('to_node', 'gravity_comp/gravity_torques')}
-# Motion that a first fit requires, and time for late replies after a turn, s.
+# Motion before the first phase, and time for late replies at the end of a part, s.
 WARM_UP, LATE = 10.0, 0.2
 PRIORITY = 10
 # Latencies of one phase in ms, and the number of messages, of each node.
@@ -154,7 +154,7 @@ class Sender:
         while (reply := handle.take_message(JointState, False)) is not None:
             stamp = reply[0].header.stamp
             then = stamp.sec * 1_000_000_000 + stamp.nanosec
-            # Late replies of the previous turn are not waited for.
+            # Late replies of the previous part are not waited for.
             if then in waiting:
                 waiting.remove(then)
                 times.append((time.perf_counter_ns() - then) / 1e6)

@@ -17,9 +17,9 @@ def executor():
     with private_domain() as domain:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
-        made = InputFirstExecutor(lambda: None, lambda messages: None, context)
-        yield made
-        made.shutdown()
+        one = InputFirstExecutor(lambda: None, lambda messages: None, context)
+        yield one
+        one.shutdown()
         context.shutdown()
 
 
