@@ -310,7 +310,7 @@ def test_a_description_gives_axes_limits_and_continuous_joints():
     assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
     assert 'order' in describe_arm(URDF, ('b', 'a')).problem
     assert describe_arm('<robot', ('a',)).problem
-    # A number beyond all drives stands for no limit.
+    # A number beyond all drives is no limit.
     assert describe_arm(URDF.replace('effort="1.5"', 'effort="1e9"'), ('a', 'b')).max_effort == ()
 
 
