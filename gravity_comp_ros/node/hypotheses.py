@@ -3,7 +3,7 @@ Hypotheses that explain a window of samples: unchanged, a body, a push, a fault 
 
 The torque r (M, N) that the model in use does not predict is explained by columns A of torque,
 each scaled by the prior standard deviation of its coefficient, and by noise. Every hypothesis is
-such a set of columns (the table in docs/node.md); each includes those of H0: friction and offset
+such a set of columns (docs/node.md lists them); each includes those of H0: friction and offset
 that have changed, and the uncertainty of the model.
 
 With whitened rows the log evidence of a hypothesis is
