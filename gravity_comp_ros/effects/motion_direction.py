@@ -15,8 +15,8 @@ from collections.abc import Mapping
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.presliding import (
-    denoised_path, evenly_spaced, noise_of_fourth_differences, presliding_state)
+from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
+from gravity_comp_ros.effects.white_noise import white_noise
 import numpy as np
 
 WIDTHS = (0.002, 0.005, 0.012, 0.03)            # rad/s
@@ -96,15 +96,5 @@ def path_of(samples: JointSamples, q: FloatArray) -> FloatArray:
 
 
 def speed_noise(samples: JointSamples) -> FloatArray:
-    """
-    Return the standard deviation in rad/s of the white noise of each joint's speed, (N,).
-
-    Fourth differences remove smooth motion; their median size is robust to the start of motions.
-    Slow noise is not included.
-    """
-    parts = [np.diff(samples.qd[run], n=4, axis=0)[evenly_spaced(samples.t[run])]
-             for run in run_slices(samples)]
-    jumps = np.concatenate(parts) if parts else samples.qd[:0]
-    if not len(jumps):
-        return np.zeros(samples.n_joints)
-    return noise_of_fourth_differences(jumps)
+    """Return the standard deviation in rad/s of the white noise of each joint's speed, (N,)."""
+    return white_noise([(samples.qd[run], samples.t[run]) for run in run_slices(samples)])

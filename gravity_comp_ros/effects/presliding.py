@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.white_noise import white_noise
 import numpy as np
 
 # Half-width of the play operator that removes encoder noise, in standard deviations.
 _NOISE_WIDTHS = 3.0
-# Maximum ratio of time steps in an evenly spaced window, and minimum share of such windows.
-_MAX_STEP_RATIO = 1.2
-_MIN_EVEN_SHARE = 0.05
 # Minimum motion, as a share of the distance, that counts as a reversal of a live element. Encoder
 # noise at rest is smaller; it would otherwise erase the state.
 _MIN_REVERSAL = 0.1
@@ -91,7 +89,7 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
 
     :param t: times (M,) in s; evenly spaced by default.
     """
-    play = _NOISE_WIDTHS * position_noise(q, t)
+    play = _NOISE_WIDTHS * float(white_noise([(q, t)]))
     if play <= 0.0:
         return q
     detected = _reversals(_play_operator(q, play), play)
@@ -136,31 +134,3 @@ def _play_operator(q: FloatArray, play: float) -> FloatArray:
                                    for before in (low, high))
         step *= 2
     return low
-
-
-def position_noise(q: FloatArray, t: FloatArray | None = None) -> float:
-    """
-    Return the standard deviation of the white noise of q (M,) of one run, rad.
-
-    :param t: times (M,) in s, to exclude differences over lost messages.
-    """
-    jumps = np.diff(q, n=4)
-    if t is not None:
-        jumps = jumps[evenly_spaced(t)]
-    return float(noise_of_fourth_differences(jumps)) if len(jumps) else 0.0
-
-
-def noise_of_fourth_differences(differences: FloatArray) -> FloatArray:
-    """Return the standard deviation of white noise from its fourth differences (K, ...)."""
-    # Their variance is 1 + 16 + 36 + 16 + 1 = 70 times that of the noise.
-    return np.asarray(1.4826 * np.median(np.abs(differences), axis=0) / np.sqrt(70.0))
-
-
-def evenly_spaced(t: FloatArray) -> BoolArray:
-    """Return a mask of the evenly spaced ones of M - 4 windows of five samples; all if few are."""
-    steps = np.diff(t)
-    if len(steps) < 4:
-        return np.zeros(0, dtype=bool)
-    windows = np.lib.stride_tricks.sliding_window_view(steps, 4)
-    even = windows.max(axis=1) <= _MAX_STEP_RATIO * windows.min(axis=1)
-    return np.asarray(even if even.mean() >= _MIN_EVEN_SHARE else np.ones(len(even), dtype=bool))

@@ -28,6 +28,7 @@ from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.gains import gain_of
 from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.linear import with_common_terms
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
@@ -222,26 +223,33 @@ class _Work:
         """Return the start on the axes of a description, or without one."""
         return self._start() if geometry is None else self._known(geometry)
 
-    def _known(self, geometry: Geometry) -> KnownAxes:
+    def _known(self, geometry: Geometry) -> Shared:
         """Return described axes, with an estimated vertical if it is not the described one."""
         samples = self.problem.samples.select(self.problem.rows.samples)
         mounted = with_estimated_vertical(geometry, samples)
-        return KnownAxes.of(mounted, mounted is geometry)
+        return self._prepared(KnownAxes.of(mounted, mounted is geometry))
 
-    def _start(self) -> UnknownLengths:
-        return UnknownLengths.of(self.old.chain) if self.old and self.old.chain is not None \
-            else start_axes(self.problem, self.effects)
+    def _start(self) -> Shared:
+        if self.old is None or self.old.chain is None:
+            return start_axes(self.problem, self.effects)
+        return self._prepared(UnknownLengths.of(self.old.chain))
+
+    def _prepared(self, shared: Shared) -> Shared:
+        """Return a start with its moments, on which the columns of some effects depend."""
+        return with_common_terms(self.problem, shared, self.effects).shared
 
     def sparse(self, formulation: str, why: str) -> Estimate:
         """
         Return the estimate on a support of the dictionary.
 
         A first support is selected from the torque of the rows, friction included. The second is
-        selected from the torque without the terms of a first regression on it.
+        selected from the torque without the terms of a first regression on it. Those are effects
+        of motion: static ones would explain the gravity that the first support misses.
         """
         self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, self.problem.y)
-        first = self.regress(shared)
+        moving = tuple(effect for effect in self.effects if not effect.is_static)
+        first = replace(self, effects=moving).regress(self._prepared(shared))
         shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 

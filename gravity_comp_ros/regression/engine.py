@@ -12,7 +12,8 @@ from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.gains import gain, score_of
 from gravity_comp_ros.regression.leave_out import leave_out
-from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
+from gravity_comp_ros.regression.linear import gauss_newton, Linear
+from gravity_comp_ros.regression.measured_motion import variance_by_motion
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights)
 from gravity_comp_ros.regression.options import EngineOptions
@@ -79,16 +80,13 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     """
     Return the regression of a problem.
 
-    :param shared: the shared part at a start.
+    :param shared: the shared part at a start (`linear.with_common_terms`).
     :param effects: the effects to test.
     :param start: terms that are in the model at the beginning.
     :param forced: keys of terms that stay in the model.
     """
-    options = problem.options
-    terms = tuple(start)
-    if not terms:
-        shared = with_common_terms(problem, shared, effects).shared
-    fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
+    options, shared = problem.options, shared.renewed()
+    fit = Linear.at(problem, shared, problem.factory(shared), tuple(start), problem.weights)
     for number in range(options.passes):
         # The axes are estimated before effects that resemble a wrong axis are selected.
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
@@ -127,6 +125,7 @@ def _with_exact_angles(fit: Linear) -> Linear:
     shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
     if shared is fit.shared:
         return fit
+    shared = shared.renewed()
     factory = problem.factory(shared)
     return gauss_newton(Linear.at(problem, shared, factory, tuple(map(factory.again, terms)),
                                   fit.weights, fit.posterior.precision))[0]
@@ -140,7 +139,7 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     The axes are estimated before static effects are selected, so that a small tilt of an axis may
     explain an offset or a spring. The more probable of both is returned.
     """
-    problem, shared = fit.problem, fit.shared.at_near_angles()
+    problem, shared = fit.problem, fit.shared.at_near_angles().renewed()
     factory = problem.factory(shared)
     other = gauss_newton(Linear.at(problem, shared, factory, tuple(
         map(factory.again, fit.posterior.terms)), fit.weights))[0]
@@ -171,7 +170,8 @@ def _weights(fit: Linear) -> FloatArray:
     """Return the weights (R, N) of the rows: relative noise, outliers, and their duration."""
     problem, residual = fit.problem, _residual(fit.posterior)
     gravity = problem.rows.mean(fit.factory.motion.gravity)
-    relative = relative_weights(residual, gravity, problem.options)
+    relative = relative_weights(residual, gravity, problem.options) / (
+        1.0 + variance_by_motion(fit.posterior, fit.factory) / robust_std(residual) ** 2)
     return np.asarray(problem.rows.weights[:, None] * relative * huber_weights(
         np.sqrt(relative) * residual, problem.options))
 
@@ -184,9 +184,13 @@ def _residual(posterior: Posterior) -> FloatArray:
 
 def huber_weights(residual: FloatArray, options: EngineOptions) -> FloatArray:
     """Return the weight (R, N) of each residual: 1, less for outliers."""
-    sigma = _MAD * np.median(np.abs(residual), axis=0)
-    limit = options.outlier * np.maximum(sigma, 1e-12)
+    limit = options.outlier * robust_std(residual)
     return np.asarray(np.minimum(1.0, limit / np.maximum(np.abs(residual), 1e-12)))
+
+
+def robust_std(residual: FloatArray) -> FloatArray:
+    """Return the standard deviation (N,) of a residual (R, N) without its outliers."""
+    return np.asarray(np.maximum(_MAD * np.median(np.abs(residual), axis=0), 1e-12))
 
 
 def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:

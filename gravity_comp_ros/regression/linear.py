@@ -40,11 +40,17 @@ class Linear:
 
     @classmethod
     def at(cls, problem: Problem, shared: Shared, factory: TermFactory, terms: tuple[Term, ...],
-           weights: FloatArray, precision: FloatArray | None = None) -> Linear:
-        """Return the solution; without a precision the noise is that of its residual."""
+           weights: FloatArray, precision: FloatArray | None = None, is_known: bool = True
+           ) -> Linear:
+        """
+        Return the solution.
+
+        :param precision: weights (N,) of the joints' noise, or with `is_known` false a start of
+            them; those of the residual without it.
+        """
         design = _design(problem, shared, weights)
-        if precision is None:
-            precision = _precision(problem, design, terms, shared.n_angles)
+        if precision is None or not is_known:
+            precision = _precision(problem, design, terms, shared.n_angles, precision)
         return cls(problem, shared, factory, weights, solve(design, terms, precision))
 
     def moved(self, narrowed: float, renewed: bool = False) -> Linear:
@@ -59,7 +65,7 @@ class Linear:
         factory = self.problem.factory(shared)
         terms = tuple(factory.again(term) for term in self.posterior.terms)
         return Linear.at(self.problem, shared, factory, terms, self.weights,
-                         None if renewed else self.posterior.precision).centred()
+                         self.posterior.precision, is_known=not renewed).centred()
 
     def centred(self) -> Linear:
         """Return the same at the best linear parameters for the angles of the point."""
@@ -67,13 +73,6 @@ class Linear:
             return self
         shared = self.shared.moved(self.with_narrow_angles(FIXED).beta[:len(self.shared.point)])
         return replace(self, shared=shared, factory=self.problem.factory(shared))
-
-    def renewed(self) -> Linear:
-        """Return the solution with a renewed shared part (`Shared.renewed`)."""
-        shared = self.shared.renewed()
-        return self if shared is self.shared else Linear.at(
-            self.problem, shared, self.factory, self.posterior.terms, self.weights,
-            self.posterior.precision)
 
     def with_narrow_angles(self, factor: float) -> Posterior:
         """Return the posterior with the prior of the angles narrowed by a factor."""
@@ -100,9 +99,9 @@ class Linear:
             posterior, problem.scale, problem.options)))
 
     def weighted(self, weights: FloatArray) -> Linear:
-        """Return the same with other weights (R, N) of the rows."""
-        return Linear.at(self.problem, self.shared, self.factory, self.posterior.terms, weights,
-                         self.posterior.precision)
+        """Return the same with a renewed shared part and other weights (R, N) of the rows."""
+        return Linear.at(self.problem, self.shared.renewed(), self.factory, self.posterior.terms,
+                         weights, self.posterior.precision)
 
 
 def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]:
@@ -112,7 +111,6 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     :param renewed: whether the noise is estimated again in each step.
     """
     options, narrowed = fit.problem.options, 1.0
-    fit = fit.renewed()
     for step in range(options.steps):
         following = fit.moved(narrowed, renewed)
         if not fit.shared.n_angles:
@@ -134,20 +132,27 @@ def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect
     factory = problem.factory(shared)
     fit = Linear.at(problem, shared, factory, common_terms(factory, effects), problem.weights)
     # Without moments and lengths the torque does not depend on the angles.
-    return gauss_newton(fit.moved(FIXED, renewed=True), renewed=True)[0]
+    shared = fit.centred().shared.renewed()
+    factory = problem.factory(shared)
+    return gauss_newton(Linear.at(problem, shared, factory, tuple(
+        map(factory.again, fit.posterior.terms)), problem.weights, fit.posterior.precision,
+        is_known=False), renewed=True)[0]
 
 
-def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int
-               ) -> FloatArray:
+def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int,
+               precision: FloatArray | None) -> FloatArray:
     """
     Return the weights (N,) of the noise of the residual at the angles of the point.
 
     A step of the angles that is too long has a small linearised residual. The priors dominate the
     first solution, whose noise is that of the whole torque.
+
+    :param precision: a start (N,) of the weights.
     """
     design = design.with_narrow(n_angles)
-    precision = np.asarray(1.0 / (np.var(problem.y, axis=0)
-                                  + (1e-3 * problem.scale.torque) ** 2))
+    if precision is None:
+        precision = np.asarray(1.0 / (np.var(problem.y, axis=0)
+                                      + (1e-3 * problem.scale.torque) ** 2))
     for _ in range(MAX_NOISES):
         ratio, precision = precision, white_precision(
             solve(design, terms, precision), problem.scale, problem.options)

@@ -11,7 +11,7 @@ from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import (
     law_of, laws, refined_laws, speed_noise)
-from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
+from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
@@ -281,11 +281,11 @@ def test_lost_messages_do_not_count_as_noise():
     t = np.arange(0.0, 60.0, 0.02)
     q = 0.5 * np.sin(0.8 * t) + 1e-5 * np.random.default_rng(0).standard_normal(len(t))
     kept = np.random.default_rng(1).random(len(t)) > 0.15
-    assert position_noise(q[kept], t[kept]) == pytest.approx(1e-5, rel=0.15)
+    assert white_noise([(q[kept], t[kept])]) == pytest.approx(1e-5, rel=0.15)
     # Without times, motion over a gap counts as noise.
-    assert position_noise(q[kept]) > 2e-5
+    assert white_noise([(q[kept], None)]) > 2e-5
 
 
 def test_all_windows_are_used_if_none_is_even():
     t = np.cumsum(np.tile([0.01, 0.04], 50))
-    assert evenly_spaced(t).all() and evenly_spaced(t[:4]).size == 0
+    assert evenly_spaced(t, 4).all() and evenly_spaced(t[:4], 4).size == 0

@@ -10,6 +10,9 @@ range. `pytest -rP` prints the worst figures.
 from functools import cache
 
 from bench import accuracy
+from bench.paper import scenes
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.simulation import arms, motions
@@ -97,3 +100,11 @@ def test_the_small_motion_with_inertia():
     assert accuracy.rmse(result, accuracy.LATER).max() <= 0.05
     assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.1
     assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0
+
+
+def test_per_joint_with_friction_has_no_effect_for_what_its_support_misses():
+    scene = scenes.real(1)
+    model = fit(scene.train, FitOptions(formulation='per_joint')).model
+    assert not any(all_effects()[each.name].is_static for each in model.fitted.effects)
+    error = model.predict(scene.inside.q) - scene.inside.truth
+    assert np.sqrt((error ** 2).mean(axis=0)).max() < 0.5
