@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
@@ -212,7 +213,8 @@ class Search:
 
     def _exchange(self) -> bool:
         """Exchange terms between joints, merge equal ones, or select a joint again."""
-        return self._between_joints() or self._merge() or self._pair() or self._again()
+        return (self._between_joints() or self._merge() or self._pair() or self._unpair()
+                or self._again())
 
     def _pair(self) -> bool:
         """
@@ -231,6 +233,24 @@ class Search:
                 if partner is not None and self._accept(
                         self._without_weak((*trial.terms, partner[1])), 'pair'):
                     return True
+        return False
+
+    def _unpair(self) -> bool:
+        """
+        Replace two terms of a joint by one.
+
+        A term at a poor setting may have been corrected by another one.
+        """
+        for one, other in combinations(self.terms, 2):
+            rest = tuple(t for t in self.terms if t not in (one, other))
+            if (one.joint is None or one.joint != other.joint or not is_consistent(rest)
+                    or self.forced & {one.key, other.key}):
+                continue
+            without = self.posterior.without((one, other))
+            best = next(iter(self._ranking(without, self._pool_of(one), rest)), None)
+            if best is not None and self._accept(
+                    (*rest, self._refined(without, best[1])[0]), 'unpair'):
+                return True
         return False
 
     def alternatives(self, term: Term) -> list[Alternative]:

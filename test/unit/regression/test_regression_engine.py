@@ -8,6 +8,7 @@ from bench.shared.regression_cases import (
 from bench.shared.serial_arms import planar_2r
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.friction import ViscousFriction
+from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.engine import huber_weights, regress
@@ -74,6 +75,23 @@ def test_a_cable_between_the_compared_starts_is_one_term(seed):
     cable = terms['cable_stiffness', 0]
     assert cable.setting['start'] == pytest.approx(start, abs=0.05)
     assert cable.setting['order'] == pytest.approx(1.3, abs=0.1)
+
+
+@pytest.mark.parametrize('seed', [0, *campaign(1, 2)])
+def test_a_term_that_corrects_the_poor_setting_of_another_is_removed(seed):
+    def torque(q, qd, t):
+        z = presliding_state(q[:, 0], 3e-4)[:, None]
+        return 4.0 * np.sin(q) - np.cos(q) + 0.5 * z * (1.0 + 0.3 * np.exp(-(qd / 0.05) ** 2))
+
+    problem = Problem.of(with_torque(motion_of_joints(1, seed, rate=50.0), torque, seed))
+    shared = OwnGravity(np.array([4.0, -1.0]))
+    start = [problem.factory(shared).term(known_effect(name), 0, setting) for name, setting in (
+        ('coulomb_friction', {'distance': 3e-4}),
+        ('stribeck_friction', {'speed': 0.05, 'width': 0.002}),
+        ('presliding_hysteresis', {'distance': 1e-5}))]
+    terms = {t.name: t.setting for t in regress(problem, shared, EVERY, start).terms}
+    assert set(terms) == {'coulomb_friction', 'stribeck_friction'}
+    assert terms['stribeck_friction']['distance'] == pytest.approx(3e-4, rel=0.3)
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(1)])
