@@ -20,10 +20,11 @@ from rclpy.executors import (ExternalShutdownException, ShutdownException,
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
-# Period of timers during continuous input, s. In a pause of the input they run at once.
+# Period of timers and services during continuous input, s. In a pause of the input they run at
+# once.
 TIMER_PERIOD = 0.01
-# Period of services and other callbacks during continuous input, s. The search of rclpy for them
-# takes as long as a message, so that at 1 kHz it delays one message in two hundred.
+# Period of other callbacks during continuous input, s. The search of rclpy for them takes as long
+# as a message, so that at 1 kHz it delays one message in two hundred.
 OTHERS_PERIOD = 0.2
 # Time without input that counts as a pause, s.
 PAUSE = 0.005
@@ -63,10 +64,13 @@ class InputFirstExecutor(SingleThreadedExecutor):
         self._subscription, self._handle = subscription, handle
         self._served: Subscription | None = None
         self._wait_set: Any = None
+        self._services: list[Any] = []
+        self._calls: Any = None
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Shut down; release the input before the node is destroyed."""
-        self._served = self._wait_set = None
+        self._served = self._wait_set = self._calls = None
+        self._services = []
         return bool(super().shutdown(timeout_sec))
 
     def spin(self) -> None:
@@ -88,6 +92,8 @@ class InputFirstExecutor(SingleThreadedExecutor):
                 others_due = time.monotonic() + OTHERS_PERIOD
             elif now >= timers_due:
                 self._call_timers()
+                if self._is_called():
+                    self._handle_others(now + OTHERS_DURATION)
             else:
                 continue
             timers_due = time.monotonic() + TIMER_PERIOD
@@ -119,6 +125,21 @@ class InputFirstExecutor(SingleThreadedExecutor):
                 if timer.handle.is_timer_ready():
                     timer.handle.call_timer()
                     timer.callback()
+
+    def _is_called(self) -> bool:
+        """Return whether a request waits: one of `~/enable` stops the torque."""
+        services = [service for node in self.get_nodes() for service in node.services]
+        if services != self._services:
+            self._services = services
+            self._calls = rclpy_implementation.WaitSet(
+                0, 0, 0, 0, len(services), 0, self._context.handle)
+        if not services:
+            return False
+        self._calls.clear_entities()
+        for service in services:
+            self._calls.add_service(service.handle)
+        self._calls.wait(0)
+        return bool(self._calls.get_ready_entities('service'))
 
     def _handle_others(self, until: float) -> None:
         """

@@ -8,6 +8,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 LONG = 60.0
 
@@ -38,6 +39,28 @@ def test_a_call_that_waits_for_a_fit_does_not_occupy_the_thread(executor):
     fit.set_result(True)
     executor._handle_others(time.monotonic() + LONG)
     assert steps == ['started', 'answered']
+
+
+def test_a_request_is_seen_and_answered_without_the_search_of_rclpy(executor):
+    node = rclpy.create_node('one', context=executor.context)
+    executor.add_node(node)
+
+    def answer(request, response):
+        response.success = True
+        return response
+
+    node.create_service(Trigger, '~/call', answer)
+    assert not executor._is_called()
+    client = node.create_client(Trigger, '/one/call')
+    assert client.wait_for_service(LONG)
+    answered, end = client.call_async(Trigger.Request()), time.monotonic() + LONG
+    while not executor._is_called():
+        assert time.monotonic() < end
+    while not answered.done():
+        assert time.monotonic() < end
+        executor._handle_others(end)
+    assert answered.result().success
+    node.destroy_node()
 
 
 def test_an_error_in_a_callback_is_raised(executor):
