@@ -20,8 +20,9 @@ import numpy as np
 _MIN_SAMPLES = 50
 # Standard deviation in rad beyond which an angle counts as not checked.
 _UNCHECKED = 0.05
-# Number of searches, each with the noise that the one before has left.
-_PASSES = 3
+# Number of searches, each with the noise and friction that the one before has left, and the factor
+# of a standard deviation above which there is another.
+_PASSES, _SAME = 3, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +66,15 @@ def check_description(samples: JointSamples, arm: DescribedArm,
         name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0})
     fits: list[FaultFit] = []
     noise = _noise(samples.tau)
+    evidence = _evidence(samples, arm.geometry, state, parameters, noise, options)
     for _ in range(_PASSES):
-        final = corrected(state, fits)
-        evidence = _evidence(samples, arm.geometry, final, parameters, noise, options)
         fits, following = search(evidence, state, faults)
-        rms = _rms(evidence, corrected(state, [*fits, *([] if fits else [following])]))
-        is_known = bool((rms > 0.9 * noise).all())
-        noise = np.minimum(noise, rms)
-        if is_known:
+        noise = np.minimum(noise, _rms(evidence, corrected(
+            state, [*fits, *([] if fits else [following])])))
+        earlier, evidence = evidence, _evidence(samples, arm.geometry, corrected(state, fits),
+                                                parameters, noise, options)
+        # The residual of a wrong description looks like friction, which hides smaller faults.
+        if (evidence.weight < _SAME * earlier.weight).all():
             break
     final = corrected(state, fits)
     return DescriptionCheck(joints, tuple(fits), _rms(evidence, state), _rms(evidence, final),

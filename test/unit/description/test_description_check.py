@@ -143,6 +143,16 @@ def test_two_faults_at_once_and_a_load():
         (body.sentence, *body.alternatives))
 
 
+def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path):
+    bag = str(tmp_path / 'camera.mcap')
+    assert main(['synth', '--motion', 'multisine', '--duration', '90', '--rate', '5', '--noise',
+                 '0.1', '--payload', '0.4', '--seed', '3', '-o', bag]) == 0
+    _, faults = checked(REVERSED, slow_samples(read_bag(bag).samples).samples)
+    assert [(one.kind, one.subjects[0]) for one in faults] == [
+        ('axis_reversed', 'iiwa_joint_4'), ('body', 'iiwa_joint_7')]
+    assert faults[1].value == pytest.approx(0.4, abs=0.05)
+
+
 def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
     arm = described_arm(URDF, JOINTS)
     inertials = urdf_inertials(URDF, arm, 'arm.urdf')
