@@ -33,5 +33,7 @@ def counted(number: int, thing: str) -> str:
 
 def shown_names(names: Sequence[str], limit: int = 12) -> str:
     """Return the first `limit` names in one line, and the number of further ones."""
+    if not names:
+        return 'none'
     more = f' and {len(names) - limit} more' if len(names) > limit else ''
     return ', '.join(names[:limit]) + more

@@ -10,7 +10,7 @@ mass and first moment of the weight (known lengths), m its known mass and c its 
 is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
 viscous friction. Torque sensors may have another offset after a restart; without one, both
-recordings have the same. No mass of the arm is used: the weight gives the absolute scale, and the
+recordings have the same. No mass of the arm is used but for the order of magnitude of its weight: the weight gives the absolute scale, and the
 moments, which all joints share, their ratios. Moments, gains and an unknown centre are fitted
 together by Gauss-Newton.
 """
@@ -48,7 +48,9 @@ class WeightOptions:
     is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
     is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
     recording. `sign_widths` in rad/s are those of friction. `same_offset` is whether both
-    recordings have the same offset.
+    recordings have the same offset. The weight of the arm is that of the description within a
+    factor of `arm_factor`: descriptions have rough masses, and those of a wrong mass or of exchanged
+    recordings are far from them or negative.
 
     :raises OptionError: if a number is not positive.
     """
@@ -59,6 +61,7 @@ class WeightOptions:
     min_samples: int = 50
     sign_widths: tuple[float, ...] = SIGN_WIDTHS
     same_offset: bool = False
+    arm_factor: float = 10.0
 
     def __post_init__(self) -> None:
         check_positive(self, 'calibration', *(x for x in vars(self) if x != 'same_offset'))
@@ -107,7 +110,8 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     Return the torque per unit of effort of each joint that the weight loads.
 
     :param inertials: of the links of the arm, by name, as far as described.
-    :raises DataError: if a recording has too few slow samples, or the weight loads no joint.
+    :raises DataError: if a recording has too few slow samples, the weight loads no joint, or the
+        arm has an impossible weight.
     :raises ModelMismatchError: if the arm does not carry the link of the weight.
     """
     joints = arm.geometry.joints
@@ -118,7 +122,27 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
                             f'least {options.min_samples} are needed')
     problem = _Problem(parts[0], parts[1], arm, weight, options,
                        [_dynamic(part, arm, inertials) for part in parts])
-    return _result(joints, problem.fitted(), weight, options)
+    fit = problem.fitted()
+    result = _result(joints, fit, weight, options)
+    ratio = _arm_ratio(parts[0], arm, inertials, fit.moments)
+    if not 1.0 / options.arm_factor < ratio < options.arm_factor:
+        raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times what its '
+                        f'description says: name the recording without the weight first, and '
+                        f'check the mass')
+    return result
+
+
+def _arm_ratio(samples: JointSamples, arm: DescribedArm, inertials: Mapping[str, Inertial],
+               moments: FloatArray) -> float:
+    """Return the ratio of estimated to described gravity of the arm, 1 without masses."""
+    own = [inertial.about_origin()[:4] for inertial in inertials.values()]
+    if not own:
+        return 1.0
+    described = arm.columns(samples.q, list(inertials)) @ np.concatenate(own)
+    estimated = ForwardKinematics(arm.geometry.rotations, samples.q).moment_columns().transpose(
+        2, 1, 0) @ moments
+    size = float((described ** 2).sum())
+    return float((estimated * described).sum()) / size if size > 0.0 else 1.0
 
 
 def _dynamic(samples: JointSamples, arm: DescribedArm,
@@ -131,7 +155,7 @@ def _dynamic(samples: JointSamples, arm: DescribedArm,
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """
-    Gains a (N,), centre (3,) and the covariance (N + 3, N + 3) of both.
+    Gains a (N,), centre (3,), the covariance (N + 3, N + 3) of both, and moments (2N,) in N·m.
 
     `noise` (N,) is the residual in units of effort, `load` (N,) the RMS torque of the weight, N·m.
     """
@@ -139,6 +163,7 @@ class _Fit:
     gains: FloatArray
     centre: FloatArray
     covariance: FloatArray
+    moments: FloatArray
     noise: FloatArray
     load: FloatArray
 
@@ -196,7 +221,7 @@ class _Problem:
                                                 centre)[0])
         own = slice(0, self.n + 3)
         torque = np.asarray(self.mass * self._loads @ np.array([1.0, *centre]))
-        return _Fit(gains, centre, np.asarray(covariance[own, own]),
+        return _Fit(gains, centre, np.asarray(covariance[own, own]), moments,
                     np.asarray(noise * rest.std(axis=0)), np.sqrt((torque ** 2).mean(axis=0)))
 
     def _start(self) -> tuple[FloatArray, FloatArray]:

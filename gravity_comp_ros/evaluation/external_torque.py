@@ -15,6 +15,10 @@ The variance is the sum of the noise of the training, the scatter of the result 
 pose, a share of the friction and of the dynamic torque, the size of effects that depend on earlier
 samples and are left out, and the friction that a slow joint has not built up: at rest friction
 takes any value between its two directions.
+
+A push is not its own uncertainty. The scatter is that before the last `scatter_delay` s. A wrong
+inertia changes the acceleration for a given torque of the drive, so that its error is a share of
+the smaller of both, 0 if they have opposite signs: a push accelerates a joint without that torque.
 """
 
 from __future__ import annotations
@@ -42,7 +46,8 @@ class ExternalTorqueOptions:
 
     `window` in s is that of the means. It holds at least `min_samples` messages, and begins again
     after a gap of `max_gap` s. `scatter_time` in s is the time constant of the mean in which the
-    scatter between windows is estimated: many windows, and less than motion takes to change.
+    scatter between windows is estimated: many windows, and less than motion takes to change. The
+    last `scatter_delay` s do not count: the time in which a push must be found.
     `significance` is the size in standard deviations above which torque is significant.
     `friction_share` and `inertia_share` are relative errors of friction (temperature, load) and of
     dynamic torque; `rest_speed` in rad/s is the speed below which the direction of friction is
@@ -56,6 +61,7 @@ class ExternalTorqueOptions:
     min_samples: int = 4
     max_gap: float = 0.2
     scatter_time: float = 1.0
+    scatter_delay: float = 0.05
     significance: float = 3.5
     friction_share: float = 0.3
     inertia_share: float = 0.3
@@ -118,7 +124,9 @@ class ExternalTorqueObserver:
                             else model.joints.index(effect.joint)] = np.nan
         self._at_rest = size(model, [e for e in effects if library[e.name].family == FRICTION])
         self._rows: deque[tuple[float, FloatArray]] = deque()
-        # Results since one window ago, and the running mean square of changes with its weight.
+        # Results of the last `scatter_delay` s, those of one window before it, and the running
+        # mean square of changes with its weight.
+        self._recent: deque[tuple[float, FloatArray]] = deque()
         self._results: deque[tuple[float, FloatArray]] = deque()
         self._squares, self._weight = np.zeros(model.n_joints), 0.0
         self._model_std = np.full(model.n_joints, np.nan)
@@ -127,6 +135,7 @@ class ExternalTorqueObserver:
     def restart(self) -> None:
         """Forget earlier samples: the clock has started again."""
         self._rows.clear()
+        self._recent.clear()
         self._results.clear()
         self._std_at = self._due = -np.inf
 
@@ -162,10 +171,17 @@ class ExternalTorqueObserver:
         Return the variance (N,) in (N·m)^2 of the noise of the torque.
 
         Windows without a common sample have independent noise: half the mean square of their
-        difference. The start of a push counts as such a difference for the duration of a window.
+        difference.
 
         :param span: duration of the window, s.
         """
+        self._recent.append((t, torque))
+        while self._recent and self._recent[0][0] <= t - self.options.scatter_delay + 1e-9:
+            self._count(*self._recent.popleft(), span)
+        return np.asarray(0.5 * self._squares / max(self._weight, 1e-9))
+
+    def _count(self, t: float, torque: FloatArray, span: float) -> None:
+        """Add the change from one window before to the mean square."""
         results = self._results
         results.append((t, torque))
         while len(results) > 1 and results[1][0] < t - span - 1e-9:
@@ -174,7 +190,6 @@ class ExternalTorqueObserver:
             share = min(1.0, (t - results[-2][0]) / self.options.scatter_time)
             self._weight += share * (1.0 - self._weight)
             self._squares += share * ((torque - results[0][1]) ** 2 - self._squares)
-        return np.asarray(0.5 * self._squares / max(self._weight, 1e-9))
 
     def _of_window(self, t: float, times: FloatArray, values: FloatArray) -> ExternalTorque:
         """Return the external torque of a window: times (K,) in s, values (K, 5, N)."""
@@ -187,10 +202,12 @@ class ExternalTorqueObserver:
         unknown = np.maximum(np.exp(-(qd / options.rest_speed) ** 2) * self._at_rest,
                              self._at_rest - np.abs(friction))
         torque = rest - dynamics
+        # A step of the drive's torque within the window counts in full.
+        drive = np.maximum((values[:, 4] * np.sign(dynamics)).max(axis=0), 0.0)
         variance = (self._noise ** 2 + self._scatter(t, float(np.ptp(times)), torque)
                     + self._std_of_model(t, q) ** 2 + unknown ** 2
                     + (options.friction_share * friction) ** 2
-                    + (options.inertia_share * dynamics) ** 2)
+                    + (options.inertia_share * np.minimum(drive, np.abs(dynamics))) ** 2)
         std = np.sqrt(variance)
         if (self._model.coverage.distance(q) > options.margin).any():
             std = np.full_like(std, np.nan)

@@ -122,6 +122,8 @@ def test_the_printed_option_calibrates(recordings, capsys):
     (lambda a: [*a[:4], '-2', *a[5:]], 2, 'not above 0'),
     (lambda a: [*a, '--com', '0', '0'], 2, 'expected 3 arguments'),
     (lambda a: [*a, '--link', 'tool9'], 1, 'carries no link tool9'),
+    (lambda a: [a[0], a[2], a[1], *a[3:]], 1, 'the arm would weigh -1.2'),
+    (lambda a: [*a[:4], '1e9', *a[5:]], 1, 'check the mass'),
     (lambda a: a[:5], 1, 'name a file with --urdf')])
 def test_bad_input_is_one_line(recordings, capsys, change, status, message):
     assert main(change(recordings)) == status

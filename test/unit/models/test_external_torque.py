@@ -3,11 +3,13 @@
 from dataclasses import fields, replace
 
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.evaluation.external_torque import (
     external_torque, ExternalTorqueObserver, ExternalTorqueOptions, mean_weights)
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.arm_columns import described_columns
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 import numpy as np
@@ -72,6 +74,7 @@ def test_a_push_of_five_standard_deviations_is_found_within_50_ms_with_its_size(
     since = samples.t - 1.0
     assert result.torque[since > 0.06, 1] == pytest.approx(-5.0 * std, abs=3 * NOISE)
     assert not result.significant[since < -1e-9].any()
+    np.testing.assert_allclose(result.std[since < 0.05 - 1e-9], before.std[since < 0.05 - 1e-9])
     assert result.significant[since > 0.05 - 1e-9, 1].all() and not result.significant[:, 0].any()
 
 
@@ -92,6 +95,41 @@ def test_friction_of_a_joint_at_rest_is_no_push():
     assert not result.significant.any()
     assert np.nanmin(result.std[:, 1]) > FRICTION > 10 * np.nanmax(result.std[:, 0])
     assert external_torque(MODEL, motion(push=-6.0 * FRICTION, speed=0.0)).significant[:, 1].any()
+
+
+def accelerated(share):
+    """
+    Return results of 0.5 s at rest and 0.1 s of acceleration, with its torque as a model's share.
+
+    The model is a vertical axis of 2 kg·m^2.
+    """
+    text = ('<robot name="r"><link name="l0"/><link name="l1"/><joint name="j" type="revolute">'
+            '<parent link="l0"/><child link="l1"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="9" velocity="2"/></joint></robot>')
+    geometry = described_arm(text, ('j',)).geometry
+    column = described_columns(geometry, *np.zeros((2, 1, 1)), np.ones((1, 1)))[0, 0]
+    inertia = AppliedEffect('rigid_body_dynamics', None, {}, {
+        f'p_{k + 1}': Value(2.0 * x / (column @ column), '', (0.0, 9.0))
+        for k, x in enumerate(column)})
+    energy = Expansion(np.array([1]), np.array([0.0]))
+    gravity = GravityModel.from_energy(
+        ('j',), 'potential', energy, np.full(1, NOISE), Coverage(-np.ones(1), np.ones(1), 9), {},
+        uncertainty=EnergyUncertainty(energy.indices, np.zeros((1, 1))))
+    t = np.arange(0.0, 0.6, 0.01)
+    qdd = 5.0 * (t > 0.5)
+    tau = 2.0 * share * qdd + 0.02 * np.random.default_rng(0).normal(size=len(t))
+    qd = np.cumsum(qdd)[:, None] * 0.01
+    return t, external_torque(
+        replace(gravity, geometry=geometry, fitted=Applied((inertia,))),
+        JointSamples.single_run(('j',), t, np.cumsum(qd, axis=0) * 0.01, qd, tau[:, None]))
+
+
+def test_acceleration_is_a_push_where_the_drive_has_no_torque_for_it():
+    for share in (1.0, 0.6, 1.6):  # a wrong inertia
+        assert not accelerated(share)[1].significant.any()
+    for share in (0.0, -0.2):
+        t, result = accelerated(share)
+        assert result.significant[t > 0.545].all() and not result.significant[t < 0.5].any()
 
 
 def test_outside_of_the_trained_range_nothing_is_significant():
