@@ -10,9 +10,9 @@ mass and first moment of the weight (known lengths), m its known mass and c its 
 is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
 viscous friction. Torque sensors may have another offset after a restart; without one, both
-recordings have the same. No mass of the arm is used but for the order of magnitude of its weight: the weight gives the absolute scale, and the
-moments, which all joints share, their ratios. Moments, gains and an unknown centre are fitted
-together by Gauss-Newton.
+recordings have the same. The masses of the arm are used for the order of magnitude of its weight
+alone: the known weight gives the absolute scale, and the moments, which all joints share, their
+ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class WeightOptions:
     is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
     recording. `sign_widths` in rad/s are those of friction. `same_offset` is whether both
     recordings have the same offset. The weight of the arm is that of the description within a
-    factor of `arm_factor`: descriptions have rough masses, and those of a wrong mass or of exchanged
-    recordings are far from them or negative.
+    factor of `arm_factor`: descriptions have rough masses; a wrong mass of the known weight gives
+    others, and exchanged recordings negative ones.
 
     :raises OptionError: if a number is not positive.
     """
@@ -126,9 +126,9 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     result = _result(joints, fit, weight, options)
     ratio = _arm_ratio(parts[0], arm, inertials, fit.moments)
     if not 1.0 / options.arm_factor < ratio < options.arm_factor:
-        raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times what its '
-                        f'description says: name the recording without the weight first, and '
-                        f'check the mass')
+        raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times as much '
+                        f'as described: name the recording without the weight first, and check '
+                        f'the mass')
     return result
 
 
