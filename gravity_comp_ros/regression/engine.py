@@ -137,7 +137,8 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     Return fit and search with terms selected at exact angles, also those that are only near.
 
     The axes are estimated before static effects are selected, so that a small tilt of an axis may
-    explain an offset or a spring. The more probable of both is returned.
+    explain an offset or a spring. They are returned where they are not ambiguous with the fit:
+    the uncertainty of a free angle contains both.
     """
     problem, shared = fit.problem, fit.shared.at_near_angles().renewed()
     factory = problem.factory(shared)
@@ -150,7 +151,8 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     evidences = [solve(each.posterior.design, each.posterior.terms, precision).log_evidence
                  for each in (fit, other)]
     search.log(f'exact angles: {evidences[1] - evidences[0]:.1f} nats')
-    return (other, again) if evidences[1] > evidences[0] else (fit, search)
+    return (other, again) if evidences[1] > evidences[0] + problem.options.margin else (
+        fit, search)
 
 
 def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],

@@ -565,7 +565,8 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     good, now = node.models.model, feed(node, 20)
     node.payload_changed(now)
     t, q = motion(60)
-    wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    noise = 0.01 * np.random.default_rng(8).standard_normal(q.shape)
+    wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8) + noise)).model
     entry = node.models.use(wrong, 'fit of broken effort', now, 1)
     save_model(path, wrong)
     node.arm.use(entry.model, good, 60)

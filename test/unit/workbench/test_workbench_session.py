@@ -72,7 +72,8 @@ def test_add_reduces_the_error_and_undo_restores_it(paths):
     assert f'shoulder: {before.error("shoulder")} N·m' in headline(before)
     session.add(BOTH)
     worked(session)
-    coulomb = session.stage.model.applied.effects[0].coefficients['F_c'].value
+    coulomb = {effect.target: effect for effect in session.stage.model.applied.effects}[
+        BOTH[0]].coefficients['F_c'].value
     assert abs(coulomb - COULOMB) < 0.1
     after = results.contents()
     assert after.comparison.joints['shoulder'].rmse < 0.5 * before.comparison.joints[
