@@ -68,7 +68,7 @@ class EngineOptions:
     rest_seconds: float = 10.0
     cell_angle: float = 0.02
     block_seconds: float = 2.0
-    discrepancy: float = 5e-5
+    discrepancy: float = 1e-4
     law_error: float = 0.01
     floor: float = 1e-5
     min_scale: float = 0.1
