@@ -19,30 +19,43 @@ _MIN_DURATION = 10.0
 _MIN_TIME, _TIMES = 0.1, 4
 
 
-def _by_recording(motion: Motion, setting: Setting) -> FloatArray:
+class RecordingEffect(Effect):
     """
-    Return the factors (M, K) of a mean, and of the deviations of all recordings but the last.
+    An effect with one value, or with one for each recording if stamps name them.
 
-    :param setting: the starts of the recordings; empty for one value in all of them.
+    The settings are the starts of the recordings; `deviating` names the value in the text of its
+    deviations d_k.
     """
-    samples, starts = motion.samples, np.array(list(setting.values()))
-    columns = np.ones((samples.n_samples, max(1, len(starts))))
-    if len(starts):
-        own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
-        here = np.abs(own[:, None] - starts) < _SAME_START
-        columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
-    return columns
+
+    setting_units = {'start_k': 's'}
+    deviating: str
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return one value, and one for each recording."""
+        starts, clock = motion.samples.starts, has_clock(motion.samples)
+        if len(starts) < 2 or not clock:
+            return [{}]
+        return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        unit = self.coefficients[0].unit
+        return (*self.coefficients, *(
+            Coefficient(f'd_{k}', unit, f'deviation of the {self.deviating} in recording {k}')
+            for k in range(1, len(setting))))
+
+    @staticmethod
+    def factors(motion: Motion, setting: Setting) -> FloatArray:
+        """Return the factors (M, K) of a mean, and of the deviations of all but the last."""
+        samples, starts = motion.samples, np.array(list(setting.values()))
+        columns = np.ones((samples.n_samples, max(1, len(starts))))
+        if len(starts):
+            own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
+            here = np.abs(own[:, None] - starts) < _SAME_START
+            columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
+        return columns
 
 
-def _recordings(motion: Motion) -> list[dict[str, float]]:
-    """Return the settings of one value, and of one for each recording if stamps name them."""
-    starts, clock = motion.samples.starts, has_clock(motion.samples)
-    if len(starts) < 2 or not clock:
-        return [{}]
-    return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
-
-
-class TorqueOffset(Effect):
+class TorqueOffset(RecordingEffect):
     """
     The column is 1, and there are others if the offset differs between recordings.
 
@@ -64,7 +77,7 @@ class TorqueOffset(Effect):
                    'coulomb_friction', 'cable_stiffness')
     experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
-    setting_units = {'start_k': 's'}
+    deviating = 'offset'
     uses_gravity = False
     needs = Needs.SPEED
     is_compensable = True
@@ -76,19 +89,10 @@ class TorqueOffset(Effect):
     size = 0.3
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return _by_recording(motion, setting)
-
-    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return one offset, and one for each recording."""
-        return _recordings(motion)
-
-    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        return (*self.coefficients, *(
-            Coefficient(f'd_{k}', 'N·m', f'deviation of the offset in recording {k}')
-            for k in range(1, len(setting))))
+        return self.factors(motion, setting)
 
 
-class TorqueGain(Effect):
+class TorqueGain(RecordingEffect):
     """
     The column is gravity, and there are others if the gain differs between recordings.
 
@@ -107,7 +111,7 @@ class TorqueGain(Effect):
     experiment = ('attach a known mass to the arm and compare the change of the torque of joint '
                   '{joint} with weight times lever arm')
     signature = 'load'
-    setting_units = {'start_k': 's'}
+    deviating = 'error'
     needs = Needs.SPEED
     source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
@@ -118,16 +122,7 @@ class TorqueGain(Effect):
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return motion.gravity[:, [joint]] * _by_recording(motion, setting)
-
-    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return one gain, and one for each recording."""
-        return _recordings(motion)
-
-    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        return (*self.coefficients, *(
-            Coefficient(f'd_{k}', '', f'deviation of the error in recording {k}')
-            for k in range(1, len(setting))))
+        return motion.gravity[:, [joint]] * self.factors(motion, setting)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_load(motion.gravity[:, joint])

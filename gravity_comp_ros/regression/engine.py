@@ -125,10 +125,7 @@ def _with_exact_angles(fit: Linear) -> Linear:
     shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
     if shared is fit.shared:
         return fit
-    shared = shared.renewed()
-    factory = problem.factory(shared)
-    return gauss_newton(Linear.at(problem, shared, factory, tuple(map(factory.again, terms)),
-                                  fit.weights, fit.posterior.precision))[0]
+    return gauss_newton(fit.on(shared.renewed(), fit.posterior.precision))[0]
 
 
 def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
@@ -140,10 +137,8 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     explain an offset or a spring. They are returned where they are not ambiguous with the fit:
     the uncertainty of a free angle contains both.
     """
-    problem, shared = fit.problem, fit.shared.at_near_angles().renewed()
-    factory = problem.factory(shared)
-    other = gauss_newton(Linear.at(problem, shared, factory, tuple(
-        map(factory.again, fit.posterior.terms)), fit.weights))[0]
+    problem = fit.problem
+    other = gauss_newton(fit.on(fit.shared.at_near_angles().renewed()))[0]
     again = _search(other, effects, search.forced, search.log)
     again.run()
     other = gauss_newton(other.selected(again.posterior))[0].centred()

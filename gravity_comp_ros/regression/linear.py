@@ -61,11 +61,15 @@ class Linear:
         :param renewed: whether the noise is estimated again.
         """
         beta = self.with_narrow_angles(narrowed).beta
-        shared = self.shared.moved(beta[:len(self.shared.point)])
+        return self.on(self.shared.moved(beta[:len(self.shared.point)]),
+                       self.posterior.precision, is_known=not renewed).centred()
+
+    def on(self, shared: Shared, precision: FloatArray | None = None, is_known: bool = True
+           ) -> Linear:
+        """Return the problem linearised at another shared part, with the same terms."""
         factory = self.problem.factory(shared)
-        terms = tuple(factory.again(term) for term in self.posterior.terms)
-        return Linear.at(self.problem, shared, factory, terms, self.weights,
-                         self.posterior.precision, is_known=not renewed).centred()
+        return Linear.at(self.problem, shared, factory, tuple(
+            map(factory.again, self.posterior.terms)), self.weights, precision, is_known)
 
     def centred(self) -> Linear:
         """Return the same at the best linear parameters for the angles of the point."""
@@ -132,11 +136,8 @@ def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect
     factory = problem.factory(shared)
     fit = Linear.at(problem, shared, factory, common_terms(factory, effects), problem.weights)
     # Without moments and lengths the torque does not depend on the angles.
-    shared = fit.centred().shared.renewed()
-    factory = problem.factory(shared)
-    return gauss_newton(Linear.at(problem, shared, factory, tuple(
-        map(factory.again, fit.posterior.terms)), problem.weights, fit.posterior.precision,
-        is_known=False), renewed=True)[0]
+    return gauss_newton(fit.on(fit.centred().shared.renewed(), fit.posterior.precision,
+                               is_known=False), renewed=True)[0]
 
 
 def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int,

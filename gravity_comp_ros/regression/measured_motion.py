@@ -24,28 +24,29 @@ _DRAWS = 4
 
 def variance_by_motion(posterior: Posterior, factory: TermFactory) -> FloatArray:
     """Return the variance (R, N) in (N·m)^2 of each row by the noise of the measured motion."""
-    draws = [_change(posterior, factory, np.random.default_rng(seed)) for seed in range(_DRAWS)]
-    return np.asarray(np.mean(np.square(draws), axis=0))
+    motion, noise = factory.motion, _angle_noise(factory.motion.samples)
+    # At the present gravity: the columns of the posterior are of the step before.
+    own = [factory.term(term.effect, term.joint, term.setting) for term in posterior.terms]
+    variance = np.zeros((factory.rows.n_rows, posterior.design.n_joints))
+    for seed in range(_DRAWS):
+        drawn = _factory_of(_with_more_noise(motion, noise, np.random.default_rng(seed)), factory)
+        change = np.zeros_like(variance)
+        for term, clean in zip(posterior.terms, own):
+            other = drawn.term(term.effect, term.joint, term.setting)
+            for j in term.joints(posterior.design.n_joints):
+                change[:, j] += (other.on(j) - clean.on(j)) @ posterior.beta[posterior.at[term]]
+        variance += change ** 2 / _DRAWS
+    return variance
 
 
-def _change(posterior: Posterior, factory: TermFactory, rng: np.random.Generator) -> FloatArray:
-    """Return the change (R, N) in N·m of the terms' torque by a draw of the noise."""
-    noisy, n = _with_more_noise(factory.motion, rng), posterior.design.n_joints
-    drawn, change = TermFactory(lambda: noisy, factory.rows, factory.scale), np.zeros(
-        (factory.rows.n_rows, n))
-    for term in posterior.terms:
-        # Columns at the same gravity: those of the posterior are of the step before.
-        other, own = (each.term(term.effect, term.joint, term.setting)
-                      for each in (drawn, factory))
-        for j in term.joints(n):
-            change[:, j] += (other.on(j) - own.on(j)) @ posterior.beta[posterior.at[term]]
-    return change
+def _factory_of(motion: Motion, other: TermFactory) -> TermFactory:
+    return TermFactory(lambda: motion, other.rows, other.scale)
 
 
-def _with_more_noise(motion: Motion, rng: np.random.Generator) -> Motion:
-    """Return a motion with as much white noise of angles and speeds again."""
+def _with_more_noise(motion: Motion, noise: FloatArray, rng: np.random.Generator) -> Motion:
+    """Return a motion with as much white noise of angles (M, N) in rad and of speeds again."""
     samples = motion.samples
-    q = samples.q + rng.standard_normal(samples.q.shape) * _angle_noise(samples)
+    q = samples.q + rng.standard_normal(samples.q.shape) * noise
     qd = samples.qd + rng.standard_normal(samples.q.shape) * motion.speed_noise
     return replace(motion, samples=replace(samples, q=q, qd=qd),
                    memo={'speed noise': motion.speed_noise})
