@@ -17,7 +17,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.report.html_page import message_html
+from gravity_comp_ros.report.markup import message_html
 
 Run = Callable[[argparse.Namespace], int]
 

@@ -13,7 +13,7 @@ from gravity_comp_ros.models.kinematic.chain import about_z
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.html_page import html_page
+from gravity_comp_ros.report.markup import html_page
 import numpy as np
 
 # View of the drawing: azimuth and elevation in rad.

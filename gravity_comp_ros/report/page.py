@@ -9,21 +9,20 @@ from bokeh.document import Document
 from bokeh.resources import Resources
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.headline import headline
-from gravity_comp_ros.report.html_page import html_page, NO_PLOTS
+from gravity_comp_ros.report.markup import html_page, NO_PLOTS
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import (
-    arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, summary,
-    time)
+    arm, effects, equations, pairs, provenance, residuals, spectrum, summary, time)
+from gravity_comp_ros.report.views.summary import headline
 
 # Builds a section; None if it has no content.
 Maker = Callable[[Contents, Table, JointSelector], Section | None]
 # All sections by short name, in their order on the page.
 SECTIONS: dict[str, Maker] = {
     'Summary': lambda contents, table, selector: summary.section(contents, table),
-    'Errors': lambda contents, table, selector: joints.section(contents),
+    'Errors': lambda contents, table, selector: summary.errors(contents),
     'Over time': time.section,
     'Arm': lambda contents, table, selector: arm.section(contents, table),
     'Residual': residuals.section,
@@ -31,7 +30,7 @@ SECTIONS: dict[str, Maker] = {
     'Spectrum': lambda contents, table, selector: spectrum.section(contents, selector),
     'Effects': lambda contents, table, selector: effects.section(contents, table),
     'Model': lambda contents, table, selector: equations.section(contents, selector),
-    'Data': lambda contents, table, selector: quality.section(contents),
+    'Data': lambda contents, table, selector: provenance.quality(contents),
     'Provenance': lambda contents, table, selector: provenance.section(contents)}
 
 # MathJax is omitted: it would turn \href in a joint's name into a link.

@@ -13,10 +13,9 @@ from bokeh.models import CustomJS, UIElement
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.headline import headline
-from gravity_comp_ros.report.page import report_html
-from gravity_comp_ros.report.page import SECTIONS
+from gravity_comp_ros.report.page import report_html, SECTIONS
 from gravity_comp_ros.report.style import THEME
+from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import (
     findings_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.choice import Choice

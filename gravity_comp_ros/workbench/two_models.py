@@ -11,10 +11,10 @@ from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import plot_time
 from gravity_comp_ros.report.section import JointSelector, Section
-from gravity_comp_ros.report.style import AFTER, BEFORE, FAINT, padded, plot, short
+from gravity_comp_ros.report.style import (
+    AFTER, bar_key, bar_plot, Bars, BEFORE, FAINT, padded, plot, short)
 from gravity_comp_ros.report.table import keep_extremes
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import NamedModel, Results

@@ -18,9 +18,9 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.arm import described_arm
 from gravity_comp_ros.report.contents import Contents, Origin
-from gravity_comp_ros.report.headline import headline, named_joint
 from gravity_comp_ros.report.page import report_html
-from gravity_comp_ros.report.views import joints, summary
+from gravity_comp_ros.report.views import summary
+from gravity_comp_ros.report.views.summary import headline, named_joint
 import numpy as np
 import pytest
 
@@ -273,7 +273,7 @@ def test_headline_bars_and_emphasised_row_agree(contents):
     assert 'no error exceeds twice the training error' in sentence
     findings = found_on(contents)
     assert named_joint(contents) == 'shoulder' and named_joint(findings) == 'elbow'
-    row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', joints.section(findings).lead)
+    row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', summary.errors(findings).lead)
     assert row[1] == 'elbow'
     error = contents.error('shoulder')
     for one in (contents, findings):

@@ -4,12 +4,94 @@ from __future__ import annotations
 
 from bokeh.models import BasicTickFormatter
 from bokeh.plotting import figure
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import JointSelector, Section
-from gravity_comp_ros.report.spectra import over_angle, over_time
 from gravity_comp_ros.report.style import FAINT, plot, RESIDUAL
+import numpy as np
+
+_MAX_SEGMENT = 4096
+_MAX_POINTS = 400
+_MAX_ROWS = 12000
+# Maximum order, in cycles per revolution.
+_MAX_ORDER = 80.0
+# Minimum travel, in rad, for a spectrum over the angle.
+_MIN_TRAVEL = 0.05
+# Step of the order, in cycles over the visited range.
+_ORDER_STEP = 0.5
+
+
+def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return frequencies in Hz and the amplitude density of one joint's residual, N·m/sqrt(Hz).
+
+    The spectrum is Welch's average over runs, weighted by their length, after interpolation to a
+    uniform grid. Both arrays are empty if no run has 16 samples.
+
+    :param residual: (M,) in N·m.
+    """
+    runs = [np.flatnonzero(samples.runs == run) for run in np.unique(samples.runs)]
+    runs = [rows for rows in runs if len(rows) >= 16]
+    if not runs:
+        return np.zeros(0), np.zeros(0)
+    from scipy import signal  # imported here because it takes 0.5 s
+    step = float(np.median(np.concatenate([np.diff(samples.t[rows]) for rows in runs])))
+    length = min(_MAX_SEGMENT, max(16, int(min(np.ptp(samples.t[r]) for r in runs) / step)))
+    frequency: FloatArray = np.zeros(0)
+    total, weight = np.zeros(1), 0.0
+    for rows in runs:
+        grid = np.arange(samples.t[rows[0]], samples.t[rows[-1]], step)
+        if len(grid) < length:
+            continue
+        even = np.interp(grid, samples.t[rows], residual[rows])
+        frequency, power = signal.welch(even, 1.0 / step, nperseg=length)
+        total, weight = total + power * len(grid), weight + len(grid)
+    if not weight:
+        return np.zeros(0), np.zeros(0)
+    density: FloatArray = np.sqrt(total[1:] / weight)
+    return _thinned(np.asarray(frequency[1:], dtype=np.float64), density)
+
+
+def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return orders (cycles per revolution) and amplitudes in N·m of one joint's residual.
+
+    A sine and cosine of the angle are fitted separately for each order, so poses may be uneven.
+    The lowest order is one cycle over the visited range. Both arrays are empty if the joint
+    travels less than 0.05 rad.
+
+    :param q: the joint's angle (M,) in rad.
+    :param residual: (M,) in N·m.
+    """
+    travel = float(np.ptp(q)) if len(q) else 0.0
+    if travel < _MIN_TRAVEL:
+        return np.zeros(0), np.zeros(0)
+    rows = np.arange(0, len(q), max(1, len(q) // _MAX_ROWS))
+    q, residual = q[rows], residual[rows] - residual[rows].mean()
+    lowest = 2.0 * np.pi / travel
+    count = int(_MAX_ORDER / (_ORDER_STEP * lowest)) + 1
+    orders = (_ORDER_STEP * lowest * np.arange(2.0, count))[:_MAX_POINTS]
+    amplitudes = np.zeros(len(orders))
+    for k, order in enumerate(orders):
+        sine, cosine = np.sin(order * q), np.cos(order * q)
+        sine, cosine = sine - sine.mean(), cosine - cosine.mean()
+        gram = np.array([[sine @ sine, sine @ cosine], [sine @ cosine, cosine @ cosine]])
+        pair = lstsq(gram, np.array([sine @ residual, cosine @ residual]), rcond=1e-6)
+        amplitudes[k] = float(np.hypot(*pair))
+    return orders, amplitudes
+
+
+def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return at most `_MAX_POINTS` points, the largest y of each interval of log x."""
+    if len(x) <= _MAX_POINTS:
+        return x, y
+    interval = np.floor((_MAX_POINTS - 1e-9) * np.log(x / x[0]) / np.log(x[-1] / x[0]))
+    kept = [rows[np.argmax(y[rows])] for rows in
+            np.split(np.arange(len(x)), np.flatnonzero(np.diff(interval)) + 1)]
+    return np.asarray(x[kept]), np.asarray(y[kept])
+
 
 _HEIGHT = 190
 _TOOLS = 'xpan,xbox_zoom,hover,crosshair,reset,save'

@@ -1,19 +1,129 @@
-"""First section: error of each joint, plot of the main finding, and the next command."""
+"""Headline, error of each joint, plot of the main finding, and the next command."""
 
 from __future__ import annotations
 
 from bokeh.layouts import row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
-from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.headline import main_finding, named_joint
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import AFTER, DOWN, STILL
+from gravity_comp_ros.report.style import AFTER, bar_key, bar_plot, Bars, DOWN, STILL
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import effects, residuals
+import numpy as np
+
+# Ratio of an error to the training error beyond statistical uncertainty.
+_WORSE = 2.0
+# Ratio of an error to the median error of the other joints that is reported.
+_REPORTED_RATIO = 3.0
+
+
+def headline(contents: Contents) -> str:
+    """Return the largest error, and the missing effects or the joints with unusual errors."""
+    if contents.diagnosis is not None:
+        return f'{_largest(contents)}. {_missing(contents.diagnosis)}'
+    errors = {name: contents.comparison.joints[name] for name in contents.joints}
+    useless = [name for name, joint in errors.items()
+               if joint.rmse > joint.rmse_constant and joint.rmse > 3.0 * _noise(contents, name)]
+    if 2 * len(useless) > len(errors):
+        return (f'The model is worse than a constant on {", ".join(useless)}: the arm, the signs '
+                f'or units of the effort, or the payload differ from those of the fit.')
+    worse = [name for name, joint in errors.items()
+             if joint.rmse > _WORSE * _noise(contents, name)]
+    if worse:
+        return (f'{_largest(contents)}; more than twice the training error: '
+                f'{", ".join(worse)}.')
+    return f'{_largest(contents)}; no error exceeds twice the training error.'
+
+
+def main_finding(contents: Contents) -> Finding | None:
+    """Return the first finding of the headline, None if there is none."""
+    diagnosis = contents.diagnosis
+    return next(iter(diagnosis.found or diagnosis.findings), None) if diagnosis else None
+
+
+def named_joint(contents: Contents) -> str:
+    """Return the joint of the main finding, or that with the largest error."""
+    finding = main_finding(contents)
+    if finding is not None and finding.joint in contents.joints:
+        return str(finding.joint)
+    return contents.worst
+
+
+def _missing(diagnosis: Diagnosis) -> str:
+    if diagnosis.found:
+        return f'Missing: {"; ".join(map(wording.named, diagnosis.found))}.'
+    if diagnosis.findings:
+        first = diagnosis.findings[0]
+        return f'Not established ({first.verdict}): {wording.named(first)}.'
+    if any(joint.remaining_share > 0.0 for joint in diagnosis.joints.values()):
+        return 'No effect of the library explains the residual.'
+    return 'Nothing is missing that is detectable in this motion.'
+
+
+def _largest(contents: Contents) -> str:
+    """Return a sentence on the joint with the largest error, without a full stop."""
+    worst = contents.worst
+    error = contents.comparison.joints[worst]
+    sentence = (f'The error is largest on {worst}: {contents.error(worst)} N·m RMSE, '
+                f'{percent(error.nrmse)} of the range of its torque')
+    others = [contents.comparison.joints[name].rmse for name in contents.joints if name != worst]
+    median = float(np.median(others)) if others else 0.0
+    if median > 0.0 and error.rmse > _REPORTED_RATIO * median:
+        sentence += f' and {error.rmse / median:.2g} times that of the other joints'
+    return sentence
+
+
+def _noise(contents: Contents, name: str) -> float:
+    return float(contents.model.noise[contents.model.joints.index(name)])
+
+
+_MAX_REGIONS = 2
+
+
+def errors(contents: Contents) -> Section:
+    """Return the table of errors and the regions of large error."""
+    errors = contents.comparison.joints
+    columns = ['joint', 'n', 'RMSE N·m', 'nRMSE', 'std N·m', 'largest N·m', 'in training N·m']
+    if contents.previous:
+        columns.append(f'{contents.previous_name} N·m')
+    columns.append('constant torque N·m')
+    rows = []
+    for name in contents.joints:
+        joint = errors[name]
+        row = [name, joint.n, contents.error(name), percent(joint.nrmse), f'{joint.std:.4f}',
+               f'{joint.max_abs:.3f}',
+               f'{contents.model.noise[contents.model.joints.index(name)]:.4f}']
+        if contents.previous:
+            row.append(f'{contents.previous[name]:.4f}'
+                       if name in contents.previous else '–')
+        rows.append([*row, f'{joint.rmse_constant:.4f}'])
+    lead = markup.paragraph(
+        'The error is measured minus predicted torque. nRMSE is RMSE over the range of the '
+        'measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load. '
+        'The last columns are for comparison: the training error'
+        + (f', the error of {contents.previous_name},' if contents.previous else '')
+        + ' and the error of a constant torque.', 'quiet')
+    lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
+                             'quiet')
+    table = markup.table(columns, rows, strong=contents.joints.index(named_joint(contents)))
+    return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
+
+
+def _regions(contents: Contents) -> str:
+    lines = [f'{name} {region.words}' for name in contents.joints
+             for region in contents.comparison.joints[name].where[:_MAX_REGIONS]]
+    outside = contents.comparison.share_outside
+    if outside > 0.0:
+        lines.insert(0, f'{100 * outside:.1f} % of these samples are outside the trained poses')
+    if not lines:
+        return markup.paragraph('No joint has a region of larger error.', 'quiet')
+    return '<h3>Regions of large error</h3>' + markup.bullets(lines)
+
 
 # Column against which the residual shows an effect; other effects get an added-variable plot.
 _AGAINST = {'coulomb_friction': 'v', 'viscous_friction': 'v', 'stribeck_friction': 'v',

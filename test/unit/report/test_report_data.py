@@ -8,10 +8,10 @@ from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.added_variable import added_variable
-from gravity_comp_ros.report.pairs import pair_grid, places
-from gravity_comp_ros.report.spectra import over_angle, over_time
 from gravity_comp_ros.report.table import keep_extremes
+from gravity_comp_ros.report.views.effects import added_variable
+from gravity_comp_ros.report.views.pairs import pair_grid, places
+from gravity_comp_ros.report.views.spectrum import over_angle, over_time
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest

@@ -19,7 +19,7 @@ from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.headline import headline
+from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
