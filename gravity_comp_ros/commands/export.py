@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+import shlex
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
-from gravity_comp_ros.export.changed_description import ChangedDescription
+from gravity_comp_ros.export.changed_description import ChangedDescription, written_friction
 from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
@@ -23,7 +27,7 @@ from rich.table import Table
 _OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
             'payload': ('urdf', 'fixed', 'flange')}
 # Keys of the JSON that not every target has.
-_NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload'))
+_NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload', 'in_motion', 'add'))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,9 +40,32 @@ def run(args: argparse.Namespace) -> int:
               'joints': list(model.joints), **_NULL, **targets[args.to](args, model)}
     terminal.warn(*(f'{target} is left out: {why}'
                     for target, why in result['left_out'].items()))
+    add = result['add'] = _add_command(args, model, result['not_added'])
+    if add is not None:
+        listed = ', '.join(f'{effect.target} ({wording.coefficients(effect.coefficients, 3)})'
+                           for effect in model.fitted.effects
+                           if effect.target in result['not_added'])
+        terminal.warn(f'found in the recordings, but not exported, since it is not added to the '
+                      f'model: {listed}')
+        if args.json != '-':
+            next_step.show('add it, with the recordings and reading options of the fit, and '
+                           'export again', add)
     if args.json:
         terminal.emit_json(result, args.json)
     return 0
+
+
+def _add_command(args: argparse.Namespace, model: GravityModel,
+                 targets: Sequence[str]) -> str | None:
+    """Return the command that adds effects to the model, None without any."""
+    bags = [str(bag['name']) for bag in model.provenance.get('bags', ())] or ['BAG...']
+    return shlex.join(['gravity_comp', 'add', ','.join(targets), *bags, '--model',
+                       str(args.model)]) if targets else None
+
+
+def _only_found(model: GravityModel) -> GravityModel:
+    """Return the model with the effects that were found and not added, in place of its own."""
+    return replace(model, applied=model.fitted)
 
 
 def _check_usage(args: argparse.Namespace) -> None:
@@ -69,7 +96,10 @@ def _c(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
         terminal.say(*(f'wrote {path}' for path in sorted(files)),
                      f'{model.formulation} of {model.n_joints} joints{effects}; '
                      f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}')
+        terminal.say(*(f'{target} persists at rest; here it acts in motion only, as '
+                       f'tanh(qd / {COMPENSATION_SPEED} rad/s)' for target in code.in_motion))
     return {'files': sorted(map(str, files)), 'effects': code.effects, 'left_out': code.left_out,
+            'in_motion': code.in_motion, 'not_added': c_source(_only_found(model)).effects,
             'parameters': {'layout': parameters.layout, 'labels': parameters.labels}}
 
 
@@ -88,6 +118,7 @@ def _description(args: argparse.Namespace, model: GravityModel) -> dict[str, Any
         terminal.show(_link_table(changed), '', _difference_table(changed))
         terminal.say('', *changed.notes, f'wrote {args.output}')
     return {'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
+            'not_added': written_friction(_only_found(model)),
             'links': {name: {'mass_before': x.mass_before, 'mass': x.mass,
                              'centre_before': x.centre_before, 'centre': x.centre}
                       for name, x in changed.links.items()},
@@ -116,7 +147,7 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
         for line in lines:
             terminal.say('', f'{line.maker} ({line.source})')
             terminal.show_command(line.line)
-    return {'files': [], 'effects': [], 'left_out': {},
+    return {'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
             'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 
 

@@ -128,7 +128,7 @@ class AsymmetricFriction(DirectionEffect):
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         law = law_of(setting)
         d = motion.direction(joint, law)
-        if 'skew' not in setting:
+        if 'distance' not in law:
             return np.abs(d)[:, None]
         skewed = motion.direction(joint, {**law, 'skew': setting['skew']})
         return ((skewed - d) / setting['skew'])[:, None]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.effects.motion_direction import in_motion, LAW_UNITS, smooth_sign
 from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
 from gravity_comp_ros.effects.presliding import LiveElement
 from gravity_comp_ros.errors import ModelMismatchError
@@ -42,12 +42,9 @@ def smooth(effect: AppliedEffect, speed: float) -> AppliedEffect:
     Friction that persists at rest is compensated in motion only: a torque that remains where the
     arm has stopped would push it.
     """
-    if not law_of(effect.setting):
-        return effect
-    others = {name: value for name, value in effect.setting.items()
-              if name not in law_of(effect.setting)}
-    law = {name: max(value, speed) for name, value in speed_law(effect.setting, speed).items()}
-    return replace(effect, setting={**others, **law})
+    return replace(effect, setting={
+        name: max(value, speed) if name in LAW_UNITS else value
+        for name, value in in_motion(effect.setting, speed).items()})
 
 
 @dataclass(frozen=True)

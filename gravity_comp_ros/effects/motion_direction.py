@@ -31,6 +31,9 @@ _MIN_SPEED, _CERTAIN = 0.002, 3.0
 _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
 # Factor of a refined law, and by how much it may lie outside of the grid.
 _REFINED, _BEYOND = 1.5, 4.0
+# Speed over which friction that is compensated changes its sign, rad/s: above the noise of a
+# velocity at rest.
+COMPENSATION_SPEED = 0.02
 
 
 def laws(speed_noise: float) -> list[dict[str, float]]:
@@ -54,6 +57,12 @@ def speed_law(setting: Mapping[str, float], width: float) -> dict[str, float]:
     """
     return {name: value for name, value in law_of(setting).items() if name != 'distance'} or {
         'width': width}
+
+
+def in_motion(setting: Mapping[str, float], width: float) -> dict[str, float]:
+    """Return a setting whose friction vanishes at rest (`speed_law`), if it has a law."""
+    others = {name: value for name, value in setting.items() if name not in LAW_UNITS}
+    return {**others, **(speed_law(setting, width) if law_of(setting) else {})}
 
 
 def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:

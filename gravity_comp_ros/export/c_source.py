@@ -23,6 +23,7 @@ from gravity_comp_ros.printable import printable
 # Sines and cosines of the pose in a statement.
 _TRIG = re.compile(r'\b[sc]\[')
 _PREFIX = re.compile(r'[a-z][a-z0-9_]{0,30}')
+_IN_MOTION = ', in motion only: 0 at rest'
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,8 @@ class CSource:
     """
     Text of a header and a source, with their file names.
 
-    `effects` are the exported effects, `left_out` the others with the reason.
+    `effects` are the exported effects, `left_out` the others with the reason. `in_motion` are
+    those of `effects` that persist at rest in the model and vanish there in the code.
     """
 
     header_name: str
@@ -40,6 +42,7 @@ class CSource:
     parameters: Parameters
     effects: tuple[str, ...]
     left_out: dict[str, str]
+    in_motion: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +82,8 @@ def c_source(model: GravityModel, prefix: str = 'gc') -> CSource:
     header, source = (_filled(template, prefix, texts)
                       for template in (c_text.HEADER, c_text.SOURCE))
     return CSource(f'{prefix}_gravity.h', header, f'{prefix}_gravity.c', source, parameters,
-                   program.effects.included, dict(program.effects.left_out))
+                   program.effects.included, dict(program.effects.left_out),
+                   program.effects.in_motion)
 
 
 def _program(model: GravityModel) -> _Program:
@@ -103,7 +107,8 @@ def _texts(model: GravityModel, program: _Program, parameters: Parameters) -> di
         'JOINT_LIST': '\n'.join(
             f' *   {k}  {_comment(joint)}: {low:+.4f} to {high:+.4f} rad' for k, (joint, low, high)
             in enumerate(zip(model.joints, model.coverage.q_min, model.coverage.q_max))),
-        'EFFECT_LIST': _listed(effects.included, 'none'),
+        'EFFECT_LIST': _listed([f'{target}{_IN_MOTION * (target in effects.in_motion)}'
+                                for target in effects.included], 'none'),
         'LEFT_OUT': _listed([f'{target}: {why}' for target, why in effects.left_out.items()],
                             'none'),
         'NAMES': ', '.join(_string(joint) for joint in model.joints),

@@ -59,6 +59,11 @@ def changed_description(edit: XmlEdit, model: GravityModel, links: Links, result
                               tuple(notes))
 
 
+def written_friction(model: GravityModel) -> tuple[str, ...]:
+    """Return the targets of the effects of a model that a description has as friction."""
+    return friction_numbers(model, model.joints, 'coulomb', 'viscous')[1]
+
+
 def friction_numbers(model: GravityModel, joints: Collection[str], coulomb: str, viscous: str
                      ) -> tuple[dict[str, dict[str, str]], tuple[str, ...]]:
     """

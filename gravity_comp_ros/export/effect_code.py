@@ -4,16 +4,18 @@ C statements of the effects of a model whose torque depends on pose and speed al
 Each law repeats the equation of its effect (`effects`), with g the gravity torque and d the
 direction of motion; tests compare both. An effect without a law here, such as a tool force, is
 written as a sum over the dictionary if its torque is one (`dictionary_torque`). Others depend on
-time, on earlier samples or on acceleration, and are left out with the reason. So is friction whose
-direction depends on the path (`distance`), since the exported functions have no state.
+time, on earlier samples or on acceleration, and are left out with the reason. The exported
+functions have no state: friction whose direction depends on the path, and which persists at rest
+(`distance`), is written in motion only, as the node sends it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gravity_comp_ros.effects.motion_direction import law_of
+from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED, in_motion, law_of
+from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.export.dictionary_torque import dictionary_torque
 from gravity_comp_ros.export.gravity_code import sum_code
@@ -32,13 +34,15 @@ class EffectCode:
     Statements that add the torque of effects to `tau`.
 
     `static` uses q and the gravity torque g, `friction` also the speeds qd. `included` and
-    `left_out` are the targets of the effects, the second with the reason.
+    `left_out` are the targets of the effects, the second with the reason. `in_motion` are those
+    of `included` that persist at rest in the model and vanish there in the code.
     """
 
     static: tuple[str, ...]
     friction: tuple[str, ...]
     included: tuple[str, ...]
     left_out: Mapping[str, str]
+    in_motion: tuple[str, ...]
 
 
 @dataclass
@@ -70,7 +74,9 @@ class _Effect:
 
     def setting(self, name: str, positive: bool = False) -> str:
         """Return the expression of a nonlinear parameter."""
-        return self.numbers.add(f'{self._name()} {name}', self.effect.setting[name], positive)
+        unit = library_effects()[self.effect.name].setting_units.get(name, '')
+        return self.numbers.add(f'{self._name()} {name} {unit}'.rstrip(),
+                                self.effect.setting[name], positive)
 
     def choice(self, name: str) -> float:
         """Return a nonlinear parameter that selects the code."""
@@ -172,12 +178,10 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
     """
     lines: dict[bool, list[str]] = {True: [], False: []}
     included: list[str] = []
+    moving: list[str] = []
     left_out: dict[str, str] = {}
     for effect in model.applied.effects:
         law = STATIC.get(effect.name) or FRICTION.get(effect.name)
-        if 'distance' in law_of(effect.setting):
-            left_out[effect.target] = _NOT_A_FUNCTION
-            continue
         if law is None or effect.joint is None:
             torques = dictionary_torque(model, effect)
             if torques is None:
@@ -186,7 +190,8 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
                 lines[True] += sum_code(model.joints, torques, numbers, f'{effect.target} ')
                 included.append(effect.target)
             continue
-        trial = _Effect(model, effect, Numbers())
+        coded = replace(effect, setting=in_motion(effect.setting, COMPENSATION_SPEED))
+        trial = _Effect(model, coded, Numbers())
         try:
             law(trial)
             if trial.used != set(effect.coefficients):
@@ -195,8 +200,11 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
             left_out[effect.target] = ('its coefficients or nonlinear parameters are not those '
                                        'of the law that is exported')
             continue
-        written = _Effect(model, effect, numbers)
+        written = _Effect(model, coded, numbers)
         is_static = effect.name in STATIC
         lines[is_static].append(f'    tau[{written.joint}] += {law(written)};')
         included.append(effect.target)
-    return EffectCode(tuple(lines[True]), tuple(lines[False]), tuple(included), left_out)
+        if 'distance' in law_of(effect.setting):
+            moving.append(effect.target)
+    return EffectCode(tuple(lines[True]), tuple(lines[False]), tuple(included), left_out,
+                      tuple(moving))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.live import Limits, LiveEffects
+from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
@@ -16,10 +17,6 @@ from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import Compensation, TorqueSource, UncertainChange
 import numpy as np
-
-# Minimum speed over which compensated friction changes its sign, rad/s: above the noise of a
-# velocity at rest.
-COMPENSATION_SPEED = 0.02
 
 
 def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """`gravity_comp export` and `update --flange`: targets, output and bad input."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -9,8 +10,8 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, Payload, payload_of
-from gravity_comp_ros.models.applied_effects import Quantity
-from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Quantity, Value
+from gravity_comp_ros.models.model_file import load_model, save_model
 import numpy as np
 import pytest
 
@@ -66,6 +67,32 @@ def test_urdf_gives_the_load_to_the_last_link(here, tmp_path, capsys):
     assert 0.05 < moment < 0.35
     assert all(row['after'] < 0.05 for row in result['difference'].values())
     assert result['difference']['iiwa_joint_2']['before'] > 5.0
+
+
+def test_effects_that_were_found_and_not_added_are_named(here, tmp_path, capsys):
+    model = replace(load_model('arm.json'), provenance={'bags': [{'name': 'slow.mcap'}]})
+    fitted = (AppliedEffect('coulomb_friction', 'iiwa_joint_4', {'distance': 0.001},
+                            {'F_c': Value(0.8, 'N·m', (0.75, 0.85))}),
+              AppliedEffect('torque_drift', 'iiwa_joint_2', {'origin': 0.0, 'time': 100.0},
+                            {'r': Value(0.01, 'N·m/s', (0.009, 0.011))}))
+    path = tmp_path / 'found.json'
+    save_model(path, replace(model, fitted=Applied(fitted)))
+    targets = {'c': ['-o', str(tmp_path / 'src')],
+               'urdf': ['--urdf', 'arm.urdf', '-o', str(tmp_path / 'new.urdf')]}
+    command = f'gravity_comp add coulomb_friction:iiwa_joint_4 slow.mcap --model {path}'
+    for target, options in targets.items():
+        status, out, err = run(capsys, str(path), '--to', target, *options)
+        assert status == 0 and command in out
+        # An effect that this target cannot contain is not named: to add it would not help.
+        assert 'coulomb_friction:iiwa_joint_4 (F_c = 0.800 ± 0.050 N·m)' in err
+        assert 'torque_drift' not in out + err
+        status, out, _ = run(capsys, str(path), '--to', target, *options, '--json')
+        result = json.loads(out)
+        assert result['not_added'] == ['coulomb_friction:iiwa_joint_4']
+        assert result['add'] == command
+    (tmp_path / 'src').joinpath('gc_gravity.c').unlink()
+    status, out, err = run(capsys, 'arm.json', '--to', 'c', '-o', str(tmp_path / 'src'), '--json')
+    assert json.loads(out)['add'] is None and err == ''
 
 
 def test_payload_lines_in_the_frame_of_the_flange(here, capsys):

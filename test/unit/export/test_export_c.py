@@ -5,6 +5,7 @@ import subprocess
 
 from bench.shared.compiled_model import compiled
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.effects.predict import effect_torque, motion_of
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
@@ -142,22 +143,43 @@ def test_every_law_is_of_an_effect_in_the_library_and_tested():
 def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     model = with_effects(model_of('chain'), [
         ('torque_drift', 0, {'origin': 0.0, 'time': 100.0}, {'r': 0.1}),
-        ('coulomb_friction', 0, {'distance': 0.001}, {'F_c': 2.0}),
-        ('asymmetric_friction', 3, {'distance': 0.001, 'skew': 0.4}, {'F_a': 0.5}),
-        ('stribeck_friction', 5, {'speed': 0.05, 'distance': 0.001}, {'F_s': 0.8}),
+        ('presliding_hysteresis', 0, {'distance': 0.001}, {'F_p': 2.0, 'sigma': 0.1}),
         ('encoder_offset', 2, {'run': 2.0, 'time': 0.0, 'clock': 0.0}, {'delta': 0.04}),
         ('coulomb_friction', 1, {'width': 0.004}, {'F_new': 2.0}),
         ('joint_spring', 1, {}, {'k': 4.0}),
         ('torque_ripple', 2, {'k': 12.0, 'harmonics': 2.0}, {'a': 0.1, 'b': 0.2})])
     code = c_source(model)
     assert not code.effects and len(code.left_out) == len(model.applied.effects)
-    # The first five depend on time or on the path, the others are not those of the library.
+    # The first three depend on time or on the path, the others are not those of the library.
     assert [why.startswith('its torque is not') for why in code.left_out.values()] == [
-        *5 * [True], *3 * [False]]
+        *3 * [True], *3 * [False]]
     library, (q, _) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
     assert parameters_of(model).layout == parameters_of(model_of('chain')).layout
     assert 'torque_drift:joint 0' in code.header
+
+
+def test_friction_that_persists_at_rest_acts_in_motion_only(tmp_path):
+    def friction(law):
+        skew = {'skew': 0.4} if 'distance' in law else {}
+        return with_effects(model_of('potential', 4), [
+            ('coulomb_friction', 0, law, {'F_c': 2.0}),
+            ('asymmetric_friction', 3, {**law, **skew}, {'F_a': 0.5}),
+            ('load_dependent_friction', 4, {**law, 'friction': 0.7}, {'mu': 0.05}),
+            ('stribeck_friction', 5, {**law, 'speed': 0.05}, {'F_s': 0.8})])
+
+    model = friction({'distance': 0.001})
+    code, (q, qd) = c_source(model), poses(300)
+    targets = tuple(effect.target for effect in model.applied.effects)
+    assert code.effects == code.in_motion == targets and not code.left_out
+    assert code.header.count('in motion only') == 4
+    in_motion = friction({'width': COMPENSATION_SPEED})
+    assert parameters_of(model).layout == parameters_of(in_motion).layout
+    assert not c_source(in_motion).in_motion
+    library = compiled(model, tmp_path)
+    np.testing.assert_allclose(library.friction(q, qd), effects_at(in_motion, q, qd), rtol=0,
+                               atol=1e-9)
+    np.testing.assert_array_equal(library.friction(q, 0 * qd), 0.0)
 
 
 def test_effects_in_the_dictionary_are_sums(tmp_path):
@@ -218,7 +240,7 @@ def test_refused_parameters_change_nothing(tmp_path):
         return library.set_parameters(values, layout)
 
     labels = list(good.labels)
-    width = labels.index(f'coulomb_friction:{JOINTS[0]} width')
+    width = labels.index(f'coulomb_friction:{JOINTS[0]} width rad/s')
     assert result(values=good.values[:-1]) == 1
     assert result(layout=good.layout ^ 1) == 2
     assert {result(20, bad) for bad in (np.nan, np.inf, -np.inf)} == {3}

@@ -90,6 +90,14 @@ def test_compensated_friction_is_a_fraction_and_smooth_at_rest(friction):
     np.testing.assert_allclose(at(-9.0), -at(9.0))
 
 
+def test_friction_that_differs_by_direction_is_sent_in_motion():
+    friction = effect('asymmetric_friction', 'b', {'distance': 0.02, 'skew': 0.4}, F_a=0.5)
+    sent = LiveEffects(model((friction,)), [friction], Limits(1.0, 0.02, 0.1))
+    for speed in (0.1, -0.1):
+        torque = sent.torque(np.zeros(2), np.array([0.0, speed]), np.zeros(2))
+        np.testing.assert_allclose(torque, [0.0, 0.5 * np.tanh(5.0)])
+
+
 def test_speeds_are_clipped_to_the_trained_range():
     sent = LiveEffects(model(EFFECTS[1:2]), EFFECTS[1:2],
                        Limits(1.0, 0.02, 0.1))
