@@ -17,7 +17,6 @@ from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
-from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.options import PlanOptions
@@ -106,19 +105,19 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
     `Model.undo` removes the effects again.
 
     :param effects: effects on every joint (`NAME`), on one joint
-        (`NAME:JOINT`), or findings of a diagnosis. Only established and likely findings are
-        added; without any, the model is returned unchanged.
+        (`NAME:JOINT`), or findings of a diagnosis. Established and likely effects are added, and
+        ambiguous ones with their alternatives; without any, the model is returned unchanged.
     :param all_samples: fit to fast motion also; some effects, such as inertia, always do.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if an effect is in the model already or is not identifiable, or if there
         are too few samples.
     :raises OptionError: if an effect or joint is unknown, or named twice.
     """
-    targets = [effect if isinstance(effect, str) else target(str(effect.effect), effect.joint)
-               for effect in effects if isinstance(effect, str) or effect.is_missing]
+    targets = dict.fromkeys(name for effect in effects for name in (
+        (effect,) if isinstance(effect, str) else effect.to_add))
     if not targets:
         return model
-    return Model(add_to_model(model.gravity, recording, targets,
+    return Model(add_to_model(model.gravity, recording, list(targets),
                               RefitOptions.chosen(all_samples), progress).model)
 
 

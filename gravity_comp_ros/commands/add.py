@@ -92,7 +92,7 @@ def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ..
     for name, others in result.ties.items():
         terminal.say(
             f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
-            f'Keep only one of them. Motion that distinguishes them: '
+            f'Motion that distinguishes them: '
             f'{_tie(name, others)["settled_by"]}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')

@@ -20,7 +20,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, Verdict
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.effects.registry import broken_plug_ins
@@ -43,7 +43,7 @@ _DATA = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise
          'effective n')
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 _WHY_OPEN = {
-    'ambiguous': 'an alternative explains the data equally well; add at most one of them',
+    'ambiguous': 'an alternative explains the data equally well; together they predict the sum',
     'weak': 'too small, uncertain or not physical: do not add',
     'untestable': 'not identifiable with this motion: do not add',
     'unexplained': 'no known effect describes it',
@@ -125,7 +125,7 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
     notes = ('Predictions are of a gravity model fitted for this report to '
              f'{model.coverage.n_samples} samples.',) if fitted else ()
     compared = f'all {samples.n_samples} samples, including fast ones'
-    commands = _add_commands(args, wording.targets(diagnosis.findings))
+    commands = _add_commands(args, diagnosis.to_add)
     html.write_report(args, model, samples, compare(model, samples), compared, reports, diagnosis,
                       notes=notes, next_command='\n'.join(commands))
 
@@ -226,18 +226,17 @@ def _table(diagnosis: Diagnosis) -> Table:
 
 def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
     """Show the next commands, with this call's file names, and the open findings."""
-    accepted = wording.targets(diagnosis.findings)
+    to_add = diagnosis.to_add
     open_ = [f for f in diagnosis.findings if f.verdict not in FOUND]
-    if accepted:
-        effects = 'the effect' if len(accepted) == 1 else \
-            f'all {len(accepted)} established or likely effects together'
-        next_step.show(f'add {effects}', *_add_commands(args, accepted))
+    if to_add:
+        effects = 'the effect' if len(to_add) == 1 else f'all {len(to_add)} effects together'
+        next_step.show(f'add {effects}', *_add_commands(args, to_add))
     elif not diagnosis.findings and args.model is not None:
         next_step.show('nothing to add; plot measured and predicted torque',
                        next_step.command('replay', args, '-o', 'replay.mcap', model=args.model,
                                          bags=args.bags[:1]))
     if open_:
-        _show_open(args, open_, fit_shown=bool(accepted))
+        _show_open(args, open_, fit_shown=bool(to_add))
     terminal.show('')
 
 
@@ -256,15 +255,10 @@ def _fit_command(args: argparse.Namespace, model: Path | str) -> str:
 
 
 def _show_open(args: argparse.Namespace, findings: Sequence[Finding], fit_shown: bool) -> None:
-    terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")} not to add yet')
+    terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")}')
     for finding in findings:
         for line in _open_lines(finding):
             terminal.show(line)
-    ambiguous = [f for f in findings if f.verdict == Verdict.AMBIGUOUS and f.effect is not None]
-    if ambiguous:
-        best = [target(f.effect or '', f.joint) for f in ambiguous]
-        next_step.show('or add the best of each group of ambiguous effects (`add --undo` removes '
-                       'it)', *_add_commands(args, best)[-1 if fit_shown else 0:])
     motions = [f for f in findings if f.next_step and f.effect is not None]
     if motions:
         model = args.model or next_step.new_name()

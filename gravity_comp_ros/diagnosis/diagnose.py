@@ -102,10 +102,13 @@ class _Conclusion:
 
     def findings(self) -> list[Finding]:
         """Return one finding for each term that the model does not predict, and for the rest."""
-        findings = [replace(finding_of(self.evidence, term),
-                            is_predicted=target_of(term, self.names) in self.predicted)
-                    for term in self.estimated.regression.terms
-                    if target_of(term, self.names) not in self.given]
+        findings = []
+        for term in self.estimated.regression.terms:
+            name = target_of(term, self.names)
+            if name not in self.given:
+                finding = finding_of(self.evidence, term)
+                findings.append(replace(finding, is_predicted=True, to_add=())
+                                if name in self.predicted else finding)
         dynamics = finding_of_dynamics(self.evidence, self.given)
         findings += [] if dynamics is None else [dynamics]
         return [*findings, *unexplained(self.evidence)]
@@ -114,7 +117,7 @@ class _Conclusion:
         """Return the report of a joint: errors before and after, and what is not testable."""
         torques, predicted = self.evidence.torques, self.evidence.predicted
         added = {target(f.effect, f.joint) for f in findings
-                 if f.verdict in FOUND and f.effect is not None}
+                 if f.effect is not None and (f.to_add or f.is_predicted)}
         every = {*predicted, *torques.effects}
         before, after, rest = (float(torques.rmse(names)[n])
                                for names in (predicted, {*predicted, *added}, every))

@@ -35,10 +35,12 @@ class Finding:
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
     torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of the torque (RMS) of its best
     coefficient that gravity and all other columns absorb, `runs_better` the share of runs that it
-    improves, `gain` its log evidence in nats. `rivals` are alternative explanations. `next_step`
-    is the motion that resolves an open finding, '' for an effect to add. `verdict` is a
-    `Verdict`, which compares and prints as its text. `is_predicted` is true if the model predicts
-    it already, together with gravity, from which this motion hardly separates it.
+    improves, `gain` its log evidence in nats. `rivals` are alternative explanations. `to_add` are
+    the targets to add: the effect, and the testable alternatives of an ambiguous one, of which the
+    sum is identified. `next_step` is the motion that resolves an open finding, '' for one that is
+    established or likely. `verdict` is a `Verdict`, which compares and prints as its text.
+    `is_predicted` is true if the model predicts it already, together with gravity, from which this
+    motion hardly separates it.
 
     Of an unexplained residual `nrmse_before` is the held-out error with all effects;
     `nrmse_after` is that error without the part of the fitted residual that repeats with the
@@ -60,6 +62,7 @@ class Finding:
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
     is_predicted: bool = False
+    to_add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'verdict', Verdict(self.verdict))
@@ -81,10 +84,10 @@ class JointReport:
     """
     Report of one joint: `noise_floor` in N·m and effective sample size `n_effective`.
 
-    `rmse_before` and `rmse_after` are held-out errors in N·m without and with the effects to add,
-    which are established or likely. `remaining_share` is the error that remains with weak and
-    ambiguous effects as well, as a share of the torque range, if it is far above the sensor
-    noise, else 0. `untestable` maps effects to the reason why they cannot be tested.
+    `rmse_before` and `rmse_after` are held-out errors in N·m without and with the effects to add.
+    `remaining_share` is the error that remains with all effects, as a share of the torque range,
+    if it is far above the sensor noise, else 0. `untestable` maps effects to the reason why they
+    cannot be tested.
     """
 
     summary: str
@@ -116,6 +119,11 @@ class Diagnosis(Displayable):
     def found(self) -> tuple[Finding, ...]:
         """Return the established and likely findings."""
         return tuple(finding for finding in self.findings if finding.is_missing)
+
+    @property
+    def to_add(self) -> tuple[str, ...]:
+        """Return the targets of all findings to add."""
+        return tuple(dict.fromkeys(name for f in self.findings for name in f.to_add))
 
     def finding(self, effect: str, joint: str | None) -> Finding | None:
         """Return the finding on an effect of a joint (None: of the whole arm), None without it."""

@@ -6,13 +6,14 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.findings import Finding, Verdict
+from gravity_comp_ros.diagnosis.findings import Finding, FOUND, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.linear import Linear
 from gravity_comp_ros.regression.shared import State
@@ -92,7 +93,20 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
                    1.0 - float(shares.max()), held_out.runs_better, why,
                    _next_step(term, verdict, joint), gain, p_of(gain - term.log_odds),
-                   dict(term.setting))
+                   dict(term.setting), to_add=_to_add(evidence, term, verdict))
+
+
+def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]:
+    """Return the targets to add for a finding: of an ambiguous one also its alternatives."""
+    regression, joints = evidence.estimated.regression, evidence.joints
+    if verdict in FOUND:
+        return (target_of(term, joints),)
+    if verdict != Verdict.AMBIGUOUS:
+        return ()
+    return (target_of(term, joints), *(
+        target(name, None if joint is None else joints[joint])
+        for name, joint in regression.alternatives[term.key]
+        if (name, joint) not in regression.candidates.untestable))
 
 
 def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: FloatArray,
@@ -151,7 +165,7 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
                    sizes, held_out.before, held_out.after, 0.0, held_out.runs_better,
                    '' if established else _little_evidence(gain, evidence.options), '', gain,
-                   p_of(gain))
+                   p_of(gain), to_add=(DYNAMICS,))
 
 
 def _gain_of_dynamics(regression: Regression) -> float:

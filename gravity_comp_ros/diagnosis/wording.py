@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import math
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.models.applied_effects import Quantity, target
+from gravity_comp_ros.models.applied_effects import Quantity
 
 if TYPE_CHECKING:
     from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
@@ -141,12 +141,6 @@ def untestable(diagnosis: Diagnosis) -> list[str]:
         f'{effect} on '
         f'{"every joint" if len(names) == len(diagnosis.joints) else ", ".join(names)}: {reason}'
         for (effect, reason), names in grouped.items())]
-
-
-def targets(findings: Sequence[Finding]) -> list[str]:
-    """Return the arguments of `add` for established and likely findings."""
-    return [target(f.effect, f.joint) for f in findings
-            if f.effect is not None and f.is_missing]
 
 
 def _capital(text: str) -> str:

@@ -53,11 +53,10 @@ def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]
     elements = [widgets.html('<p class="finding quiet">Held-out errors are relative to the range '
                              'of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
-    accepted = tuple(target for finding, target in findings
-                     if target and finding.is_missing)
-    if len(accepted) > 1:
-        below.append(widgets.button(f'Add all {len(accepted)} established or likely',
-                                    lambda: add(accepted), 'primary', disabled=adding,
+    to_add = results.to_add()
+    if len(to_add) > 1:
+        below.append(widgets.button(f'Add all {len(to_add)}',
+                                    lambda: add(to_add), 'primary', disabled=adding,
                                     name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:

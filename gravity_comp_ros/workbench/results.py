@@ -187,6 +187,14 @@ class Results:
                  and not stage.model.applied.has(f.effect, f.joint) else '')
                 for f in diagnosis.findings]
 
+    def to_add(self) -> tuple[str, ...]:
+        """Return the targets to add that the model of the stage does not have."""
+        stage, diagnosis = self.session.stage, self.session.diagnosis
+        if stage is None or diagnosis is None:
+            return ()
+        present = {effect.target for effect in stage.model.applied.effects}
+        return tuple(name for name in diagnosis.to_add if name not in present)
+
     def commands(self) -> list[str]:
         """Return command lines that reproduce the model and its evaluation."""
         session = self.session
@@ -196,9 +204,8 @@ class Results:
                 *stages.reports(session.choice, session.paths)]
 
     def _next_command(self) -> str:
-        """Return the command line that adds the established and likely effects."""
-        targets = tuple(t for f, t in self.findings() if t and f.is_missing)
-        session = self.session
+        """Return the command line that adds the effects to add."""
+        targets, session = self.to_add(), self.session
         return stages.add_command(targets, session.choice, session.paths) if targets else ''
 
     def models(self) -> list[NamedModel]:

@@ -99,12 +99,12 @@ verdicts:
   established   strong evidence without an alternative, and a smaller held-out error: add it
   likely        the same with less evidence: add it
   ambiguous     another effect explains the data equally well; both are listed, with the motion
-                that distinguishes them. Add at most one of them
+                that distinguishes them. Add both: their sum is predicted, not their split
   weak          hardly reduces the held-out error, or its size is not physical or not different
                 from 0: do not add
   untestable    not identifiable with this motion: do not add
   unexplained   a repeating residual that no known effect describes
-Established and likely effects were selected jointly: add all of them with the printed command.
+The effects were selected jointly: add all of them with the printed command.
 
 All samples are used, including fast ones, because inertia is one of the effects. Errors are
 held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).

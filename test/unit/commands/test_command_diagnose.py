@@ -146,9 +146,9 @@ def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_pat
     assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
 
 
-def finding(effect, verdict, alternatives=(), next_step='move it'):
+def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):
     return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
-                   next_step)
+                   next_step, to_add=to_add)
 
 
 def arguments(model):
@@ -160,22 +160,22 @@ def arguments(model):
 @pytest.mark.parametrize('model', ['arm.json', None])
 def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, model):
     args = arguments(model)
-    findings = (finding('coulomb_friction', 'established'),
-                finding('torque_offset', 'ambiguous', ('joint_spring',)),
+    findings = (finding('coulomb_friction', 'established', to_add=('coulomb_friction:shoulder',)),
+                finding('torque_offset', 'ambiguous', ('joint_spring',),
+                        to_add=('torque_offset:shoulder', 'joint_spring:shoulder')),
                 finding('inertia', 'weak'), finding(None, 'unexplained'))
     show_next_steps(args, Diagnosis(findings, {}))
     output = capsys.readouterr().out
     commands = [shlex.split(line)[1:] for line in output.splitlines()
                 if line.startswith('  gravity_comp ')]
     verbs = [command[0] for command in commands]
-    # The accepted effect, the best of the ambiguous ones, and the motion for the open ones.
-    assert verbs == (['add', 'add', 'plan'] if model else ['fit', 'add', 'add', 'fit', 'plan'])
-    assert [c[1] for c in commands if c[0] == 'add'] == ['coulomb_friction:shoulder',
-                                                         'torque_offset:shoulder']
+    # The accepted effect with the ambiguous ones, and the motion for the open ones.
+    assert verbs == (['add', 'plan'] if model else ['fit', 'add', 'fit', 'plan'])
     add, plan = (next(c for c in commands if c[0] == verb) for verb in ('add', 'plan'))
-    assert add[1] == 'coulomb_friction:shoulder' and plan[-1] == 'motion.yaml'
-    assert 'open: 3 findings not to add yet' in output
-    assert 'alternative: joint_spring' in output and 'add at most one of them' in output
+    assert add[1] == 'coulomb_friction:shoulder,torque_offset:shoulder,joint_spring:shoulder'
+    assert plan[-1] == 'motion.yaml'
+    assert 'open: 3 findings' in output
+    assert 'alternative: joint_spring' in output and 'together they predict the sum' in output
     assert 'no known effect describes it' in output
 
 
@@ -192,7 +192,7 @@ def test_a_finding_that_is_predicted_with_gravity_stays_open_unless_it_is_establ
                                for verdict in ('untestable', 'established'))
     show_next_steps(args, Diagnosis((untestable, established), {}))
     output = capsys.readouterr().out
-    assert 'open: 1 finding not to add yet' in output and 'gravity_comp add' not in output
+    assert 'open: 1 finding\n' in output and 'gravity_comp add' not in output
     assert 'predicted together with gravity already' in sentence(established)
     tied = replace(finding('joint_spring', 'ambiguous', ('torque_offset',)), **own)
     assert 'explained equally well by torque_offset' in sentence(tied)

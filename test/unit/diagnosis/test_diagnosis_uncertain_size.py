@@ -1,9 +1,12 @@
 """Effects of uncertain size: absorbed by gravity, small, or with an unresolved friction."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from bench.planning.scenes import Scene
 from bench.shared.campaign import campaign
+import gravity_comp_ros
+from gravity_comp_ros import Recording
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
@@ -75,3 +78,22 @@ def test_friction_at_one_speed_is_ambiguous_and_has_no_correction(arm):
     assert findings['coulomb_friction'].verdict == Verdict.AMBIGUOUS
     assert findings['coulomb_friction'].rivals == ('viscous_friction',)
     assert set(findings) == {'coulomb_friction'}
+
+
+@SEEDS
+def test_the_sum_of_an_ambiguous_effect_and_its_alternatives_is_predicted(seed):
+    """With other moments, a sensor that shows 6 % too much is one on the other joint."""
+    def gained(seed):
+        samples = links(1.2, lambda q, qd: np.zeros(len(q)), seed)
+        return replace(samples, tau=samples.tau * [1.0, 1.06])
+
+    train, later = gained(seed), Recording(gained(seed + 100))
+    model = gravity_comp_ros.fit(Recording(train))
+    diagnosis = gravity_comp_ros.diagnose(Recording(train), model)
+    pair = {'torque_gain:shoulder', 'torque_gain:elbow'}
+    assert [f.verdict for f in diagnosis.findings if set(f.to_add) == pair] == [Verdict.AMBIGUOUS]
+    added = gravity_comp_ros.add_effects(model, Recording(train), diagnosis.findings)
+    assert {e.target for e in added.gravity.applied.effects} == pair
+    before, after = (max(joint.rmse for joint in gravity_comp_ros.compare(
+        each, later).joints.values()) for each in (model, added))
+    assert before > 5.0 * NOISE and after < 1.1 * 1.06 * NOISE
