@@ -20,8 +20,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, FitResult
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 
 ARM = arms.iiwa7()

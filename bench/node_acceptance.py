@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """
 Acceptance of models of real payloads and of broken effort after a payload change, without ROS.
 
@@ -25,12 +24,11 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.epoch import Epoch
+from gravity_comp_ros.node.epoch import DELAYS, Epoch, SlowSample
 from gravity_comp_ros.node.job_messages import FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_fit
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.rows import DELAYS, SlowSample
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np

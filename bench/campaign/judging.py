@@ -14,9 +14,8 @@ from bench.cases.degraded import (
 from bench.cases.drawn import draws
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift
-from gravity_comp_ros.simulation.disturbances.friction import Friction, ThermalFriction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre, ThermalFriction
+from gravity_comp_ros.simulation.disturbances.signals import GaugeDrift
 from gravity_comp_ros.simulation.hidden import noise_levels
 import numpy as np
 

@@ -34,7 +34,7 @@ from bench.cases.case_list import case, cases, ROLES
 from bench.cases.cases import Case, recordings
 from bench.cases.drawn import drawn_case
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.errors import GravityCompError
 
 

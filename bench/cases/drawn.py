@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 
 from bench.cases.case_list import bristles, ROLES
 from bench.cases.cases import ARMS, Case, Pair, Truth
-from gravity_comp_ros.simulation.disturbances.angle_torque import Cogging, DressPack
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift, GaugeOffset
-from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
+from gravity_comp_ros.simulation.disturbances.joint_torque import Cogging, DressPack
+from gravity_comp_ros.simulation.disturbances.signals import GaugeDrift, GaugeOffset
 from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np

@@ -23,10 +23,8 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 
 TEST_ARMS = 'iiwa7,six_axis,right_seven,right_six,any_six'

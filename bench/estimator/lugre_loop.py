@@ -24,7 +24,7 @@ from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.simulation.arms import Arm, inverse_dynamics
-from gravity_comp_ros.simulation.disturbances.lugre import deflection
+from gravity_comp_ros.simulation.disturbances.friction import deflection
 import numpy as np
 
 _TRAINING_RUNS = 5

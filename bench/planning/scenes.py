@@ -16,8 +16,8 @@ from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.hidden import hidden
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import (
+    Disturbance, NoiseOptions, synthesise, SynthesisOptions)
 import numpy as np
 
 ARMS: dict[str, Callable[[], Arm]] = {

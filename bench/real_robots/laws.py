@@ -14,10 +14,9 @@ from typing import Any
 
 from bench.cases.cases import Pair
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.simulation.disturbances.angle_torque import AngleTorque, Cogging, DressPack
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeGain, GaugeOffset
-from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
+from gravity_comp_ros.simulation.disturbances.joint_torque import AngleTorque, Cogging, DressPack
+from gravity_comp_ros.simulation.disturbances.signals import GaugeGain, GaugeOffset
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 

@@ -59,10 +59,10 @@ def _twelve(seed: int, seconds: float = 100.0, rate: float = 20.0) -> Callable[[
     def make(path: Path) -> None:
         from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
         from gravity_comp_ros.simulation.disturbances.friction import Friction
-        from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+        from gravity_comp_ros.simulation.disturbances.friction import LuGre
         from bench.cases.generated import generated_arm
         from gravity_comp_ros.simulation.motions import multisine
-        from gravity_comp_ros.simulation.noise import NoiseOptions
+        from gravity_comp_ros.simulation.synthesise import NoiseOptions
         from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
         import numpy as np
         arm = generated_arm(4, 12, right_angles=True)

@@ -1,11 +1,9 @@
 """Fast motion of simulated arms: random states, inertial torque, and a recording."""
 
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 
 FAST = MultisineOptions(band=0.8, max_speed=1.5)

@@ -3,11 +3,11 @@
 import time
 
 from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.node.epoch import DELAYS, Rows, SlowSample
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.rows import DELAYS, Rows, SlowSample
-from gravity_comp_ros.worker.supervised import READY, Supervised
+from gravity_comp_ros.worker.worker_process import READY, Supervised
 import numpy as np
 from sensor_msgs.msg import JointState
 

@@ -1,10 +1,9 @@
 """A session of the workbench whose jobs run in this process."""
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.workbench.jobs import JobRunner
+from gravity_comp_ros.workbench.jobs import Failed, Finished, JobRunner
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Start
-from gravity_comp_ros.workbench.worker import Failed, Finished
 
 
 class InProcess:

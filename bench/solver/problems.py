@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from bench.cases import generated
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 
 

@@ -13,7 +13,7 @@ from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import add_to_model, compare_model, update_model
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison

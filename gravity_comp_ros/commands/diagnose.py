@@ -21,7 +21,7 @@ from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
-from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect

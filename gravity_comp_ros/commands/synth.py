@@ -15,8 +15,7 @@ from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag, WriteOptions
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import Hidden, hidden
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 
 _FILE_RATE = 50.0

@@ -22,7 +22,7 @@ from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, DYNAMICS, model_of, Switches, target_of)
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
-from gravity_comp_ros.evaluation.gain import p_of_decrease
+from gravity_comp_ros.evaluation.compare import p_of_decrease
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 

@@ -17,9 +17,9 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.epoch import DELAYS, Rows
 from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, moving_rms, PARTS
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.rows import DELAYS, Rows
 import numpy as np
 
 

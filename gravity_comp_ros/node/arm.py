@@ -1,24 +1,76 @@
-"""State of one arm in the node: model in use, samples, feed-forward, figures of diagnostics."""
+"""One arm in the node: its description, model in use, samples, and feed-forward."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
+import math
+from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.robot_tree import parse_tree
+from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
-from gravity_comp_ros.node.epoch import Epoch
+from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
-from gravity_comp_ros.node.model_in_use import ModelInUse
-from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.rows import DelayedSamples, SentTorqueHistory, SlowSample
-from gravity_comp_ros.node.torque_source import UncertainChange
+from gravity_comp_ros.node.parameters import BY_NAME, Parameters
+from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
 from gravity_comp_ros.node.watch import Watch
 import numpy as np
+
+SOURCE = 'robot_description'
+
+
+@dataclass(frozen=True)
+class ArmDescription:
+    """
+    The description of the joints of an arm.
+
+    `geometry` is None where the joints do not form a serial chain in their order; `problem` then
+    gives the reason. `max_effort` has one value per joint in N·m, or is empty.
+    """
+
+    geometry: Geometry | None
+    continuous: tuple[str, ...]
+    max_effort: tuple[float, ...]
+    problem: str
+
+
+def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
+    """Return the description of these joints in a URDF; errors go to `problem`."""
+    try:
+        known = parse_tree(text, SOURCE).joints
+    except GravityCompError as problem:
+        return ArmDescription(None, (), (), str(problem))
+    continuous = tuple(name for name in joints
+                       if name in known and known[name].kind == 'continuous')
+    limits = [_effort(known[name].element) if name in known else math.nan for name in joints]
+    # A larger number means that there is no limit.
+    largest = BY_NAME['max_torque'].high or math.inf
+    max_effort = tuple(limits) if all(0.0 < limit <= largest for limit in limits) else ()
+    try:
+        geometry = parse_urdf(text, joints, SOURCE)
+    except GravityCompError as problem:
+        return ArmDescription(None, continuous, max_effort, str(problem))
+    if geometry.joints != joints:
+        return ArmDescription(
+            None, continuous, max_effort, f'the order of the joints in {SOURCE} is '
+            f'{", ".join(geometry.joints)}: set the parameter joints to this order to use the '
+            'axes')
+    return ArmDescription(geometry, continuous, max_effort, '')
+
+
+def _effort(element: Element) -> float:
+    limit = next((part for part in element if part.tag.endswith('limit')), None)
+    try:
+        return math.nan if limit is None else float(limit.get('effort', 'nan'))
+    except ValueError:
+        return math.nan
+
 
 # Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
 SHARE_PERIOD = 0.2

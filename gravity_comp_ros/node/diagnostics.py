@@ -14,7 +14,7 @@ from gravity_comp_ros.node.messages import (
     FAULTS, FROM_FUTURE, HANDLED, MISSING_JOINT, REPLACED, TOO_OLD)
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.watch import Watch
-from gravity_comp_ros.worker.supervised import BUSY, READY
+from gravity_comp_ros.worker.worker_process import BUSY, READY
 import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)

@@ -16,7 +16,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.rows import Rows
+from gravity_comp_ros.node.epoch import Rows
 import numpy as np
 
 # Checks that fail where the effort is faulty.

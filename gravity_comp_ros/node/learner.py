@@ -18,8 +18,7 @@ from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
-from gravity_comp_ros.worker.supervised import Failure, READY, Supervised
-from gravity_comp_ros.worker.worker_process import command
+from gravity_comp_ros.worker.worker_process import command, Failure, READY, Supervised
 
 NICENESS = 10
 # Number of samples from which an epoch is restarted after a refusal for broken effort, so that

@@ -11,13 +11,12 @@ from gravity_comp_ros.description.joint_order import joint_order
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.node import diagnostics
-from gravity_comp_ros.node.arm import Arm
-from gravity_comp_ros.node.arm_description import describe_arm
+from gravity_comp_ros.node.arm import Arm, describe_arm
 from gravity_comp_ros.node.learner import can_change, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
-from gravity_comp_ros.node.model_in_use import compensable
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
+from gravity_comp_ros.node.torque_source import compensable
 
 Answer = tuple[bool, str]
 

@@ -9,15 +9,13 @@ from math import isfinite
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
-from gravity_comp_ros.simulation.disturbances.angle_torque import (
-    Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
 from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, GreasedGear, LoadFriction, ThermalFriction)
-from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
+    DifferentialFriction, Friction, GreasedGear, LoadFriction, LuGre, ThermalFriction)
+from gravity_comp_ros.simulation.disturbances.joint_torque import (
+    Bumper, Cogging, Detent, DressPack, SpringBalancer)
+from gravity_comp_ros.simulation.disturbances.signals import (
+    Backlash, DelayedEffort, ElasticGear, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset,
+    TiltedBase, ToolForce)
 from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np

@@ -1,5 +1,5 @@
 """
-Access control of the server: a token in the URL, and response headers.
+Access control of the server: a token in the URL, response headers, and uploads.
 
 Every user of this machine can reach the port. The page, its uploads and its list of sessions
 require the token, which only the terminal of the workbench shows. The websocket accepts only
@@ -10,12 +10,16 @@ from __future__ import annotations
 
 from hmac import compare_digest
 from ipaddress import ip_address
+from pathlib import Path
+import re
 import secrets
 from typing import Any
+import urllib.parse
 
 from bokeh.server.tornado import BokehTornado
+from gravity_comp_ros.workbench.sessions import Sessions
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
-from tornado.web import OutputTransform, RequestHandler
+from tornado.web import OutputTransform, RequestHandler, stream_request_body
 
 ARGUMENT = 'token'
 # MathJax would turn formulas in names into links.
@@ -90,3 +94,144 @@ class _Headers(OutputTransform):
         for name, value in _HEADERS.items():
             headers[name] = value
         return status_code, headers, chunk
+
+
+# Maximum size in bytes of a recording, and of all uploaded recordings that are kept.
+MAX_BYTES, MAX_TOTAL = 2 * 2 ** 30, 16 * 2 ** 30
+_MAGIC = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\x00'}
+_MAX_NAME = 60
+_PARTIAL = '.partial'
+_OTHER_FORMAT = 'the content is not an MCAP or rosbag2 recording'
+
+
+def safe_name(name: str) -> str | None:
+    """Return a safe file name for the browser's name of a recording; None for another suffix."""
+    stem, suffix = Path(name.replace('\\', '/')).stem, Path(name).suffix.lower()
+    if suffix not in _MAGIC:
+        return None
+    safe = re.sub(r'[^A-Za-z0-9_-]+', '_', stem).strip('_')[:_MAX_NAME]
+    return f'{safe or "recording"}{suffix}'
+
+
+def total_size(folder: Path) -> int:
+    """Return the size in bytes of all files in a folder and its folders."""
+    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+
+
+@stream_request_body
+class UploadHandler(RequestHandler):
+    """
+    Receives a file for a session with an open page: PUT /upload?token=TOKEN&session=ID&name=FILE.
+
+    Only pages of this server may upload: the browser's `Origin` header must name this server.
+    """
+
+    _running: UploadHandler | None = None
+
+    def initialize(self, sessions: Sessions) -> None:
+        """Store the sessions."""
+        self._sessions, self._start = sessions, b''
+        self._path: Path | None = None
+        self._file: Any = None
+
+    def prepare(self) -> None:
+        """Refuse invalid uploads before any data is read."""
+        origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
+        name = safe_name(self.get_query_argument('name', ''))
+        session = self._sessions.open.get(self.get_query_argument('session', ''))
+        size = self.request.headers.get('Content-Length', '')
+        if self.request.method != 'PUT' or origin != self.request.host:
+            self._refuse(403, 'only this page may upload a recording')
+        elif session is None or session.page is None or session.read is None:
+            self._refuse(409, 'wait until the recordings have been read')
+        elif UploadHandler._running is not None:
+            self._refuse(409, 'wait until the other upload has ended')
+        elif name is None:
+            self._refuse(415, 'upload one file that ends in .mcap or .db3')
+        elif not size.isdecimal() or int(size) > MAX_BYTES:
+            self._refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
+                         f'command line of the workbench')
+        else:
+            folder = self._sessions.upload_folder(session.id)
+            if total_size(folder.parent) + int(size) > MAX_TOTAL:
+                self._refuse(507, f'all uploaded recordings together would be larger than '
+                             f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
+                return
+            # The default limit of tornado is smaller.
+            self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
+            self._session, self._path = session, folder / f'{secrets.token_hex(3)}_{name}'
+            try:
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                self._file = self._path.with_suffix(_PARTIAL).open('xb')
+                UploadHandler._running = self
+            except OSError as problem:
+                self._refuse(507, f'cannot save the file: {problem.strerror}')
+
+    def data_received(self, chunk: bytes) -> None:
+        """Write a part of the file; refuse a file that does not start like a recording."""
+        if self._file is None or self._path is None:
+            return
+        magic = _MAGIC[self._path.suffix]
+        if len(self._start) < len(magic):
+            self._start += chunk[:len(magic) - len(self._start)]
+            if not magic.startswith(self._start):
+                self._refuse(415, _OTHER_FORMAT)
+                return
+        try:
+            self._file.write(chunk)
+        except OSError as problem:
+            self._refuse(507, f'cannot save the file: {problem.strerror}')
+
+    def put(self) -> None:
+        """Add the complete file to the session."""
+        if self._file is None or self._path is None:
+            return
+        if self._start != _MAGIC[self._path.suffix]:
+            self._refuse(415, _OTHER_FORMAT)  # empty or too short
+            return
+        self._file.close()
+        self._path.with_suffix(_PARTIAL).rename(self._path)
+        self._file = UploadHandler._running = None
+        self._session.add_recording(self._path)
+        self.set_status(204)
+
+    def on_connection_close(self) -> None:
+        """Delete an incomplete file."""
+        self._drop()
+
+    def _refuse(self, status: int, reason: str) -> None:
+        self._drop()
+        self.set_status(status)
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(reason)
+
+    def _drop(self) -> None:
+        if self._file is not None and self._path is not None:
+            self._file.close()
+            self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
+            UploadHandler._running = None
+        self._file = None
+
+
+SCRIPT = """
+const status = document.getElementById('upload-status')
+const upload = async (files) => {
+  if (files.length != 1) {
+    status.textContent = 'One file at a time.'
+    return
+  }
+  const file = files[0], url = new URL('upload' + location.search, location)
+  url.searchParams.set('name', file.name)
+  status.textContent = `uploading ${file.name} …`
+  const answer = file.size > MAX_BYTES ? null :
+    await fetch(url, {method: 'PUT', body: file}).catch(() => null)
+  status.textContent = !answer ? `${file.name} was not uploaded: it is a folder or too large.`
+    : answer.ok ? `${file.name} was uploaded.` : `${file.name}: ${await answer.text()}`
+}
+document.getElementById('upload').addEventListener('change', (event) => upload(event.target.files))
+for (const type of ['dragover', 'drop'])
+  document.addEventListener(type, (event) => {
+    event.preventDefault()
+    if (type == 'drop' && event.dataTransfer.files.length) upload(event.dataTransfer.files)
+  })
+""".replace('MAX_BYTES', str(MAX_BYTES))

@@ -1,18 +1,22 @@
-"""Jobs of the workbench, run in a separate process, and their answers."""
+"""
+Jobs of the workbench and their answers, run in a separate process.
+
+The page stays responsive, and can cancel a job. The process starts with the first job and runs one
+at a time. Cancelling kills it; the next job starts a new one, which reads the recordings again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts, model_facts
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import (
-    ASKED, known_arm, KnownArm, learn, Learned, LearnOptions)
+from gravity_comp_ros.api.learn import ASKED, known_arm, KnownArm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.read import read_each
-from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -23,9 +27,11 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
-from gravity_comp_ros.recordings.bag import Recording as BagRecording
-from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport, Recording as BagRecording
+from gravity_comp_ros.workbench.stages import Choice
+from gravity_comp_ros.worker.serve import ProgressCallback, Work
+from gravity_comp_ros.worker.worker_process import (
+    command, Done, Failed as NotDone, Lost, Progress, WorkerProcess)
 import numpy as np
 
 
@@ -123,7 +129,7 @@ class JobRunner:
     def __init__(self) -> None:
         self._known: tuple[Read, ReadResult] | None = None
 
-    def work(self, job: Job, progress: Progress) -> Answer:
+    def work(self, job: Job, progress: ProgressCallback) -> Answer:
         """
         Return the answer to a job.
 
@@ -149,7 +155,7 @@ class JobRunner:
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
-    def _samples(self, job: Read, progress: Progress) -> ReadResult:
+    def _samples(self, job: Read, progress: ProgressCallback) -> ReadResult:
         if self._known is not None and job.gives_same_samples(self._known[0]):
             return self._known[1]
         try:
@@ -163,7 +169,7 @@ class JobRunner:
         return result
 
 
-def _read(job: Read, progress: Progress) -> ReadResult:
+def _read(job: Read, progress: ProgressCallback) -> ReadResult:
     recordings = read_each(job.paths, job.options, progress)
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
@@ -188,7 +194,7 @@ def _judged(recordings: Sequence[BagRecording], arm: KnownArm,
     return tuple(reports)
 
 
-def _learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
+def _learned(recording: Recording, job: Learn, progress: ProgressCallback) -> Learned:
     """Return the result of `gravity_comp fit --joints`."""
     result = learn(recording, job.choice.learning(job.ordered), progress=progress)
     # The page already has the samples.
@@ -208,3 +214,100 @@ def described(job: Job) -> str:
                                    Diagnose: 'Diagnosing',
                                    PlanMotion: 'Planning the next recording'}
     return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else names[type(job)]
+
+
+PROCESS_ENDED = 'the worker process ended unexpectedly (out of memory?)'
+_NICENESS = 5
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A job and its answer."""
+
+    job: Job
+    answer: Answer
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job without an answer, and the reason in one line."""
+
+    job: Job
+    reason: str
+
+
+Event = Progress | Finished | Failed
+
+
+class Works(Protocol):
+    """Interface of a worker; no method blocks."""
+
+    job: Job | None
+
+    def start(self, job: Job) -> None:
+        """Start a job; `poll` returns its events."""
+
+    def cancel(self) -> None:
+        """End the running job without an event."""
+
+    def poll(self) -> list[Event]:
+        """Return the events since the last call."""
+
+    def rest(self) -> None:
+        """End the process; the next job starts a new one."""
+
+
+def job_runner() -> Work:
+    """Return a function that runs jobs and keeps the recordings between them."""
+    return JobRunner().work
+
+
+class Worker:
+    """Runs jobs in a separate process."""
+
+    def __init__(self) -> None:
+        self.job: Job | None = None
+        self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
+        self._failed: list[Event] = []
+
+    @property
+    def pid(self) -> int | None:
+        """The process id; None without a process."""
+        return self._process.pid
+
+    def start(self, job: Job) -> None:
+        """Start a job; `poll` returns its events."""
+        self.job = job
+        try:
+            if self.pid is None:
+                self._process.start()
+        except OSError as problem:
+            # Not enough memory, or too many processes.
+            self.job, reason = None, problem.strerror or 'unknown'
+            self._failed.append(Failed(job, f'no worker process can be started: {reason}'))
+            return
+        self._process.send(job)
+
+    def cancel(self) -> None:
+        """End the running job without an event."""
+        if self.job is not None:
+            self.rest()
+
+    def rest(self) -> None:
+        """End the process; the next job starts a new one."""
+        self.job, self._failed = None, []
+        self._process.end()
+
+    def poll(self) -> list[Event]:
+        """Return the events since the last call."""
+        events, self._failed = self._failed, []
+        for message in self._process.messages():
+            job = self.job
+            if isinstance(message, Progress):
+                events.append(message)
+            elif job is not None and isinstance(message, (Done, NotDone, Lost)):
+                self.job = None
+                events.append(Finished(job, message.answer) if isinstance(message, Done) else
+                              Failed(job, message.reason if isinstance(message, NotDone)
+                                     else PROCESS_ENDED))
+        return events

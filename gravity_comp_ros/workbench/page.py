@@ -16,17 +16,15 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html, SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import (
-    findings_panel, page_parts, page_style, plan_panel, store, widgets)
-from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench import findings_panel, page_parts, store, widgets
+from gravity_comp_ros.workbench.findings_panel import PlanActions
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
-from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
-from gravity_comp_ros.workbench.two_models import TwoModels
-from gravity_comp_ros.workbench.views import Views
+from gravity_comp_ros.workbench.stages import Choice
+from gravity_comp_ros.workbench.views import TwoModels, Views
 
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
@@ -85,7 +83,7 @@ class Page:
         for root in (head, side, self.missing, self.history, views):
             document.add_root(root)
         document.theme = THEME
-        document.template = page_style.template(secrets.token_urlsafe(16))
+        document.template = widgets.template(secrets.token_urlsafe(16))
         document.title = 'gravity_comp workbench'
         document.js_on_event('document_ready', CustomJS(code=page_parts.READY))
 
@@ -163,7 +161,7 @@ class Page:
         plans = PlanActions(session.request_plan, self.downloads.give)
         self.missing.children = findings_panel.parts(results, self._add, plans)
         self.history.children = [*self._history.parts(results),
-                                 *plan_panel.request_controls(session, plans)]
+                                 *findings_panel.request_controls(session, plans)]
         self._show_view()
         self._fill_side(session)
         self._update_status(results)

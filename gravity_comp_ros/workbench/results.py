@@ -11,8 +11,7 @@ from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.diagnosis.findings import FOUND
+from gravity_comp_ros.diagnosis.findings import Finding, FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import compare, Comparison

@@ -30,12 +30,11 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.access import ARGUMENT, TokenApplication, websocket_origins
-from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.access import (
+    ARGUMENT, TokenApplication, UploadHandler, websocket_origins)
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.stages import GivenModel, Start
-from gravity_comp_ros.workbench.upload import UploadHandler
+from gravity_comp_ros.workbench.stages import Choice, GivenModel, Start
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 

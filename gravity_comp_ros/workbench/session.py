@@ -20,13 +20,11 @@ from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchEr
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.jobs import (
-    Add, described, Diagnose, Job, Learn, PlanMotion, Read, ReadResult)
-from gravity_comp_ros.workbench.stages import added_name, Stage, Start, warnings_of_fit
+    Add, described, Diagnose, Failed, Finished, Job, Learn, PlanMotion, Read, ReadResult, Works)
+from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, Start, warnings_of_fit
 from gravity_comp_ros.workbench.store import Saved
-from gravity_comp_ros.workbench.worker import Failed, Finished, Works
-from gravity_comp_ros.worker.messages import Progress
+from gravity_comp_ros.worker.worker_process import Progress
 
 
 class Session:

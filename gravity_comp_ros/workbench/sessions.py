@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.jobs import Worker, Works
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Start
-from gravity_comp_ros.workbench.worker import Worker, Works
 
 # Each session with a page has a process of at least 80 MB.
 MAX_OPEN = 8

@@ -13,8 +13,8 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.stages import Choice
 
 _SLOW, _ALL = 'slow', 'all'
 _KNOWN, _UNKNOWN = 'known', 'unknown'

@@ -23,8 +23,7 @@ from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.stages import GivenModel, Stage, Start
+from gravity_comp_ros.workbench.stages import Choice, GivenModel, Stage, Start
 
 _VERSION = 3
 _ID = re.compile(r'[0-9a-f]{16}')

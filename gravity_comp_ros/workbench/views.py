@@ -1,15 +1,25 @@
-"""Views of the current model, built on demand."""
+"""Views of the current model, built on demand, and of two models on the same samples."""
 
 from __future__ import annotations
 
-from bokeh.layouts import column
-from bokeh.models import UIElement
+from bokeh.layouts import column, gridplot, row
+from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span, UIElement
+from bokeh.plotting import figure
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import change, percent
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.contents import Contents, plot_time
 from gravity_comp_ros.report.page import SECTIONS, selector_of
-from gravity_comp_ros.report.section import ALL, Section
-from gravity_comp_ros.report.table import Table
+from gravity_comp_ros.report.section import ALL, JointSelector, Section
+from gravity_comp_ros.report.style import (
+    AFTER, bar_key, bar_plot, Bars, BEFORE, FAINT, padded, plot, short)
+from gravity_comp_ros.report.table import keep_extremes, Table
 from gravity_comp_ros.workbench import widgets
+from gravity_comp_ros.workbench.results import NamedModel, Results
+import numpy as np
 
 # Views with plots of the selected joint.
 _BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
@@ -62,3 +72,117 @@ def element(section: Section) -> UIElement:
     if section.after:
         parts.append(widgets.html(section.after))
     return column(*parts, sizing_mode='stretch_width')
+
+
+class TwoModels:
+    """The view of one page; the selected pair is kept when other models are added."""
+
+    def __init__(self) -> None:
+        self._chosen: tuple[str, str] | None = None
+
+    def show(self, results: Results) -> UIElement:
+        """Return the view of a session's models."""
+        models = {named.name: named for named in results.models()}
+        if len(models) < 2:
+            return widgets.html(markup.paragraph(
+                'There is only one model: add an effect, or name further models with --model.'))
+        at = results.session.at or 0
+        names = list(models)
+        first, second = self._chosen if self._chosen and set(self._chosen) <= set(names) else (
+            names[at - 1], names[at])
+        place = column(sizing_mode='stretch_width')
+
+        def choose(value: str) -> None:
+            self._chosen = (str(a.value), str(b.value))
+            place.children = [_compared(results, models[a.value], models[b.value])]
+
+        options = [(name, name) for name in names]
+        a = widgets.select('A', options, first, choose, 'model-a')
+        b = widgets.select('B', options, second, choose, 'model-b')
+        place.children = [_compared(results, models[first], models[second])]
+        return column(row(a, b, sizing_mode='stretch_width'), place, sizing_mode='stretch_width')
+
+
+def _compared(results: Results, a: NamedModel, b: NamedModel) -> UIElement:
+    try:
+        errors = [results.compared(named.model) for named in (a, b)]
+        joints = [name for name in b.model.joints if name in a.model.joints]
+        if not joints:
+            raise GravityCompError('these models have no common joint')
+        residuals = [results.residual(named.model)[:, [
+            named.model.joints.index(name) for name in joints]] for named in (a, b)]
+        plots = _residuals(results.recording.samples.joints(joints), residuals)
+    except GravityCompError as problem:
+        return widgets.html(markup.paragraph(str(problem)))
+    lead = markup.paragraph(f'A is {a.name}, B is {b.name}. Errors are on the selected samples.',
+                            'quiet')
+    lead += _contents_table(results, a, b) + _error_table(joints, *errors)
+    bars = [Bars(f'{letter}: {short(named.name, 44)}',
+                 [error.joints[joint].rmse for joint in joints], colour)
+            for letter, named, error, colour in zip('AB', (a, b), errors, (BEFORE, AFTER))]
+    # A grid, because Bokeh lays out a plot next to a grid incorrectly.
+    parts = [gridplot([[bar_plot('RMSE, N·m', joints, bars, '0.0000')]],
+                      sizing_mode='stretch_width', toolbar_location=None), plots]
+    return element(Section('compare', f'{b.name} against {a.name}', lead + bar_key(bars),
+                           column(*parts, sizing_mode='stretch_width')))
+
+
+def _contents_table(results: Results, a: NamedModel, b: NamedModel) -> str:
+    """Return a table of the provenance and the effects of both models."""
+    of_a, of_b = results.facts(a), results.facts(b)
+    rows = [[what, of_a[what], of_b[what]] for what in of_a]
+    in_a, in_b = ({effect.target: markup.units(wording.coefficients(effect.coefficients, 6))
+                   for effect in named.model.applied.effects} for named in (a, b))
+    rows += [[target, in_a.get(target, 'not included'), in_b.get(target, 'not included')]
+             for target in dict.fromkeys([*in_a, *in_b])]
+    return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))
+
+
+def _error_table(joints: list[str], a: Comparison, b: Comparison) -> str:
+    rows = []
+    for joint in joints:
+        x, y = a.joints[joint], b.joints[joint]
+        rows.append([joint, f'{x.rmse:.4f}', f'{y.rmse:.4f}', change(x.rmse, y.rmse),
+                     percent(x.nrmse), percent(y.nrmse), f'{x.max_abs:.3f}', f'{y.max_abs:.3f}'])
+    return markup.table(
+        ['joint', 'RMSE N·m, A', 'RMSE N·m, B', 'change', 'nRMSE, A', 'nRMSE, B',
+         'largest N·m, A', 'largest N·m, B'], rows)
+
+
+def _residuals(samples: JointSamples, residuals: list[FloatArray]) -> UIElement:
+    """Return a selector of the joint, and plots of its residual, A left and B right."""
+    time, _ = plot_time(samples)
+    rows, _ = keep_extremes(samples.runs, np.hstack(residuals))
+    ends = np.flatnonzero(np.diff(samples.runs[rows]) > 0) + 1
+    data = {'t': np.insert(time[rows], ends, np.nan).astype(np.float32)}
+    span = padded(0.0, float(time.max()), 0.01)
+    selector = JointSelector(samples.names, '0', served=True)
+
+    def plots(n: int) -> list[figure]:
+        limit = max(float(np.abs(residual[:, n]).max()) for residual in residuals) or 1e-9
+        source, scale = ColumnDataSource(data), padded(-limit, limit)
+        for letter, residual in zip('AB', residuals):
+            source.add(np.insert(residual[rows, n], ends, np.nan).astype(np.float32), letter)
+        return [_plot(source, f'{letter} {short(samples.names[n], 30)}', letter, span, scale)
+                for letter in 'AB']
+
+    place = column(selector.place(plots, 300), sizing_mode='stretch_width')
+
+    def on_joint(attribute: str, old: str, new: str) -> None:
+        place.children = [selector.place(plots, 300)]
+
+    selector.select.on_change('value', on_joint)
+    return column(selector.select, place, sizing_mode='stretch_width')
+
+
+def _plot(source: ColumnDataSource, title: str, column: str, span: Range1d,
+          scale: Range1d) -> figure:
+    fig = plot(title, 'time, s', 'residual, N·m', 180, 'pan,box_zoom,wheel_zoom,reset,save',
+               x_range=span, y_range=scale)
+    line = fig.line('t', column, source=source, line_width=1.0,
+                    color=BEFORE if column == 'A' else AFTER)
+    fig.add_layout(Span(location=0.0, dimension='width', line_color=FAINT, line_width=1))
+    fig.add_tools(HoverTool(renderers=[line], mode='vline', tooltips=[
+        ('time', '@t{0.00} s'), ('residual', f'@{column}{{0.000}} N·m')]))
+    fig.yaxis.ticker.desired_num_ticks = 4
+    return fig

@@ -3,14 +3,13 @@
 from dataclasses import replace
 
 from bench.real_robots import arms
-from bench.real_robots.cases import Case, case, drawn_case, load, MAX_SPEED, regressor, save
+from bench.real_robots.cases import case, Case, drawn_case, load, MAX_SPEED, regressor, save
 from bench.real_robots.laws import ClockSpring, Hidden, Known, packed
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeOffset
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
+from gravity_comp_ros.simulation.disturbances.signals import GaugeOffset
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 import pinocchio as pin

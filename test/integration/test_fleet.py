@@ -15,8 +15,7 @@ from gravity_comp_ros.api.learn import LearnOptions
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.fleet import cluster, run as fleet_run
 from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
-from gravity_comp_ros.fleet.folder import find_robots, Robot
-from gravity_comp_ros.fleet.run import CACHE, FleetOptions, run_fleet
+from gravity_comp_ros.fleet.run import CACHE, find_robots, FleetOptions, Robot, run_fleet
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque

@@ -9,7 +9,7 @@ from bench.cases.cases import recordings
 from bench.planning.scenes import Scene
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.diagnosis.options import DiagnosisOptions
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 import numpy as np
 import pytest
 

@@ -1,6 +1,6 @@
 """Significance of a decrease of the error, block by block."""
 
-from gravity_comp_ros.evaluation.gain import p_of_decrease
+from gravity_comp_ros.evaluation.compare import p_of_decrease
 import numpy as np
 import pytest
 

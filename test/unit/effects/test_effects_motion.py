@@ -9,15 +9,14 @@ from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import (
-    law_of, laws, refined_laws, speed_noise)
-from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
+from gravity_comp_ros.effects.motion_direction import law_of, laws, refined_laws, speed_noise
 from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
-from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
+from gravity_comp_ros.simulation.disturbances.friction import friction_torque, LuGre
 import numpy as np
 import pytest
 

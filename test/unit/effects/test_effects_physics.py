@@ -14,7 +14,7 @@ from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
+from gravity_comp_ros.simulation.disturbances.friction import friction_torque, LuGre
 from hypothesis import given, strategies as st
 import numpy as np
 import pinocchio as pin

@@ -2,8 +2,7 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
-from gravity_comp_ros.simulation.disturbances.friction import GreasedGear
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import GreasedGear, LuGre
 from gravity_comp_ros.simulation.motions import sample
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

@@ -15,8 +15,7 @@ from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics as tor
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (
     gravity_torque, iiwa7, inverse_dynamics, with_base_tilt)
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

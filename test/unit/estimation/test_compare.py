@@ -10,8 +10,7 @@ from gravity_comp_ros.evaluation.compare import compare, compare_prediction, Com
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

@@ -15,8 +15,7 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

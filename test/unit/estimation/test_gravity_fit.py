@@ -10,7 +10,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import admm, dictionary
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
-from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
+from gravity_comp_ros.simulation.synthesise import add_noise, NoiseOptions
 import numpy as np
 import pytest
 

@@ -6,8 +6,7 @@ from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.hidden import hidden
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import pytest
 
 ARM = iiwa7()

@@ -19,11 +19,9 @@ from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 from hypothesis import given, strategies as st
 import numpy as np
 import pinocchio as pin

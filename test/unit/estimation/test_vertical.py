@@ -16,8 +16,7 @@ from gravity_comp_ros.models.kinematic.vertical import (
     base_tilt_angle, MAX_FITTED_TILT, with_estimated_vertical)
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest

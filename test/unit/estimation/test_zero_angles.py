@@ -12,8 +12,7 @@ from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

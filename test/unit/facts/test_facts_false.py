@@ -9,8 +9,7 @@ from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.motions import MultisineOptions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

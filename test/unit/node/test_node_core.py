@@ -6,14 +6,13 @@ import signal
 from threading import Event
 import time
 
-from bench.shared.node_messages import (
-    joint_state as message, Nodes, refit, send_message, until)
+from bench.shared.node_messages import joint_state as message, Nodes, refit, send_message, until
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
-from gravity_comp_ros.node.arm_description import describe_arm
+from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, joint_statuses, OK, STALE, WARN
 from gravity_comp_ros.node.torque_source import UncertainChange
 import numpy as np

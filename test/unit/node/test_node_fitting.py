@@ -12,11 +12,10 @@ from bench.shared.node_messages import rows_of
 from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
-from gravity_comp_ros.node.rows import Rows
-from gravity_comp_ros.worker.supervised import BUSY, Failure, READY, Supervised
-from gravity_comp_ros.worker.worker_process import command
+from gravity_comp_ros.worker.worker_process import BUSY, command, Failure, READY, Supervised
 import numpy as np
 import pytest
 
@@ -130,7 +129,7 @@ def test_few_samples_give_a_change_of_the_old_model():
 
 PRIORITY = """
 import os, sys, time
-from gravity_comp_ros.worker.supervised import READY, Supervised
+from gravity_comp_ros.worker.worker_process import READY, Supervised
 from gravity_comp_ros.worker.worker_process import command
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))

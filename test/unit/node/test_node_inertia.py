@@ -6,14 +6,13 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.node.epoch import DelayedSamples
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.rows import DelayedSamples
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, inverse_dynamics
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 

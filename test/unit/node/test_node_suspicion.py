@@ -15,9 +15,8 @@ from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.model_in_use import ModelInUse
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import UncertainChange
+from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
 from hypothesis import given, strategies as st
 import numpy as np

@@ -2,9 +2,9 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.disturbances.angle_torque import (
+from gravity_comp_ros.simulation.disturbances.joint_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
+from gravity_comp_ros.simulation.disturbances.signals import Backlash, ElasticGear
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 from hypothesis import given, strategies as st

@@ -3,8 +3,7 @@
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, LoadFriction, ThermalFriction)
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+    DifferentialFriction, Friction, LoadFriction, LuGre, ThermalFriction)
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

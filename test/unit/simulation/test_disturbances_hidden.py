@@ -7,8 +7,7 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.hidden import hidden, KINDS
 from gravity_comp_ros.simulation.hidden_sizes import size_table, SIZES
 from gravity_comp_ros.simulation.motions import sample

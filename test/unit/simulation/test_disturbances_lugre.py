@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.disturbances.lugre import deflection, friction_torque, LuGre
+from gravity_comp_ros.simulation.disturbances.friction import deflection, friction_torque, LuGre
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest

@@ -6,9 +6,8 @@ from bench.cases.sensors import ornstein_uhlenbeck, SensorOptions, torque_noise
 from bench.cases.six_axis import six_axis
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
-from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
+from gravity_comp_ros.simulation.disturbances.signals import (
+    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset, TiltedBase, ToolForce)
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions, random_poses
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

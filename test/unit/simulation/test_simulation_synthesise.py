@@ -2,8 +2,8 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
-from gravity_comp_ros.simulation.synthesise import Signals, synthesise, SynthesisOptions
+from gravity_comp_ros.simulation.synthesise import (
+    add_noise, NoiseOptions, Signals, synthesise, SynthesisOptions)
 import numpy as np
 import pytest
 

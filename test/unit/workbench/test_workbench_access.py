@@ -14,7 +14,7 @@ from bench.shared.workbench_session import InProcess, worked
 from bokeh.application import Application
 from bokeh.util.token import generate_jwt_token, generate_session_id
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.workbench import serve, upload
+from gravity_comp_ros.workbench import access, serve
 from gravity_comp_ros.workbench.page_parts import facts_html
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Start
@@ -139,10 +139,10 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     for body in (b'no recording', b''):
         assert put(place + 'a.mcap', body, **own) == (
             415, 'the content is not an MCAP or rosbag2 recording')
-    monkeypatch.setattr(upload, 'MAX_BYTES', len(recording) - 1)
+    monkeypatch.setattr(access, 'MAX_BYTES', len(recording) - 1)
     assert put(place + 'a.mcap', **own)[0] == 413
-    monkeypatch.setattr(upload, 'MAX_BYTES', len(recording))
-    monkeypatch.setattr(upload, 'MAX_TOTAL', 2 * len(recording) - 1)
+    monkeypatch.setattr(access, 'MAX_BYTES', len(recording))
+    monkeypatch.setattr(access, 'MAX_TOTAL', 2 * len(recording) - 1)
     # The name is not used as a path; the file is in the folder of its session.
     name = urllib.parse.quote('../../<img src=x> $$x$$.mcap')
     assert put(place + name, **own)[0] == 204
@@ -152,17 +152,17 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     # All uploads together are limited, and one at a time is received.
     status, text = put(place + 'b.mcap', **own)
     assert status == 507 and 'all uploaded recordings together' in text
-    monkeypatch.setattr(upload, 'MAX_TOTAL', 10 * len(recording))
+    monkeypatch.setattr(access, 'MAX_TOTAL', 10 * len(recording))
     first = http.client.HTTPConnection(served.host, timeout=PATIENCE)
     first.putrequest('PUT', place + 'c.mcap')
     for key, value in {**own, 'Content-Length': str(len(recording))}.items():
         first.putheader(key, value)
     first.endheaders(recording[:1000])
-    while not served.call(lambda: upload.UploadHandler._running):
+    while not served.call(lambda: access.UploadHandler._running):
         pass
     assert put(place + 'd.mcap', **own) == (409, 'wait until the other upload has ended')
     first.close()
-    while served.call(lambda: upload.UploadHandler._running):
+    while served.call(lambda: access.UploadHandler._running):
         pass
     assert [path.name for path in kept.iterdir()] == [file.name]
 
@@ -241,4 +241,4 @@ def test_the_total_size_counts_every_file(tmp_path):
     (tmp_path / 'a' / 'b').mkdir(parents=True)
     (tmp_path / 'a' / 'b' / 'x').write_bytes(bytes(10))
     (tmp_path / 'y').write_bytes(bytes(5))
-    assert upload.total_size(tmp_path) == 15 and upload.total_size(tmp_path / 'none') == 0
+    assert access.total_size(tmp_path) == 15 and access.total_size(tmp_path / 'none') == 0

@@ -21,14 +21,13 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, wr
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
-from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
-from gravity_comp_ros.workbench.jobs import Add, Learn, Read
+from gravity_comp_ros.workbench.jobs import (
+    Add, Failed, Finished, Learn, PROCESS_ENDED, Read, Worker)
 from gravity_comp_ros.workbench.page_parts import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.stages import GivenModel, Start
-from gravity_comp_ros.workbench.worker import Failed, Finished, PROCESS_ENDED, Worker
+from gravity_comp_ros.workbench.stages import Choice, GivenModel, Start
 import numpy as np
 import pytest
 

@@ -9,8 +9,8 @@ import time
 
 from bench.shared.running_process import is_running
 from bench.shared.worker_tasks import LastJob
-from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
-from gravity_comp_ros.worker.worker_process import command, WorkerProcess
+from gravity_comp_ros.worker.worker_process import (
+    command, Done, Failed, Lost, Progress, Ready, WorkerProcess)
 import pytest
 
 TIMEOUT = 30.0
