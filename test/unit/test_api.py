@@ -117,7 +117,7 @@ def test_a_motion_is_planned_for_a_named_effect(loop, tmp_path):
 
 def test_weak_findings_are_not_added(loop):
     train, _, model, diagnosis, _ = loop
-    weak = [replace(f, verdict='weak') for f in diagnosis.findings]
+    weak = [replace(f, verdict='weak', to_add=()) for f in diagnosis.findings]
     assert gc.add_effects(model, train, weak) is model
 
 
