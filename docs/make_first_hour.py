@@ -146,9 +146,9 @@ def write_data_set(folder: Path) -> None:
 
 
 def write_currents(path: Path) -> None:
-    """Write a table of an arm with three joints: motor currents in A, motors of gear 1:100."""
+    """Write a table of an arm with three joints: motor currents in mA, motors of gear 1:100."""
     t, q, tau = three_joints((0.6, 0.8, 0.4))
-    current = tau / (100 * np.array([0.05, 0.05, 0.03]))
+    current = 1000 * tau / (100 * np.array([0.05, 0.05, 0.03]))
     names = [f'{kind}_{joint}' for kind in ('angle', 'current') for joint in (1, 2, 3)]
     np.savetxt(path, np.column_stack([t, q, current]), '%.6g', ',',
                header=','.join(['time', *names]), comments='')

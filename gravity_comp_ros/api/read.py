@@ -89,6 +89,8 @@ def read_each(paths: Sequence[Path], options: ReadOptions,
     for number, path in enumerate(paths):
         progress(f'read {path.name}', number / len(paths))
         runs.append(read_bag(path, options))
+        # Numbers of joints are those of the first file, whose order others may not have.
+        options = runs[-1].report.options
     return runs
 
 

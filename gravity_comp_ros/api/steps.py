@@ -109,8 +109,8 @@ def with_enough_motion(recording: Recording) -> Recording:
     if n_slow >= MIN_SLOW_SAMPLES or n < 2 * MIN_SLOW_SAMPLES:
         return recording
     return replace(recording, gate=None, ungated=(
-        f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction as '
-        f'nuisance terms'))
+        f'the slow-motion gate keeps only {n_slow} of {n} samples: all are fitted, with inertia '
+        f'and friction as nuisance terms'))
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],

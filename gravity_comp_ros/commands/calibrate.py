@@ -74,8 +74,8 @@ def _stiffness(args: argparse.Namespace) -> int:
     options = replace(read_options(args), joints=model.joints)
     with terminal.progress() as report:
         recording = read_recording([args.empty], options, gate(args), report)
-        times, goals = joint_goals(args.empty, args.goals, model.joints, options)
-    samples, (bag,) = recording.slow, recording.reports
+        samples, (bag,) = recording.slow, recording.reports
+        times, goals = joint_goals(args.empty, args.goals, model.joints, bag.options)
     result = servo_stiffness(model, samples, held_goals(
         samples.t + 1e-9 * bag.start_ns, times, goals))
     values = ', '.join(f'{result.stiffness[joint].value:.5g}' if joint in result.stiffness

@@ -20,7 +20,7 @@ from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
 from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
 from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+from gravity_comp_ros.recordings.bag import ReadReport
 
 _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 'green',
             Action.REFUSED: 'red'}
@@ -82,17 +82,17 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
     inverted = {name for fact in refusals for name in fact.joints}
     why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
     if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
-        why += '; few samples are slow, so `fit` uses fast samples as well'
+        why += '; the gate keeps few samples, so that `fit` uses all'
     if inverted:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
-            recordings[0][0], read_options(args), inverted)})
+            recordings[0][0], inverted)})
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
 
 
-def _scales(report: ReadReport, options: ReadOptions, inverted: set[str]) -> dict[str, float]:
+def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:
     """Return --effort-scale by joint as given, with the opposite sign for `inverted` joints."""
     names = list(dict.fromkeys([*report.effort_scale, *sorted(inverted)]))
-    unit = replace(options, effort_scale={}).scale(names)
+    unit = replace(report.options, effort_scale={}).scale(names)
     return {name: report.effort_scale.get(name, 1.0) / unit[name]
             * (-1.0 if name in inverted else 1.0) for name in names}
 

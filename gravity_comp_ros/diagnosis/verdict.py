@@ -13,6 +13,7 @@ from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import gain, score_of
@@ -251,7 +252,7 @@ def unexplained(evidence: Evidence) -> list[Finding]:
     findings = []
     for n, name in enumerate(evidence.joints):
         q = problem.rows.mean(problem.samples.q[:, n])
-        if np.ptp(q) <= 0.0:
+        if np.ptp(q) <= FactOptions().min_travel:
             continue
         bumps, centres = _bumps(q)
         std = np.full(_BUMPS, _SIZE * float(problem.scale.torque[n]))

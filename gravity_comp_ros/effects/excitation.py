@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.printable import counted
 import numpy as np
 
 # Maximum travel, in rad, of a joint that counts as at rest.
@@ -44,8 +45,8 @@ def insufficient_reversals(motion: Motion, joint: int) -> str | None:
     """Return the reason if a joint has too few reversals for presliding friction."""
     count = reversals(motion, joint)
     if count < _MIN_REVERSALS:
-        return (f'the joint has {count} reversals; friction that builds up after a reversal '
-                f'requires at least {_MIN_REVERSALS}')
+        return (f'the joint has {counted(count, "reversal")}; friction that builds up after a '
+                f'reversal requires at least {_MIN_REVERSALS}')
     return None
 
 

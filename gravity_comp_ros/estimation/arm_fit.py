@@ -3,8 +3,9 @@ Quick fit of one arm to the torques of a recording, with gains of efforts and ti
 
     effort_n = exp(g_n) gravity_n(axes, moments, base) + friction, offset and inertia of joint n
 
-The columns of friction, offset and inertia are projected out of each joint. The sum of the
-logarithms of the joints' residuals is minimised, which does not depend on the units.
+The columns of friction, offset and inertia are projected out of each joint. Friction and offset
+are of each recording: warm-up and zeroed sensors change them. The sum of the logarithms of the
+joints' residuals is minimised, which does not depend on the units.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import (
+    BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
@@ -29,6 +31,10 @@ _SAMPLES, _ROWS, _STARTS, _STEPS = 20000, 400, 12, 40
 WIDTHS = (0.003, 0.01, 0.04)
 # Prior standard deviations per N·m of noise, as of a chain's start: offset, friction, inertia.
 _SPREAD = np.array([3.0, *[30.0] * len(WIDTHS), 300.0, 30.0])
+# Columns that differ between recordings: offset, friction of the middle width, viscous friction.
+_CHANGING = np.array([0, 1 + len(WIDTHS) // 2, 1 + len(WIDTHS)])
+# Rows of a recording, from which they are identified there.
+_MIN_ROWS = 20
 # Largest step of an axis or the base in rad, and of the logarithm of a gain.
 _MAX_TILT, _MAX_GAIN = 0.3, 0.7
 # Prior standard deviations of a tilt in rad (of described axes), of a moment in the largest, of
@@ -96,7 +102,11 @@ class ArmFit:
         self.q, qd = self.poses.q, self.poses.qd
         columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / w) for w in WIDTHS), qd,
                             generic.columns[:, -1].T])
-        self.nuisance = Nuisance(columns.transpose(2, 0, 1), _SPREAD)
+        changes = [rows[:, None] * columns[k] for rows in _later_runs(self.poses.runs)
+                   for k in _CHANGING]
+        self.nuisance = Nuisance(np.stack([*columns, *changes]).transpose(2, 0, 1),
+                                 np.concatenate([_SPREAD, np.resize(_SPREAD[_CHANGING],
+                                                                    len(changes))]))
         self.rotations = rotations
         self.bases = [_basis(columns) for columns in self.nuisance.columns]
         self.y = self.projected(self.poses.tau.T[None])[0]
@@ -240,6 +250,12 @@ def moves_enough(samples: JointSamples) -> bool:
     return (len(samples) >= limits.min_samples
             and (np.ptp(samples.q, axis=0) > limits.wide_travel).sum() >= 2
             and float(np.abs(samples.tau).max()) > limits.dead_torque)
+
+
+def _later_runs(runs: IntArray) -> list[BoolArray]:
+    """Return the masks (M,) of the recordings after the first one that have enough rows."""
+    numbers, counts = np.unique(runs, return_counts=True)
+    return [runs == number for number in numbers[counts >= _MIN_ROWS][1:]]
 
 
 def _basis(columns: FloatArray) -> FloatArray:

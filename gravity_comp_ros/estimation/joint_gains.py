@@ -100,24 +100,25 @@ class JointGains:
         if not clear.any() or self.residual[self.reference] > options.max_reference:
             return []
         joints = [int(n) for n in np.flatnonzero(clear)]
-        parts = [f'{self.names[n]} {self._ratio(n)}' for n in joints]
         ratios = {self.names[n]: float(np.exp(self.log[n])) for n in joints}
         scales = ','.join(f'{name}={1.0 / ratio:.3g}' for name, ratio in ratios.items())
         agree = [name for n, name in enumerate(self.names) if n != self.reference
                  and n not in joints and options.sigmas * self.std[n] < np.log(options.min_ratio)]
-        also = f'; in agreement: {", ".join(agree)}' if agree else ''
+        also = f'; {", ".join(agree)} agree{"s" * (len(agree) == 1)}' if agree else ''
+        unit = self.names[self.reference]
+        parts = [self._ratio(n, f' the gain of {unit}' * (n == joints[0])) for n in joints]
         return [Fact(
-            Kind.EFFORT_GAIN, tuple(ratios), f'gains disagree: effort in multiples of what '
-            f'{self.names[self.reference]} implies by the links that both carry is '
-            f'{", ".join(parts)}{also}', Action.REFUSED, 'no arm has such torques: units, rated '
-            'torques, gear ratios or torque constants differ',
-            f'--effort-scale {scales} gives them the unit of {self.names[self.reference]}; '
+            Kind.EFFORT_GAIN, tuple(ratios), f'gains disagree: {", ".join(parts)}{also}',
+            Action.REFUSED, 'the weight of the same links loads these joints, so that units, '
+            'rated torques, gear ratios or torque constants differ',
+            f'--effort-scale {scales} converts to the unit of {unit}; '
             f'--accept {Kind.EFFORT_GAIN.value} keeps them', ratios)]
 
-    def _ratio(self, n: int) -> str:
+    def _ratio(self, n: int, of_what: str) -> str:
         low, ratio, high = np.exp(self.log[n] + self.std[n] * np.array([-1.96, 0.0, 1.96]))
         how = ', by its friction and inertia' if n in self.by_friction else ''
-        return f'{ratio:.3g} (95 %: {low:.3g} to {high:.3g}{how})'
+        return (f'{self.names[n]} has {ratio:.3g} times{of_what} '
+                f'(95 %: {low:.3g} to {high:.3g}{how})')
 
 
 def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains:

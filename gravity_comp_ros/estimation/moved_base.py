@@ -77,8 +77,9 @@ class MovedBase:
                          'the base tilted, as the effect base_tilt describes')]
         return [Fact(
             Kind.MOVED_BASE, (), evidence, Action.REFUSED, 'the base tilted, and a model has one '
-            'vertical; learn from the parts before and after it separately (`gravity_comp cut` '
-            'with --to and --from)', f'--accept {Kind.MOVED_BASE.value} learns from all of it')]
+            'vertical; learn from the parts before and after it separately',
+            f'`gravity_comp cut` with --to and --from writes them; --accept '
+            f'{Kind.MOVED_BASE.value} learns from all of it')]
 
 
 def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> MovedBase | None:

@@ -73,10 +73,11 @@ def _order_facts(fit: ArmFit, samples: JointSamples) -> list[Fact]:
         if other.is_better(other.plain, fit.plain):
             renames = {old: new for old, new in zip(names, labels) if old != new}
             pairs = ','.join(f'{old}={new}' for old, new in renames.items())
+            values = ' and '.join(f'{old} has the values of {new}'
+                                  for old, new in renames.items())
             return [Fact(
                 Kind.ORDER, tuple(renames), f'no arm has these efforts in the order of the names; '
-                f'one explains them where {", ".join(renames)} have the values of '
-                f'{", ".join(renames.values())}', Action.REFUSED,
+                f'one has them if {values}', Action.REFUSED,
                 'the values are in another order than the names, as after a sort by name',
                 f'--rename {pairs}, or --accept {Kind.ORDER.value} if the names are right')]
     return []

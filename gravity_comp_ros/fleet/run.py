@@ -203,6 +203,7 @@ def _read(robot: Robot, options: ReadOptions,
     for bag in robot.bags:
         try:
             runs.append(read_bag(bag, options))
+            options = runs[-1].report.options
         except GravityCompError as error:
             failed[str(bag)] = str(error)
     if not runs:

@@ -166,7 +166,7 @@ class NodeCore:
                                   f'{"repeated" if names else "no"} joint names; set the '
                                   'parameter joints')
             if len(names) > MAX_JOINTS:
-                raise OptionError(f'{self._topic} has {len(names)} joints and a model has at '
+                raise OptionError(f'{self._topic} has {len(names)} joints and the node takes at '
                                   f'most {MAX_JOINTS}; set the parameter joints')
             self._begin(names, None)
             self._guessed = True

@@ -123,7 +123,7 @@ def row_of(each: Field[Any]) -> Parameter:
     return Parameter(each.name, _KINDS[str(each.type)], each.default, **each.metadata)
 
 
-# Maximum number of joints of a model.
+# Maximum number of joints of the node; `fit` takes twelve.
 MAX_JOINTS = 10
 
 
@@ -285,8 +285,8 @@ class Parameters:
                 raise OptionError(f'parameter {name}: {count} values for {n} joints '
                                   f'({", ".join(known)}); give one for all or one per joint')
         if len(self.joints) > MAX_JOINTS:
-            raise OptionError(f'parameter joints: {len(self.joints)} joints; a model has at '
-                              f'most {MAX_JOINTS}')
+            raise OptionError(f'parameter joints: {len(self.joints)} joints; the node '
+                              f'takes at most {MAX_JOINTS}')
         if 0.0 in self.effort_scale:
             raise OptionError('parameter effort_scale: 0 would erase the effort of a joint; '
                               'remove the joint from `joints` instead')

@@ -123,8 +123,10 @@ class Enough:
                 'all joints with different periods'))
         uncertain = {name: share for name, share in self.std.items() if share > limit}
         if uncertain:
-            words = ', '.join(f'{_percent(share)} on {name}' for name, share in sorted(
-                uncertain.items(), key=lambda each: -each[1]))
+            by_size: dict[str, list[str]] = {}
+            for name, share in sorted(uncertain.items(), key=lambda each: -each[1]):
+                by_size.setdefault(_percent(share), []).append(name)
+            words = ', '.join(f'{size} on {", ".join(names)}' for size, names in by_size.items())
             facts.append(Fact(
                 Kind.MOTION, tuple(uncertain), f'too little motion for a model: the standard '
                 f'deviation of gravity within the ranges, as a share of the torque, is {words}',
@@ -310,7 +312,7 @@ def _dependence(q: FloatArray, options: EnoughOptions) -> tuple[list[int], int, 
 
 
 def _percent(share: float) -> str:
-    return f'{100 * share:.0f} %' if share < 1.0 else 'unknown'
+    return f'{100 * share:.0f} %' if share < 1.0 else 'above 100 %'
 
 
 def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float]:

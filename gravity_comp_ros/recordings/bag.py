@@ -132,7 +132,7 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
     scale = dict(zip(scaled, options.effort_scale.values()))
     chosen = options.joints
     if chosen is not None:
-        chosen = named_joints(where, names, chosen, 'chosen')
+        chosen = named_joints(where, names, chosen, 'to be read')
     zeros = named_joints(where, names, options.zero, 'zero')
     rated = named_joints(where, names, options.rated_torque, 'rated torque')
     return replace(options, joints=chosen, effort_scale=scale,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -103,7 +104,7 @@ class Cleaning:
             path, topic, n_messages, samples.t, self.dropped,
             'differentiated' if judged.differentiated.any() else 'measured', first,
             {name: scale[name] for name in samples.names}, self.notes, self.facts)
-        return Recording(samples, report)
+        return Recording(samples, replace(report, options=self.options))
 
     def _refuse(self) -> None:
         """Raise the refusals as one error, with the joints that were left out."""

@@ -20,6 +20,8 @@ OPTIONS = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rated_torque', 're
            'position_unit', 'accept', 'reverse', 'zero', 'differentiate')
 
 
+# Fields in which a joint may be given by its number.
+BY_JOINT = ('effort_scale', 'rated_torque', 'reverse', 'zero')
 # Units of effort in a bag; a current is scaled by its torque constant (`effort_scale`).
 BAG_UNITS = (*TORQUE_UNITS, *SHARE_UNITS)
 
@@ -44,7 +46,7 @@ class ReadOptions:
     - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
 
     In `joints`, `reverse`, `zero`, `rated_torque` and `effort_scale` a joint is named, or numbered
-    from 1 in order of appearance.
+    from 1 in order of appearance in the first recording.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
         or kind of fact is unknown, or `max_messages` is less than 1.
@@ -138,6 +140,7 @@ class ReadReport:
     - `effort_scale`: N·m per unit of effort by joint, where not 1.
     - `file_notes`: sentences about the file.
     - `facts`: facts about the signals, and what was done about them.
+    - `options`: those of reading, with joints by name.
     """
 
     path: Path
@@ -153,6 +156,7 @@ class ReadReport:
     effort_scale: Mapping[str, float]
     file_notes: tuple[str, ...] = ()
     facts: tuple[Fact, ...] = ()
+    options: ReadOptions = ReadOptions()
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 import sqlite3
+from typing import Any
 from urllib.parse import quote
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.messages import Batch, batched, Storage, StoredTopic
 
-_SELECT = ('SELECT messages.timestamp, messages.data FROM messages JOIN topics '
+_SELECT = ('SELECT messages.timestamp, messages.data, messages.id FROM messages JOIN topics '
            'ON messages.topic_id = topics.id WHERE topics.name = ?')
+# Numbers of messages are below.
+_END = 2 ** 63
 
 
 class SqliteStorage(Storage):
     """
     An open .db3 file, read-only; `named` is its name in messages.
 
-    Of a damaged file, the readable messages before and after the damage are read, with a note.
+    Of a damaged or truncated file, the readable messages are read, with a note.
 
     :raises BagError: if it is not a rosbag2 database, or is damaged.
     """
@@ -37,9 +40,11 @@ class SqliteStorage(Storage):
             raise self._unreadable(error) from None
         try:
             self.topics = self._read_topics()
-        except (sqlite3.Error, BagError) as error:
+        except BagError:
             self._base.close()
-            raise error if isinstance(error, BagError) else self._unreadable(error) from None
+            raise
+        except sqlite3.Error as error:
+            self.topics = self._topics_of_part(error)
 
     @property
     def notes(self) -> list[str]:
@@ -50,39 +55,61 @@ class SqliteStorage(Storage):
         return batched(self._rows(topic))
 
     def _rows(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield log time in ns and bytes of every message of a topic."""
+        """Yield log time in ns and bytes of every message of a topic, in order of time."""
+        latest = (-_END, 0)
         try:
-            rows = self._base.execute(
-                f'{_SELECT} ORDER BY messages.timestamp, messages.id', (topic,))
-            first = rows.fetchone()
-        except sqlite3.Error as error:
-            yield from self._readable_part(topic, error)
+            for row in self._base.execute(
+                    f'{_SELECT} ORDER BY messages.timestamp, messages.id', (topic,)):
+                stamp, data, number = _checked(row)
+                yield stamp, data
+                latest = stamp, number
             return
-        try:
-            while first is not None:
-                yield _checked(first)
-                first = rows.fetchone()
-        except sqlite3.Error as error:
-            raise self._unreadable(error) from None
-
-    def _readable_part(self, topic: str, error: sqlite3.Error) -> Iterator[tuple[int, bytes]]:
-        """Yield the messages from either end up to the damage, in order of time."""
-        rows: dict[int, tuple[int, bytes]] = {}
-        for order in ('ASC', 'DESC'):
-            try:
-                for number, *row in self._base.execute(
-                        _SELECT.replace('SELECT', 'SELECT messages.id,', 1)
-                        + f' ORDER BY messages.id {order}', (topic,)):
-                    if number in rows:
-                        break
-                    rows[number] = _checked(row)
-            except sqlite3.Error:
-                continue
+        except sqlite3.Error as reason:
+            error = reason
+        # The index of times is damaged too, or the messages are in damaged pages.
+        rows = self._readable(topic)
         if not rows:
             raise self._unreadable(error) from None
         self._notes.append(f'{self._path.name} is damaged ({error}): the {len(rows)} readable '
                            f'messages of {topic} are used')
-        yield from sorted(rows.values(), key=lambda row: row[0])
+        for stamp, data, number in sorted(rows, key=lambda row: (row[0], row[2])):
+            if (stamp, number) > latest:
+                yield stamp, data
+
+    def _readable(self, topic: str) -> list[tuple[int, bytes, int]]:
+        """Return stamp, data and number of all readable messages of a topic, in any order."""
+        rows: list[tuple[int, bytes, int]] = []
+        start, step, gap = 0, 1, None
+        while start < _END:
+            try:
+                for row in self._numbered(topic, start, _END - 1):
+                    if gap is not None:
+                        rows += self._before(topic, gap, row[2])
+                    rows.append(row)
+                    start, step, gap = row[2] + 1, 1, None
+                break
+            except sqlite3.Error:
+                # Messages of the same page are not readable either.
+                gap = start if gap is None else gap
+                start, step = start + step, 2 * step
+        return rows
+
+    def _before(self, topic: str, first: int, end: int) -> list[tuple[int, bytes, int]]:
+        """Return the messages from number `end` downwards, until one is not readable."""
+        rows = []
+        try:
+            for row in self._numbered(topic, first, end - 1, 'DESC'):
+                rows.append(row)
+        except sqlite3.Error:
+            pass
+        return rows
+
+    def _numbered(self, topic: str, first: int, last: int, order: str = 'ASC'
+                  ) -> Iterator[tuple[int, bytes, int]]:
+        """Yield stamp, data and number of messages of a topic by number."""
+        yield from map(_checked, self._base.execute(
+            f'{_SELECT} AND messages.id BETWEEN ? AND ? ORDER BY messages.id {order}',
+            (topic, first, last)))
 
     def close(self) -> None:
         self._base.close()
@@ -98,6 +125,15 @@ class SqliteStorage(Storage):
         return tuple(StoredTopic(str(name), str(kind), str(encoding), self._count(number))
                      for number, name, kind, encoding in rows)
 
+    def _topics_of_part(self, error: sqlite3.Error) -> tuple[StoredTopic, ...]:
+        """Return the topics of a file that is shorter than its header says."""
+        try:
+            self._base.execute('PRAGMA writable_schema = ON')
+            return self._read_topics()
+        except (sqlite3.Error, BagError):
+            self._base.close()
+            raise self._unreadable(error) from None
+
     def _count(self, topic: int) -> int:
         """Return the number of messages of a topic; 1 if a damaged file does not give it."""
         try:
@@ -110,7 +146,8 @@ class SqliteStorage(Storage):
         return BagError(f'{self._path} cannot be read as a rosbag2 database: {error}')
 
 
-def _checked(row: Sequence[object]) -> tuple[int, bytes]:
-    """Return stamp and data; sqlite types are per value, so a damaged row may contain anything."""
-    stamp, data = row
-    return stamp if isinstance(stamp, int) else 0, data if isinstance(data, bytes) else b''
+def _checked(row: Sequence[Any]) -> tuple[int, bytes, int]:
+    """Return a row; sqlite types are per value, so a damaged row may contain anything."""
+    stamp, data, number = row
+    return (stamp if isinstance(stamp, int) else 0, data if isinstance(data, bytes) else b'',
+            number)

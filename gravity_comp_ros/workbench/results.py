@@ -174,8 +174,8 @@ class Results:
             n_slow = 0
         if n_slow >= _MIN_SLOW:
             return ''
-        return (f'Only {n_slow} of {len(recording)} samples are slow: the recordings contain fast '
-                f'motion. Use all samples, or raise the speed limit, under "Samples".')
+        return (f'The slow-motion gate keeps only {n_slow} of {len(recording)} samples. Use all '
+                f'samples, or raise the speed limit, under "Samples".')
 
     def findings(self) -> list[tuple[Finding, str]]:
         """Return findings with the target of their Add button, '' for no button."""

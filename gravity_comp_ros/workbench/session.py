@@ -19,6 +19,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.planning.expected import MotionPlan
+from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import (
     Add, described, Diagnose, Failed, Finished, Job, Learn, PlanMotion, Read, ReadResult, Works)
@@ -234,9 +235,15 @@ class Session:
         n_before = len(self.read.reports) if self.read else n_runs
         runs = (*self.choice.runs, *range(n_before, n_runs)) if self.choice.runs else tuple(
             range(n_runs))
-        self.choice = replace(self.choice, joints=self.choice.joints or names, runs=runs)
-        self.joints = self.joints or (*names, *read.left_out)
-        self.read, self.read_as = read, job.of_joints(names)
+        # From here on, joints are named.
+        options = read.reports[0].options
+        by_joint = {name: getattr(options, name) for name in BY_JOINT}
+        self.choice = replace(self.choice, joints=options.joints or names, runs=runs,
+                              reading=replace(self.choice.reading, **by_joint))
+        if not set(self.joints) >= set(self.choice.joints):
+            self.joints = (*names, *read.left_out)
+        self.read = read
+        self.read_as = replace(job, options=replace(self.choice.options(), joints=names))
         hashes = self._hashes()
         changed = [Path(path).name for path, old in self.hashes.items()
                    if hashes.get(path, old) != old]

@@ -47,9 +47,7 @@ class Choice:
 
     def options(self) -> ReadOptions:
         """Return the options to read the recordings; what is refused is refused by each job."""
-        scale = {joint: x for joint, x in self.reading.effort_scale.items()
-                 if x != 1.0 and (not self.joints or joint in self.joints)}
-        return replace(self.reading, joints=self.joints or None, effort_scale=scale, refuse=False)
+        return replace(self.reading, joints=self.joints or None, refuse=False)
 
     def learning(self, ordered: bool) -> LearnOptions:
         """

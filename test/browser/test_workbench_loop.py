@@ -151,7 +151,7 @@ def test_a_fast_recording_of_seven_described_joints(folder, watched, tmp_path):
         tab.open(address)
         # All samples are fitted, with the axes of the description and a warning.
         page.locator('.warning').filter(
-            has_text='samples are slow: all are fitted').first.wait_for()
+            has_text='samples: all are fitted').first.wait_for()
         page.get_by_role('button', name=re.compile('^Add all')).wait_for()
         expect(page.get_by_label('Samples for fit and errors')).to_have_value('all samples')
         learned = load_model(saved(page, 'Save the model', tmp_path / 'learned.json'))

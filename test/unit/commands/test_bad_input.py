@@ -48,7 +48,7 @@ def files(tmp_path_factory):
     (1, 'fit CSV', 'is a table, not a recording: first `gravity_comp convert '),
     (1, 'workbench nofile.mcap --no-browser', 'no such recording: nofile.mcap'),
     (1, 'workbench GOOD nofile.mcap --no-browser', 'no such recording: nofile.mcap'),
-    (1, 'fit GOOD --joints 1,3', 'no joint 3 (chosen); it has shoulder, elbow'),
+    (1, 'fit GOOD --joints 1,3', 'no joint 3 (to be read); it has shoulder, elbow'),
     (1, 'fit GOOD --joints 2,elbow', 'a joint is named twice'),
     (1, 'add coulomb_friction:3 GOOD --model MODEL', 'it has shoulder, elbow, or 1 to 2')])
 def test_errors_are_one_line_and_write_nothing(files, tmp_path, capsys, monkeypatch, status, call,

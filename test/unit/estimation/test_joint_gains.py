@@ -6,11 +6,12 @@ from pathlib import Path
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.joint_gains import GainOptions, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base, MovedBaseOptions
+from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
@@ -182,6 +183,26 @@ def wrist(tmp_path_factory):
     return path, ARM.joints[2:]
 
 
+@pytest.mark.parametrize('n_joints, offset', [(2, 0.0), (3, 1.0), *campaign((6, 4.0))])
+@pytest.mark.parametrize('seed', range(3))
+def test_friction_and_offset_of_one_recording_are_no_tilt(n_joints, offset, seed):
+    arm = serial_arm(n_joints, seed)
+
+    def frictionless(q, qd, t):
+        return -FRICTION[:n_joints] * np.tanh(qd / 0.004) - 0.5 * qd
+
+    first = recorded(arm=arm, seed=seed, more=frictionless)
+    second = recorded(arm=arm, seed=seed + 20, more=lambda q, qd, t: offset + (
+        frictionless(q, qd, t) if offset else 0.0))
+    assert torque_facts(concatenate([first, second])) == []
+
+
+def test_a_base_that_turns_between_recordings():
+    second = recorded(seed=3, more=lambda q, qd, t: 1.0 + turned(0.3, -1.0, 0.1, q, t))
+    (fact,) = torque_facts(concatenate([recorded(), second]))
+    assert fact.kind is Kind.MOVED_BASE and 'by 18°' in fact.evidence
+
+
 def test_a_part_of_an_arm_stands_on_a_link_that_tilts(wrist, tmp_path, capsys):
     path, joints = wrist
     part = read_bag(Path(path), ReadOptions(joints=joints)).samples
@@ -239,7 +260,7 @@ def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
     # Relative to joints that agree with the model.
     assert f'{ARM.joints[1]}=0.2' in error and model.read_bytes() == before
     # The vertical axis carries no gravity: its friction is four times that of the model.
-    assert f'{ARM.joints[0]} 4' in error and 'by its friction' in error
+    assert f'{ARM.joints[0]} has 4 times' in error and 'by its friction' in error
     assert main(['fit', paths[1]]) == 1
     assert 'gains disagree' in capsys.readouterr().err
     assert main(['info', paths[1]]) == 0

@@ -3,6 +3,7 @@
 from pathlib import Path
 import tempfile
 
+from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.joint_names import rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
@@ -232,6 +233,23 @@ def test_shares_of_rated_torques(tmp_path, unit, share):
     for options in ({'effort_unit': unit}, {'rated_torque': rated}):
         with pytest.raises(OptionError, match='rated torque'):
             ReadOptions(**options)
+
+
+def test_numbers_of_joints_are_those_of_the_first_recording(tmp_path):
+    paths = [bag(tmp_path / 'x.mcap'), bag(tmp_path / 'y.mcap', Q[:, ::-1], TAU[:, ::-1],
+                                           ('joint_2', 'joint_1'))]
+    options = ReadOptions(joints=('2', '1'), effort_scale={'1': 4.0}, reverse=('2',),
+                          zero={'1': 0.1})
+    recording = read_recording(paths, options, None)
+    one, other = recording.samples.each_run()
+    np.testing.assert_array_equal(one.tau, other.tau)
+    np.testing.assert_array_equal(one.q, other.q)
+    assert recording.joints == ('joint_2', 'joint_1')
+    np.testing.assert_allclose(one.tau, TAU[:, ::-1] * [-1.0, 4.0])
+    used = recording.reports[1].options
+    assert used.effort_scale == {'joint_1': 4.0} and used.reverse == ('joint_2',)
+    # `info` prints the options of the next step.
+    assert main(['info', str(paths[0]), '--effort-scale', '1=-1', '--accept', 'effort_sign']) == 0
 
 
 def test_renamed_joints(tmp_path):

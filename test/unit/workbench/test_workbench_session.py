@@ -54,6 +54,16 @@ def learned(first_stage):
     return deepcopy(first_stage)
 
 
+def test_joints_are_given_by_number(paths):
+    reading = ReadOptions(joints=('2', '1'), effort_scale={'1': 2.0})
+    session = worked(session_of(*paths, choice=Choice((), ('2', '1'), reading=reading)),
+                     until='Learn')
+    assert session.worker.done == ['Read'] and session.is_read
+    assert session.choice.joints == session.joints == ('elbow', 'shoulder')
+    assert session.choice.reading.effort_scale == {'shoulder': 2.0}
+    assert session.read.reports[0].effort_scale == {'shoulder': 2.0}
+
+
 def test_add_reduces_the_error_and_undo_restores_it(paths):
     session = worked(session_of(*paths), until='Learn')
     results = Results(session)
@@ -160,13 +170,13 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     results = Results(session)
     # As in `fit`, all samples are fitted, and the model is evaluated on the same samples.
     assert session.choice.all_samples
-    assert 'samples are slow: all are fitted' in results.slow_warning()
+    assert 'samples: all are fitted' in results.slow_warning()
     contents = results.contents()
     assert contents.compared == '1200 samples used, including fast ones'
     assert contents.comparison.joints['elbow'].n == 1200
     assert '--all-samples' in results.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
-    assert 'fast motion' in results.slow_warning()
+    assert 'keeps only' in results.slow_warning()
 
 
 def test_a_recording_without_efforts_is_reported(tmp_path):
