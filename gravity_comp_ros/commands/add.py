@@ -11,15 +11,12 @@ from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.refitting import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
-
-_NOT_DISTINGUISHED = (Verdict.AMBIGUOUS, Verdict.UNTESTABLE)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,15 +4,13 @@ from bench.cases.six_axis import six_axis
 from bench.planning.baselines import random_near, random_slow
 from bench.planning.poor import KINDS as POOR_KINDS, RATE
 from bench.planning.run import judged
-from bench.planning.scenes import ARMS, KINDS, known_axes, Scene
+from bench.planning.scenes import Scene
 from bench.planning.table import calibration, resolved
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.planning import PlanOptions
 from gravity_comp_ros.planning.workspace import workspace
-from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.synthesise import synthesise
 import numpy as np
 import pytest
@@ -85,23 +83,6 @@ def test_a_later_recording_continues_the_session():
     fresh = scene._samples(motion, 1).tau[:, JOINT]
     warm = new.tau[:, JOINT]
     assert np.abs(warm - cold).mean() < 0.9 * np.abs(fresh - cold).mean()
-
-
-def test_axes_are_those_of_the_arm():
-    arm = ARMS['drawn1']()
-    axes = known_axes(arm)
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, (40, arm.n_joints))
-    columns = Chain(axes.rotations, np.ones((arm.n_joints, 2))).jacobian(q)[2 * arm.n_joints:]
-    flat, tau = columns.transpose(2, 1, 0).reshape(-1, 2 * arm.n_joints), gravity_torque(arm, q)
-    residual = tau.ravel() - flat @ np.linalg.lstsq(flat, tau.ravel(), rcond=None)[0]
-    assert np.abs(residual).max() < 1e-9 * np.abs(tau).max()
-
-
-def test_the_size_of_a_small_effect_is_repeatable():
-    scene = Scene('iiwa7', 'coulomb_friction', JOINT, 'narrow', 3, True)
-    assert scene.size == scene.size and 0.01 < scene.size / KINDS[scene.effect].size < 0.51
-    assert Scene('iiwa7', 'base_tilt', 0, 'settled', 0).truth.alternatives == (
-        'encoder_offset:iiwa_joint_2',)
 
 
 def test_the_tables_count():

@@ -4,10 +4,8 @@ import json
 
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.joint_names import joint_named
-from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -124,15 +122,3 @@ def test_gaps_are_noted(tmp_path):
     # Poses half a minute apart do not count as gaps.
     slow = bag(tmp_path / 'y.mcap', t=30.0 * np.arange(500.0))
     assert not any('gap' in note for note in read_bag(slow).report.notes)
-
-
-def test_singular_of_one_sample(tmp_path, capsys):
-    path = bag(tmp_path / 'x.mcap', T[:1], Q[:1], TAU[:1])
-    assert main(['info', path]) == 0
-    assert '\n1 sample at' in capsys.readouterr().out
-
-
-@given(st.integers(0, 1000))
-def test_counted(number):
-    text = counted(number, 'bag')
-    assert text.split() == [str(number), 'bag' if number == 1 else 'bags']

@@ -4,8 +4,14 @@ import json
 
 from bench.shared import urdf_snippets as robots
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAIST, WAISTED
+from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.learn import known_arm, LearnOptions
+from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.description.joint_order import JointOrder
+from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.simulation import arms, motions
 import pytest
 
@@ -56,50 +62,52 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     assert bare['payload'] is None and bare['description'] is None
 
 
-def test_without_a_description_numbers_order_the_joints(bags, capsys):
-    result, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--formulation', 'chain',
-                    '--json')
-    assert result['description'] is None and result['joint_order'] == 'numbers in the names'
-    assert list(result['joints']) == list(JOINTS)
-    some = ','.join(JOINTS[1::-1])
-    result, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some,
-                    '--formulation', 'chain', '--json')
-    assert list(result['joints']) == list(JOINTS[1::-1]) and result['joint_order'] == 'as asked'
+def known(bag, joints=None, **axes):
+    """Return the arm of a recording, as every verb knows it."""
+    recording = read_recording([bag], ReadOptions(joints=joints), None)
+    return known_arm(recording, LearnOptions(axes=AxesOptions(**axes), ordered=joints is not None))
 
 
-def test_the_description_of_another_robot_is_ignored(bags, tmp_path, capsys):
-    result, errors = run(capsys, 'fit', bags / 'other', '--formulation', 'chain', '--json')
-    assert result['description'] is None
-    assert 'robot description not used: /robot_description in other has no joint iiwa' in errors
+def test_without_a_description_numbers_order_the_joints(bags):
+    arm = known(bags / 'own', urdf='none')
+    assert arm.axes.to_json() is None
+    assert (arm.order.source, arm.order.joints) == ('numbers in the names', JOINTS)
+    some = JOINTS[1::-1]
+    assert known(bags / 'own', some, urdf='none').order == JointOrder(some, 'as asked')
+
+
+def test_the_description_of_another_robot_is_ignored(bags, tmp_path):
+    axes = known(bags / 'other').axes
+    assert axes.to_json() is None
+    assert ('robot description not used: /robot_description in other has no joint iiwa'
+            in axes.problem)
     # A description named by the user must match.
     path = tmp_path / 'ur.urdf'
     path.write_text(robots.UR)
-    assert main(['fit', str(bags / 'own'), '--urdf', str(path)]) == 1
-    assert f'{path} has no joint iiwa_joint_1' in capsys.readouterr().err
+    with pytest.raises(ModelMismatchError, match=f'{path} has no joint iiwa_joint_1'):
+        known(bags / 'own', urdf=str(path))
 
 
-@pytest.mark.parametrize('bag, argv, value, by', [
-    ('leaning', (), WAIST, 'recording'), ('lacking', ('--fixed', f'waist={WAIST}'), WAIST,
-                                          'option')])
-def test_a_waist_that_is_not_a_joint_of_the_model(bags, capsys, bag, argv, value, by):
-    result, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
-                    '--formulation', 'chain', '--json')
-    assert result['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
-    assert result['report']['base_tilt'] == pytest.approx(0.0, abs=0.02)
+@pytest.mark.parametrize('bag, fixed, value, by', [
+    ('leaning', {}, WAIST, 'recording'), ('lacking', {'waist': WAIST}, WAIST, 'option'),
+    ('lacking', {}, 0.0, 'assumption')])
+def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
+    held = known(bags / bag, JOINTS, fixed=fixed).axes.to_json()['held']
+    assert held == {'waist': {'value': pytest.approx(value), 'by': by}}
 
 
-def test_a_gripper_is_omitted_and_a_moving_waist_is_reported(bags, capsys):
+def test_with_an_assumed_angle_of_the_waist_the_fit_finds_the_tilt(bags, capsys):
     result, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
+    assert result['report']['base_tilt'] == pytest.approx(WAIST, abs=0.02)
     gripper = result['bags'][0]['facts'][0]
     assert (gripper['kind'], gripper['joints'], gripper['action']) == (
         'gripper', ['finger'], 'left_out')
     assert list(result['joints']) == list(JOINTS)
-    # With an assumed angle of the waist the fit finds the tilt of the base.
-    assert result['description']['held'] == {'waist': {'value': 0.0, 'by': 'assumption'}}
-    assert result['report']['base_tilt'] == pytest.approx(WAIST, abs=0.02)
-    _, errors = run(capsys, 'fit', bags / 'moving', '--joints', ','.join(JOINTS), '--formulation',
-                    'chain', '--json')
-    assert 'joint waist moves by 0.199 during the recordings' in errors
+
+
+def test_a_moving_waist_is_reported(bags):
+    assert ('joint waist moves by 0.199 during the recordings'
+            in known(bags / 'moving', JOINTS).axes.problem)
 
 
 @pytest.mark.parametrize('argv, message', [

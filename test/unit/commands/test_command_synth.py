@@ -41,12 +41,6 @@ def test_eq17_is_the_default(tmp_path, capsys):
     assert '500 samples of 7 joints' in capsys.readouterr().out
 
 
-def test_same_motion_later(tmp_path):
-    samples = synth(tmp_path, '--start', '30', '--duration', '10', '--rate', '20')
-    np.testing.assert_array_equal(samples.q, motions.eq17(10, 20, 30).q)
-    assert len(samples) == 200
-
-
 def test_payload_time_counts_from_the_start_of_the_bag(tmp_path):
     common = ('--start', '50', '--duration', '20')
     bare = synth(tmp_path, *common)
@@ -64,12 +58,6 @@ def test_noise_seed_and_static(tmp_path):
     static = synth(tmp_path, '--static')
     np.testing.assert_array_equal(static.tau, arms.gravity_torque(arms.iiwa7(), static.q))
     assert not static.qd.any()
-
-
-def test_random_poses(tmp_path):
-    samples = synth(tmp_path, '--motion', 'random', '--samples', '30', '--rate', '0.25')
-    assert len(samples) == 30 and not samples.qd.any()
-    np.testing.assert_allclose(np.diff(samples.t), 4.0)
 
 
 def test_urdf_with_a_multisine_and_a_tilted_base(tmp_path):

@@ -135,17 +135,6 @@ def test_a_torque_in_transition_never_moves_away_from_its_target():
     assert min(torques) == pytest.approx(-28.0)
 
 
-def test_a_share_of_a_change_is_reached_without_a_step():
-    feed, t = started(torque=10.0)
-    feed.use(constant(15.0))
-    for k in range(12):
-        tau = feed.update(t + 0.1 * k, Q)
-    assert float(tau[0]) == pytest.approx(15.0)
-    t += 1.1
-    feed.use(constant(20.0))
-    assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(15.5)
-
-
 def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     feed, t = started()
     assert feed.watch(t + 0.3) is None
@@ -160,15 +149,6 @@ def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
 def test_stale_input_may_hold_forever():
     feed, t = started(replace(FREE, stale_action='hold'))
     assert float(feed.watch(t + 1e6)[0]) == 10.0
-
-
-def test_returning_input_ramps_up_from_the_present_torque():
-    feed, t = started()
-    for k in range(1, 19):
-        last = feed.watch(t + 0.1 * k)
-    assert 0.0 < float(last[0]) < 10.0
-    again = float(feed.update(t + 1.9, Q)[0])
-    assert 0.0 < again - float(last[0]) <= 1.0 + 1e-9
 
 
 def test_disable_ramps_down_to_zero_then_publishes_nothing():

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 from importlib import import_module
-import json
-import sys
 
 from bench.cases.case_list import case, ROLES
 from bench.cases.cases import ARMS, recordings
@@ -39,11 +37,6 @@ def test_the_true_effect_on_its_joint_is_right():
     judged = judge('coulomb_large', COULOMB)
     assert judged.right and judged.named == (True,) and judged.false == ()
     assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
-
-
-def test_an_interval_that_misses_the_truth_is_counted():
-    judged = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
-    assert judged.right and [i.covers for i in judged.intervals] == [False]
 
 
 def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
@@ -102,12 +95,6 @@ def test_an_answer_is_right_or_wrong(name, findings, right):
     assert judge(name, *findings).right == right
 
 
-def test_an_effect_without_a_finding_may_be_untestable():
-    assert judge('one_way', OFFSET, untestable={'coulomb_friction': 'one direction only'}).right
-    assert judge('nothing_white', WEAK).open
-    assert judge('coulomb_and_viscous', finding('coulomb_friction', ELBOW)).named == (True, False)
-
-
 def done(name, seed, *findings, floor=0.1):
     entry = case('iiwa7', name)
     joints = {joint: {'untestable': {}, 'rmse_after': 0.11} for joint in JOINTS}
@@ -134,17 +121,6 @@ def test_totals_by_hand():
     assert every['false'] == ['seed 1: joint_spring:2 (established)']
     text = table.markdown(rows)
     assert '| iiwa7 coulomb_large | 67 % | 67 % | 0 % | 100 % | 1.1, at most 2.2 |' in text
-
-
-def test_a_campaign_does_not_repeat_stored_results(tmp_path, monkeypatch, capsys):
-    for seed in (0, 1):
-        task, result = done('coulomb_large', seed, COULOMB)
-        results.save(tmp_path, task, {**result, 'code': results.fingerprint()})
-    monkeypatch.setattr(sys, 'argv', ['run', str(tmp_path), '--arms', 'iiwa7', '--cases',
-                                      'coulomb_large', '--seeds', '2'])
-    assert run.main() == 0
-    assert '2 recordings, 2 done before' in capsys.readouterr().out
-    assert json.loads((tmp_path / 'campaign.json').read_text())['all']['right'] == 1.0
 
 
 @pytest.mark.parametrize('arm', sorted(ROLES))

@@ -1,13 +1,11 @@
 """Elastic disturbances: balancers, cables, cogging, detents, bumpers, elastic gears."""
 
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.joint_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.disturbances.signals import Backlash, ElasticGear
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
-from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -26,14 +24,6 @@ def test_torque_is_the_gradient_of_the_energy(elastic):
     torque = elastic.torque(ANGLES)
     assert torque[1:-1] == pytest.approx(slope[1:-1], abs=2e-3 * np.abs(torque).max())
     assert np.abs(torque).max() > 0.5
-
-
-@given(st.floats(0.02, 0.3), st.floats(0.31, 1.0), st.floats(0.0, 0.8), st.floats(-1.0, 1.0))
-def test_a_balancer_conserves_energy(crank, post, free, rest):
-    balancer = SpringBalancer(1, 1000.0, free, crank, post, rest)
-    work = trapezoid(balancer.torque(ANGLES), ANGLES)
-    gained = balancer.energy(ANGLES[[-1]]) - balancer.energy(ANGLES[[0]])
-    assert work == pytest.approx(gained[0], abs=1e-3 * (1 + abs(gained[0])))
 
 
 def test_the_torque_of_a_balancer_without_free_length_is_a_sine():
@@ -113,14 +103,3 @@ def test_a_load_below_the_threshold_keeps_the_contact():
     t = np.arange(0.0, 4.0, 0.01)
     lead = Backlash(1, 0.02, threshold=0.5).lead(t, 0.4 * np.cos(5 * t))
     assert lead == pytest.approx(0.01)
-
-
-@pytest.mark.parametrize('make', [
-    lambda: Detent(1, 0.0, 1.0, 0.0), lambda: DressPack(1, 0.0, 1.0, 0.0),
-    lambda: DressPack(1, 0.0, 1.0, 1.0, 0), lambda: SpringBalancer(1, 1.0, 0.1, 0.3, 0.2),
-    lambda: Cogging(1, 0, 1.0), lambda: Bumper(1, 0.0, 1.0, exponent=0.5),
-    lambda: ElasticGear(1, 0.0), lambda: Backlash(1, -0.1),
-])
-def test_invalid_parameters_are_refused(make):
-    with pytest.raises(OptionError):
-        make()

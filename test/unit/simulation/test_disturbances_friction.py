@@ -69,14 +69,6 @@ def test_a_gear_warms_to_thermal_equilibrium():
     assert temperature[after] == pytest.approx(22.0 + 21.0 * (1 - np.exp(-1)), abs=0.01)
 
 
-def test_friction_that_falls_with_temperature_generates_less_heat():
-    warm = ThermalFriction(1, LuGre(2.0), idle=0.0, resistance=6.0, capacity=1.0, softening=0.05)
-    t = np.arange(0.0, 100.0, 0.01)
-    rise = warm.temperature(t, np.full(len(t), 2.0))[-1] - 22.0
-    # Analytically: x = 6 * 2 (1 - 0.05 x).
-    assert rise == pytest.approx(12.0 / 1.6, rel=1e-3)
-
-
 def test_viscosity_is_given_cold_and_falls_with_temperature():
     warm = ThermalFriction(1, LuGre(2.0, 6.0))
     at = np.array([22.0, 32.0, 60.0])
@@ -120,16 +112,6 @@ def test_a_resting_joint_has_the_friction_of_the_shared_gear():
     other = (np.abs(motion.qd[:, 4]) < 0.01) & (np.abs(motion.qd[:, 5]) > 0.1)
     assert other.sum() > 20
     assert torque[other, 4] == pytest.approx(0.3 * np.sign(motion.qd[other, 5]), abs=1e-3)
-
-
-@pytest.mark.parametrize('make', [
-    lambda: LoadFriction(1, 0.0), lambda: LoadFriction(1, 0.1, preload=0.0),
-    lambda: ThermalFriction(1, LuGre(1.0), capacity=0.0),
-    lambda: DifferentialFriction((4, 4), LuGre(1.0)),
-])
-def test_invalid_parameters_are_refused(make):
-    with pytest.raises(OptionError):
-        make()
 
 
 def test_a_missing_joint_is_refused():

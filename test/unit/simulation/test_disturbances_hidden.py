@@ -116,11 +116,3 @@ def test_hidden_effects_are_printed_and_stored_in_the_bag(tmp_path, capsys):
                          'unit': 'N·m'}
     assert main([*call, '--json']) == 0
     assert json.loads(capsys.readouterr().out)['hidden_sizes'] == stored
-
-
-def test_synth_refuses_an_unknown_effect(tmp_path, capsys):
-    out = str(tmp_path / 'x.mcap')
-    assert main(['synth', '--hidden', 'gremlins', '-o', out]) == 1
-    assert main(['synth', '--static', '--hidden', 'detent:2', '-o', out]) == 1
-    printed = capsys.readouterr().err
-    assert 'gremlins' in printed and '--static' in printed and 'Traceback' not in printed

@@ -43,30 +43,6 @@ def test_agrees_with_a_general_integrator():
     assert np.abs(torque - reference).max() < 0.02
 
 
-def test_a_joint_that_stops_keeps_its_deflection():
-    q = np.concatenate([np.linspace(0, 0.5, 200), np.full(200, 0.5)])
-    torque = friction_torque(np.arange(400) * 0.005, q, np.gradient(q, 0.005) * (q < 0.5),
-                             LuGre(1.0))
-    assert torque[-1] == pytest.approx(1.0, abs=1e-6)
-
-
-def test_presliding_is_a_spring_with_the_stiffness_of_the_bristles():
-    surfaces = LuGre(1.0, presliding=0.01, damping=0.0)
-    t, q, v = at_speed(1e-5, 1.0)
-    assert friction_torque(t, q, v, surfaces)[-1] == pytest.approx(100.0 * q[-1], rel=1e-3)
-
-
-def test_the_torque_reverses_over_the_presliding_distance():
-    surfaces = LuGre(1.0, presliding=0.01, damping=0.0)
-    t = np.arange(0, 2, 0.001)
-    q = np.where(t < 1, t, 2 - t) * 0.1
-    torque = friction_torque(t, q, np.where(t < 1, 0.1, -0.1), surfaces)
-    back = 0.1 - q
-    after = (t > 1) & (back > 0)
-    # From +1 to -1 with dz/dq = 1 - z / d over the distance x back: -1 + 2 exp(-x / d).
-    assert torque[after] == pytest.approx(-1 + 2 * np.exp(-back[after] / 0.01), abs=5e-3)
-
-
 def test_two_directions_have_their_own_level():
     forward = LuGre(1.0, 1.0)
     backward = replace(forward.at_level(0.4), viscous=3.0)
@@ -94,12 +70,3 @@ def test_deflection_never_exceeds_slip(moves, slip):
     z = deflection(np.array(moves), np.full(len(moves), slip))
     assert len(z) == len(moves) + 1
     assert np.abs(z).max() <= slip * (1 + 1e-12)
-
-
-@pytest.mark.parametrize('bad', [
-    {'coulomb': -1.0}, {'coulomb': 1.0, 'static': 0.5}, {'coulomb': 1.0, 'presliding': 0.0},
-    {'coulomb': float('nan')}, {'coulomb': 1.0, 'stribeck_speed': -0.1},
-])
-def test_invalid_parameters_are_refused(bad):
-    with pytest.raises(OptionError):
-        LuGre(**bad)

@@ -2,7 +2,7 @@
 
 from bench.cases.grasp import Grasp
 from bench.cases.pauses import Pause, with_pauses
-from bench.cases.sensors import ornstein_uhlenbeck, SensorOptions, torque_noise
+from bench.cases.sensors import ornstein_uhlenbeck, SensorOptions
 from bench.cases.six_axis import six_axis
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
@@ -61,13 +61,6 @@ def test_the_random_walk_of_an_offset_is_seeded():
     assert walks[:, -1].std() == pytest.approx(0.5, rel=0.35)
     again = apply(GaugeDrift(2, 0.0, wander=0.1), 7, duration=25.0)
     assert (again[2].tau - again[1].tau)[:, 2] == pytest.approx(walks[7])
-
-
-def test_delayed_effort_has_the_exact_delay():
-    _, before, after = apply(DelayedEffort(0.03))
-    assert after.tau[3:] == pytest.approx(before.tau[:-3])
-    assert after.tau[:3] == pytest.approx(np.repeat(before.tau[:1], 3, axis=0))
-    assert np.array_equal(after.q, before.q)
 
 
 def test_delayed_effort_is_interpolated_linearly():
@@ -136,35 +129,12 @@ def test_a_motion_continues_after_a_pause():
     assert np.array_equal(paused.q[paused.t < 10], motion.q[motion.t < 10])
 
 
-def test_velocity_and_acceleration_in_a_pause_are_derivatives():
-    motion, _ = motion_and_signals(400.0, 20.0)
-    paused = with_pauses(motion, (Pause(5.0, 2.0),))
-    assert np.gradient(paused.q, paused.t, axis=0)[1:-1] == pytest.approx(
-        paused.qd[1:-1], abs=1e-4)
-    assert np.gradient(paused.qd, paused.t, axis=0)[1:-1] == pytest.approx(
-        paused.qdd[1:-1], abs=5e-3)
-
-
-def test_pauses_that_overlap_are_refused():
-    motion, _ = motion_and_signals(10.0)
-    with pytest.raises(OptionError, match='overlap'):
-        with_pauses(motion, (Pause(5.0, 3.0), Pause(7.0, 1.0)))
-
-
 def test_correlated_noise_has_its_correlation_time():
     rng = np.random.default_rng(5)
     noise = ornstein_uhlenbeck(rng.standard_normal((400000, 1)), 0.02, 0.5)[:, 0]
     assert noise.std() == pytest.approx(1.0, rel=0.02)
     lag = 25  # 0.5 s
     assert np.mean(noise[lag:] * noise[:-lag]) == pytest.approx(np.exp(-1), abs=0.03)
-
-
-def test_white_and_correlated_parts_share_the_variance():
-    options = SensorOptions((0.1, 0.02), correlated=0.4, correlation=0.5)
-    noise = torque_noise((200000, 2), 0.02, options, np.random.default_rng(6))
-    assert noise.std(axis=0) == pytest.approx([0.1, 0.02], rel=0.03)
-    neighbours = np.mean(noise[1:, 0] * noise[:-1, 0]) / 0.01
-    assert neighbours == pytest.approx(0.4 * np.exp(-0.04), abs=0.02)
 
 
 @pytest.mark.parametrize('make', [

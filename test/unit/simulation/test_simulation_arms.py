@@ -79,11 +79,6 @@ def test_an_invalid_urdf_gives_one_line(tmp_path, text):
     assert '\n' not in str(error.value)
 
 
-def test_missing_urdf(tmp_path):
-    with pytest.raises(OptionError, match='cannot read URDF'):
-        arms.from_urdf(tmp_path / 'none.urdf')
-
-
 def test_payload_adds_its_torque_and_leaves_the_arm_unchanged(tmp_path):
     path = tmp_path / 'pendulum.urdf'
     path.write_text(pendulum())
@@ -115,15 +110,3 @@ def test_tilt_loads_the_base_joint():
     inverted = arms.with_base_tilt(arm, np.pi, 0.0)  # ceiling-mounted
     np.testing.assert_allclose(arms.gravity_torque(inverted, q), -arms.gravity_torque(arm, q),
                                atol=1e-9)
-
-
-def test_names_of_the_iiwa():
-    assert arms.iiwa7().joints[6] == 'iiwa_joint_7'
-    assert arms.iiwa7('abcdefg').joints == tuple('abcdefg')
-    with pytest.raises(OptionError, match='7 joints'):
-        arms.iiwa7(['a'])
-
-
-def test_wrong_number_of_joints_in_the_poses():
-    with pytest.raises(OptionError, match='7 joints'):
-        arms.gravity_torque(arms.iiwa7(), np.zeros((3, 6)))

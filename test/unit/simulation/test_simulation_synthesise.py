@@ -19,13 +19,6 @@ def test_torque_without_noise_is_the_inverse_dynamics():
     assert np.abs(samples.tau - arms.gravity_torque(ARM, motion.q)).max() > 1
 
 
-def test_static_samples_contain_gravity_only():
-    motion = motions.eq15(duration=3)
-    samples = synthesise(ARM, motion, SynthesisOptions(static=True))
-    np.testing.assert_array_equal(samples.tau, arms.gravity_torque(ARM, motion.q))
-    assert not samples.qd.any()
-
-
 def test_payload_at_a_time():
     motion = motions.eq17(duration=20, start=100.0)
     payload = arms.Payload(2.0)
@@ -90,19 +83,8 @@ def test_disturbances_act_in_order_and_do_not_change_the_noise():
     np.testing.assert_allclose(both.tau, 2 * (clean.tau + 3.0) + added, atol=1e-12)
 
 
-def test_motion_for_another_arm_is_refused():
-    motion = motions.random_poses([-1, -1], [1, 1], 5)
-    with pytest.raises(OptionError, match='2 joints and iiwa7 has 7'):
-        synthesise(ARM, motion)
-
-
 @pytest.mark.parametrize('field', ['relative', 'absolute', 'correlation'])
 @pytest.mark.parametrize('value', [-1.0, float('nan'), float('inf')])
 def test_invalid_noise(field, value):
     with pytest.raises(OptionError, match=field):
         NoiseOptions(**{field: value})
-
-
-def test_payload_time_without_payload():
-    with pytest.raises(OptionError, match='needs a payload'):
-        SynthesisOptions(payload_at=3.0)
