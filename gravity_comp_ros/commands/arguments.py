@@ -96,9 +96,9 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--rated-torque', metavar='JOINT=NM', type=scales, action=_Merge,
                        default={}, help='torque of each joint at 100 %%, for effort in percent '
                        'or permille of it, e.g. a=10,b=30; may be repeated')
-    group.add_argument('--position-unit', metavar='UNIT', type=position_unit, default='rad',
-                       help=f'unit of angles and speeds in the bag: {ANGLE_HELP} (default: '
-                       '%(default)s)')
+    group.add_argument('--position-unit', metavar='UNIT', type=_position_units, default='rad',
+                       help=f'unit of angles and speeds in the bag: {ANGLE_HELP}; of single '
+                       'joints as JOINT=UNIT,... (default: %(default)s)')
     group.add_argument('--accept', metavar='FACT,...', type=joint_list, default=(),
                        help='read the recording as it is in spite of these facts, e.g. '
                        'effort_spikes,effort_unit: nothing is corrected or refused for them '
@@ -277,6 +277,14 @@ def position_unit(text: str) -> str:
     except OptionError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
+
+
+def _position_units(text: str) -> str | dict[str, str]:
+    """Return a unit of position, or the units of single joints in `JOINT=UNIT,...`."""
+    parts = [part.partition('=') for part in text.split(',')]
+    if any(name.strip() == 'ticks' or not equals for name, equals, _ in parts):
+        return position_unit(text)
+    return {name.strip(): position_unit(unit.strip()) for name, _, unit in parts}
 
 
 def finite(text: str) -> float:

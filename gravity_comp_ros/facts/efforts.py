@@ -47,7 +47,8 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
     :param raw: efforts (M, N) before scaling; whole numbers are raw counts.
     """
     largest = np.quantile(np.abs(signals.tau), 0.98, axis=0)
-    option = '--effort-scale JOINT=N·m per unit, or --accept effort_unit if it is right'
+    option = ('--effort-unit UNIT, --effort-scale JOINT=N·m per unit, or --accept effort_unit if '
+              'it is right')
     facts = []
     if len(signals) >= options.min_samples:
         if options.dead_torque < np.abs(signals.tau).max() < options.min_torque:
@@ -105,7 +106,13 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
     travelled[1:] = np.cumsum(np.abs(np.diff(signals.q, axis=0)), axis=0)
     integral = np.zeros_like(signals.qd)
     speed = np.abs(np.nan_to_num(signals.qd[1:] + signals.qd[:-1]))
-    integral[1:] = np.cumsum(0.5 * speed * np.diff(signals.t)[:, None], axis=0)
+    dt = np.diff(signals.t)[:, None]
+    integral[1:] = np.cumsum(0.5 * speed * dt, axis=0)
+    # Without velocities, the jump at the end of a stretch tells that the joint moved.
+    unknown = ~np.isfinite(signals.qd).any(axis=0)
+    step = np.abs(np.diff(signals.q[:, unknown], axis=0))
+    jump = np.where(step > options.max_acceleration * dt ** 2, step, 0.0)
+    integral[:-1, unknown] = np.cumsum(jump, axis=0)
     for n, name in enumerate(signals.names):
         of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n], options)
         # Friction alone stays at an extreme for as long as the joint moves in one direction.

@@ -34,10 +34,15 @@ class Shares:
 
 
 def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
-           options: FactOptions = FactOptions()) -> Shares:
-    """Return the shares of joint n from q, qd and tau (M, N)."""
+           options: FactOptions = FactOptions(), moves: int | None = None) -> Shares:
+    """
+    Return the shares of joint n from q, qd and tau (M, N).
+
+    :param moves: the joint whose direction of motion counts; None for n.
+    """
     step = -(-max(len(q), 1) // _MAX_SAMPLES)
-    q, speed, effort = q[::step], qd[::step, n], tau[::step, n]
+    moves = n if moves is None else moves
+    q, speed, effort = q[::step], qd[::step, moves], tau[::step, n]
     moving = np.ptp(q, axis=0) > options.min_travel
     poses = np.column_stack([np.ones(len(q)), np.sin(q[:, moving]), np.cos(q[:, moving])])
     if not moving.any() or effort.std() < 1e-9 or len(q) < 4 * poses.shape[1]:
@@ -45,7 +50,7 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
     rest = effort - poses @ _solved(poses, effort)
     pose = float(1 - rest.var() / effort.var())
     fastest = float(np.abs(speed).max())
-    if fastest == 0 or not moving[n] or rest.std() < 1e-9 * effort.std():
+    if fastest == 0 or not moving[moves] or rest.std() < 1e-9 * effort.std():
         return Shares(pose, None, pose)
     direction = np.tanh(speed / (0.05 * fastest))
     friction = np.column_stack([np.ones(len(q)), direction, np.sign(speed), speed])
@@ -71,8 +76,34 @@ def effort_facts(signals: Signals, options: FactOptions) -> list[Fact]:
         return []
     by_joint = {name: shares(signals.q, signals.qd, signals.tau, n, options)
                 for n, name in enumerate(signals.names)}
-    return [fact for fact in (_sign(by_joint, options), _compensated(signals, by_joint, options))
-            if fact is not None]
+    facts = (_exchanged(signals, by_joint, options), _sign(by_joint, options),
+             _compensated(signals, by_joint, options))
+    return [fact for fact in facts if fact is not None]
+
+
+def _exchanged(signals: Signals, by_joint: Mapping[str, Shares],
+               options: FactOptions) -> Fact | None:
+    """Return the fact that efforts have the friction of other joints, in a cycle."""
+    names = list(by_joint)
+    foreign = [n for n, each in enumerate(by_joint.values()) if each.direction is not None
+               and abs(each.direction) < options.min_direction_share]
+    of, share = {}, {}
+    for n in foreign if len(foreign) > 1 else []:
+        by = {m: shares(signals.q, signals.qd, signals.tau, n, options, m).direction or 0.0
+              for m in foreign if m != n}
+        best = max(by, key=by.__getitem__)
+        if by[best] > options.min_direction_share:
+            of[n], share[n] = best, by[best]
+    cycle = {n: m for n, m in of.items() if m in of}
+    if (not cycle or set(cycle) != set(cycle.values())
+            or max(share[n] for n in cycle) < options.min_single_share):
+        return None
+    parts = ', '.join(f'that of {names[n]} follows the direction of {names[m]}'
+                      for n, m in cycle.items())
+    return Fact(
+        Kind.ORDER, tuple(names[n] for n in cycle), f'efforts have the friction of other joints: '
+        f'{parts}', Action.REFUSED, 'efforts are exchanged between joints; correct their order '
+        'in the driver', f'--accept {Kind.ORDER.value} if it is right')
 
 
 def _sign(by_joint: Mapping[str, Shares], options: FactOptions) -> Fact | None:

@@ -55,9 +55,26 @@ def by_position(signals: Signals, options: FactOptions) -> list[Fact]:
         unit = 'ticks=4096, the counts per turn,' if whole else 'deg'
         option = f'--position-unit {unit} converts them; --accept angle_unit if they are rad'
         return [Fact(Kind.ANGLE_UNIT, names, size, Action.REFUSED, what, option, values)]
-    reach = ', '.join(f'{name} ({value:.0f})' for name, value in values.items())
-    return [_fact(Kind.LINEAR_JOINT, names, f'position of {reach} is no angle in rad: a linear '
-                  f'joint or a gripper', values)]
+    inside = [name for name in names if name in signals.names[1:-1]]
+    facts = []
+    if inside:
+        rest = ','.join(name for name in signals.names if name not in inside)
+        units = ','.join(f'{name}=deg' for name in inside)
+        facts.append(Fact(
+            Kind.ANGLE_UNIT, tuple(inside), f'position of {_reach(inside, values)} is no angle in '
+            f'rad, among joints of the arm', Action.REFUSED, 'is it in degrees?',
+            f'--position-unit {units} converts it; --joints {rest} leaves it out',
+            {name: values[name] for name in inside}))
+    ends = tuple(name for name in names if name not in inside)
+    if ends:
+        facts.append(_fact(
+            Kind.LINEAR_JOINT, ends, f'position of {_reach(ends, values)} is no angle in rad: a '
+            f'linear joint or a gripper', {name: values[name] for name in ends}))
+    return facts
+
+
+def _reach(names: Sequence[str], values: dict[str, float]) -> str:
+    return ', '.join(f'{name} ({values[name]:.0f})' for name in names)
 
 
 def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:

@@ -52,8 +52,12 @@ def velocity_facts(signals: Signals, missing: BoolArray,
         if wrong.any():
             names = signals.named(wrong)
             values = dict(zip(names, ratio[wrong].tolist()))
-            parts = ', '.join(f'{name} ({value:.2g} times the slope)'
-                              for name, value in values.items())
+            by_size: dict[str, list[str]] = {}
+            for name, value in values.items():
+                by_size.setdefault(f'{value:.0f}' if abs(value) >= 10 else f'{value:.2g}',
+                                   []).append(name)
+            parts = ', '.join(f'{listed(joints, total)} ({size} times the slope)'
+                              for size, joints in by_size.items())
             replaced |= wrong
             facts.append(Fact(
                 Kind.VELOCITY, names, f'velocity contradicts position on {parts}',

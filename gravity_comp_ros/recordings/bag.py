@@ -16,7 +16,6 @@ from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
-from gravity_comp_ros.recordings.units import radians_per_unit
 import numpy as np
 
 # Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
@@ -115,15 +114,14 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
     options = _with_joint_names(where, columns.names,
                                 replace(options, joints=joints, effort_scale={},
                                         effort_unit='Nm', rated_torque={}))
-    sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
-    zero = np.array([options.zero.get(name, 0.0) for name in joints])
-    goal = sign * (radians_per_unit(options.position_unit) * columns.values(joints)[0] - zero)
+    sign, unit, zero = options.to_model(joints)
+    goal = sign * (unit * columns.values(joints)[0] - zero)
     times = columns.stamp_ns if len(columns) and columns.stamp_ns.min() > 0 else columns.log_ns
     known = np.isfinite(goal).all(axis=1)
     if not known.any():
         raise BagError(f'{where} has no finite goal of {", ".join(joints)}')
     order = np.argsort(times[known], kind='stable')
-    return times[known][order] * 1e-9, goal[known][order]
+    return np.asarray(times[known][order] * 1e-9, dtype=np.float64), goal[known][order]
 
 
 def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:
@@ -134,8 +132,11 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
     if chosen is not None:
         chosen = named_joints(where, names, chosen, 'to be read')
     zeros = named_joints(where, names, options.zero, 'zero')
+    unit = options.position_unit
+    if not isinstance(unit, str):
+        unit = dict(zip(named_joints(where, names, unit, 'unit'), unit.values()))
     rated = named_joints(where, names, options.rated_torque, 'rated torque')
-    return replace(options, joints=chosen, effort_scale=scale,
+    return replace(options, joints=chosen, effort_scale=scale, position_unit=unit,
                    reverse=named_joints(where, names, options.reverse, 'reversed'),
                    zero=dict(zip(zeros, options.zero.values())),
                    rated_torque=dict(zip(rated, options.rated_torque.values())))

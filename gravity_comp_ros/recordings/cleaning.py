@@ -18,7 +18,6 @@ from gravity_comp_ros.recordings.publishers import positions_alternate, second_p
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import fingerprint
 from gravity_comp_ros.recordings.topic_choice import COMMON_DEFECT
-from gravity_comp_ros.recordings.units import radians_per_unit
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -31,6 +30,9 @@ ISOLATED = 'alone in a gap, no velocity'
 
 # Share of stamps not later than an earlier one, above which the log time is used instead.
 BAD_STAMPS = 0.1
+# Number of messages after a step of the clock that are earlier, and of steps, at most: messages of
+# two clocks alternate.
+_AFTER_STEP, _MAX_STEPS = 10, 3
 
 
 class Cleaning:
@@ -52,13 +54,10 @@ class Cleaning:
         if beyond:
             self.notes.append(f'{counted(beyond, "value")} beyond {MAX_MAGNITUDE:g}: not a '
                               f'measurement, treated as missing')
-        unit = radians_per_unit(options.position_unit)
-        if unit != 1.0:
-            self.q, self.qd = unit * self.q, unit * self.qd
-        if options.reverse or options.zero:
-            sign = np.array([-1.0 if name in options.reverse else 1.0 for name in joints])
-            zero = np.array([options.zero.get(name, 0.0) for name in joints])
-            self.q, self.qd = sign * (self.q - zero), sign * self.qd
+        sign, unit, zero = options.to_model(joints)
+        if zero.any() or (sign * unit != 1.0).any():
+            self.q, self.qd = sign * (unit * self.q - zero), sign * unit * self.qd
+            self.tau = sign * self.tau
         second, fact = second_publisher(columns, joints, self.q, self.tau)
         if fact is not None:
             accepted = fact.kind in self.accept
@@ -69,6 +68,7 @@ class Cleaning:
             present = present[~second]
         self._keep(present.any(axis=1), OTHER_JOINTS)
         present = present[present.any(axis=1)]
+        self._note_missing(present)
         self._keep(present.all(axis=1), MISSING)
 
     def recording(self, path: Path, topic: str, n_messages: int) -> Recording:
@@ -132,6 +132,15 @@ class Cleaning:
         if not self.log_ns.size:
             raise BagError(f'{self.where} has no usable message: {listed(self.dropped)}')
 
+    def _note_missing(self, present: BoolArray) -> None:
+        """Add a note on the joints that are missing in some messages."""
+        for name, has in zip(self.joints, present.T):
+            if not has.all():
+                rows = np.flatnonzero(~has)
+                begin, end = (self.log_ns[rows[[0, -1]]] - self.log_ns[0]) / 1e9
+                self.notes.append(f'{name} is missing from {counted(len(rows), "message")}, '
+                                  f'between {begin:.4g} and {end:.4g} s')
+
     def _check_values(self) -> None:
         """Refuse recordings without positions or torques; drop single invalid messages."""
         for what, values in (('position', self.q), ('effort', self.tau)):
@@ -174,9 +183,37 @@ class Cleaning:
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: the time of recording is used')
             clock = self.log_ns
+        clock, steps = _without_steps_back(clock)
+        if steps:
+            self.notes.append(f'the clock was set back by {", ".join(steps)}: later times are '
+                              f'shifted')
         rising = _rising(clock)
         self._keep(rising, TIME)
         self.times = clock[rising]
+
+
+def _without_steps_back(clock: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str]]:
+    """
+    Return times (M,) in ns in which a clock that was set back goes on, and its steps as text.
+
+    A late message is followed by messages on time; after a step of the clock all are earlier.
+    """
+    steps: list[str] = []
+    latest = np.maximum.accumulate(clock)
+    for row in (np.flatnonzero(np.diff(clock) < 0) + 1).tolist():
+        shift = latest[row - 1] - clock[row:row + _AFTER_STEP]
+        if len(steps) > _MAX_STEPS:
+            return clock, []
+        if len(shift) < _AFTER_STEP or (shift <= 0).any():
+            continue
+        if not steps:
+            clock = clock.copy()
+        interval = int(np.median(np.diff(clock[max(row - _AFTER_STEP, 0):row]))) if row > 1 else 0
+        step = shift[0] + interval
+        steps.append(f'{step / 1e9:.4g} s after {(latest[row - 1] - latest[0]) / 1e9:.4g} s')
+        clock[row:] += step
+        latest = np.maximum.accumulate(clock)
+    return (clock, steps) if len(steps) <= _MAX_STEPS else (clock, [])
 
 
 def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, int]:

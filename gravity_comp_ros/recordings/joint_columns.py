@@ -80,7 +80,7 @@ class Columns:
     def _defect(self, block: Block) -> str | None:
         size, names = len(block.names), self._renamed(block.names)
         if names not in self._layouts and len(set(names)) < size:
-            return DUPLICATE
+            return f'{DUPLICATE} {next(name for name in names if names.count(name) > 1)}'
         if (not size or block.position.shape[1] != size
                 or block.velocity.shape[1] not in (0, size)
                 or block.effort.shape[1] not in (0, size)):

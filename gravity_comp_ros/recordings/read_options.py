@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Fact
 from gravity_comp_ros.recordings.units import (
@@ -21,7 +21,7 @@ OPTIONS = ('topic', 'joints', 'effort_scale', 'effort_unit', 'rated_torque', 're
 
 
 # Fields in which a joint may be given by its number.
-BY_JOINT = ('effort_scale', 'rated_torque', 'reverse', 'zero')
+BY_JOINT = ('effort_scale', 'rated_torque', 'reverse', 'zero', 'position_unit')
 # Units of effort in a bag; a current is scaled by its torque constant (`effort_scale`).
 BAG_UNITS = (*TORQUE_UNITS, *SHARE_UNITS)
 
@@ -35,7 +35,8 @@ class ReadOptions:
     - `joints`: names in the desired order; None for all joints in order of appearance.
     - `effort_scale`: factor on the effort by joint, sign included; default 1.
     - `differentiate`: compute velocities from positions even if velocities are recorded.
-    - `position_unit`: unit of positions and velocities, see `units.radians_per_unit`.
+    - `position_unit`: unit of positions and velocities, see `units.radians_per_unit`; for single
+      joints by name, then rad for the others.
     - `effort_unit`: unit of the scaled effort, one of `BAG_UNITS`.
     - `rated_torque`: N·m of each joint at 100 %, for efforts in per cent or per mille of it.
     - `rename`: new names of joints, by recorded name; the other options use the new names.
@@ -45,8 +46,7 @@ class ReadOptions:
     - `zero`: position at which the joint is at 0, by joint, rad; subtracted before `reverse`.
     - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
 
-    In `joints`, `reverse`, `zero`, `rated_torque` and `effort_scale` a joint is named, or numbered
-    from 1 in order of appearance in the first recording.
+    Joints are named, or numbered from 1 in order of appearance in the first recording.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
         or kind of fact is unknown, or `max_messages` is less than 1.
@@ -56,7 +56,7 @@ class ReadOptions:
     joints: tuple[str, ...] | None = None
     effort_scale: Mapping[str, float] = field(default_factory=dict)
     differentiate: bool = False
-    position_unit: str = 'rad'
+    position_unit: str | Mapping[str, str] = 'rad'
     effort_unit: str = 'Nm'
     rename: Mapping[str, str] = field(default_factory=dict)
     max_messages: int | None = None
@@ -69,7 +69,8 @@ class ReadOptions:
     def __post_init__(self) -> None:
         if self.max_messages is not None and self.max_messages < 1:
             raise OptionError(f'{self.max_messages} messages to read; it must be 1 or more')
-        radians_per_unit(self.position_unit)
+        for unit in units_of(self.position_unit):
+            radians_per_unit(unit)
         accepted_kinds(self.accept)
         for what, values in (('effort scale', self.effort_scale),
                              ('rated torque', self.rated_torque)):
@@ -88,7 +89,7 @@ class ReadOptions:
 
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
         """
-        Return N·m per recorded unit of effort, sign included, for each joint.
+        Return N·m per recorded unit of effort, for each joint; `reverse` is not included.
 
         :raises OptionError: if the rated torque of a joint is missing.
         """
@@ -97,7 +98,15 @@ class ReadOptions:
         if unrated:
             raise OptionError(f'the rated torque of {", ".join(unrated)} is missing')
         return {joint: unit * rated.get(joint, 1.0) * float(self.effort_scale.get(joint, 1.0))
-                * (-1.0 if joint in self.reverse else 1.0) for joint in joints}
+                for joint in joints}
+
+    def to_model(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return sign, rad per unit and zero in rad of the positions of each joint, (N,) each."""
+        unit = self.position_unit
+        return (np.array([-1.0 if name in self.reverse else 1.0 for name in joints]),
+                np.array([radians_per_unit(unit if isinstance(unit, str) else unit.get(
+                    name, 'rad')) for name in joints]),
+                np.array([self.zero.get(name, 0.0) for name in joints]))
 
     def words(self, joints: bool = True) -> list[str]:
         """
@@ -112,6 +121,11 @@ class ReadOptions:
                 words.append('--' + name.replace('_', '-'))
                 words += [] if value is True else [_text(value)]
         return words
+
+
+def units_of(unit: str | Mapping[str, str]) -> Collection[str]:
+    """Return the units of position of an option."""
+    return (unit,) if isinstance(unit, str) else unit.values()
 
 
 def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:

@@ -170,7 +170,8 @@ def _open_file(file: Path, scratch: Path, source: Path | None = None) -> Storage
     if not magic:
         raise BagError(f'{named} is empty (0 bytes)')
     if magic.startswith(_ROS1_MAGIC):
-        raise BagError(f'{named} is a ROS 1 bag; convert it to ROS 2 first (rosbags-convert)')
+        raise BagError(f'{named} is a ROS 1 bag; convert it to ROS 2 first (`rosbag reindex` if '
+                       f'the recorder was killed, then `rosbags-convert`)')
     if file.suffix.lower() in _TABLES:
         raise BagError(f'{file} is a table, not a recording: first `gravity_comp convert '
                        f'{shlex.quote(str(file))} -o {shlex.quote(file.stem)}.mcap`')

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
     find_columns, has_columns, named_columns, NamedColumns)
@@ -24,7 +25,11 @@ NONE = 'none'
 NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
 
 # Default column patterns, in order of precedence.
-TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp', JOINED_TIME, 't_s', 'time_s', ROSTOPIC_TIME)
+_TIMES = ('t', 'time', 'timestamp', 'stamp')
+# Units of columns of time whose names have one.
+_NAMED_UNITS = {ROSTOPIC_TIME: 'ns', **{f'{name}_{unit}': unit for name in _TIMES
+                                        for unit in TIME_UNITS}}
+TIME_COLUMNS = (*_TIMES, JOINED_TIME, *_NAMED_UNITS)
 POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
 VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
                     'vel_{i}', 'vel{i}')
@@ -128,9 +133,12 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         table = merged_rows(table, columns.time, columns.measured)
     merged = rows_read - len(table.values)
     names = _joint_names(table, options, columns.joints, len(columns.position))
+    table, repeated = _without_repeated(table, columns)
     keep = _usable_rows(table, columns, options)
     rows = table.values[keep]
     notes = [NO_VELOCITY] * (not columns.velocity)
+    if repeated:
+        notes.append(f'{counted(repeated, "row")} left out: they repeat the row before')
     if merged:
         notes.append(f'{merged} of {rows_read} rows have blank cells: those of one time are one '
                      f'sample, those of other topics are omitted')
@@ -147,13 +155,13 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         # Skipped rows do not shift the time of later rows.
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
-        is_ns = table.columns[columns.time] == ROSTOPIC_TIME
-        t = rows[:, columns.time] * TIME_UNITS[options.time_unit or ('ns' if is_ns else 's')]
+        named_unit = _NAMED_UNITS.get(table.columns[columns.time].lower())
+        t = rows[:, columns.time] * TIME_UNITS[options.time_unit or named_unit or 's']
     if options.position_unit is None:
         check_angles(path, names, t, q)
     if qd is not None:
         check_velocity(path, t, q, qd, options.time_unit is not None or columns.time is None)
-    if columns.time is not None and options.time_unit is None:
+    if columns.time is not None and (options.time_unit or named_unit) is None:
         check_seconds(path, t, q)
     start = t[0]
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
@@ -295,6 +303,18 @@ def _refuse_text(table: Table, used: list[int]) -> None:
                    f'number{comma} (--skip-bad-rows skips such rows)')
 
 
+def _without_repeated(table: Table, columns: _Columns) -> tuple[Table, int]:
+    """Return the table without rows equal to the row before, and their number."""
+    if columns.time is None:
+        return table, 0
+    used = table.values[:, [columns.time, *columns.measured]]
+    repeats = np.append(False, (used[1:] == used[:-1]).all(axis=1))
+    if not repeats.any():
+        return table, 0
+    lines = None if table.lines is None else np.asarray(table.lines)[~repeats]
+    return replace(table, values=table.values[~repeats], lines=lines), int(repeats.sum())
+
+
 def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
                  options: TableOptions) -> BoolArray:
     rows = np.flatnonzero(keep)
@@ -303,7 +323,7 @@ def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
     if back.any() and not options.skip_bad_rows:
         row = int(rows[back][0])
         raise BagError(f'{table.where(row)}: time does not increase ({time[row]:.9g} after '
-                       f'{latest[np.argmax(back) - 1]:.9g})')
+                       f'{latest[np.argmax(back) - 1]:.9g}; --skip-bad-rows drops such rows)')
     out = keep.copy()
     out[rows[back]] = False
     return out

@@ -18,16 +18,17 @@ def _shapes(before: str, words: Sequence[str], after: str) -> tuple[re.Pattern[s
                  for word in words)
 
 
-_LONG, _SHORT = ('position', 'velocity', 'effort'), ('pos', 'vel', 'eff')
-# Servos: `elbow.pos`, `elbow.vel`, and one of these.
+_LONG = ('position', 'velocity', 'effort')
+# Servos and loggers: `elbow.pos`, `elbow.vel`, and one of these.
 _SERVO = tuple(('pos', 'vel', effort) for effort in ('load', 'effort', 'eff', 'torque', 'current'))
 _TOPIC = r'(?:(?P<topic>.*)/)?'
 # Patterns for position, velocity, effort; the first is the format of PlotJuggler.
 _NAMED = (_shapes(_TOPIC, _LONG, '/{}'), _shapes(_TOPIC + '{}_', _LONG, ''),
           _shapes(_TOPIC, _LONG, '_{}'), _shapes(_TOPIC, _LONG, '[.]{}'),
-          _shapes(_TOPIC + '{}_', _SHORT, ''), _shapes(_TOPIC, _SHORT, '_{}'),
           _shapes(_TOPIC + '{}_', ('q', 'qd', 'tau'), ''),
-          *(_shapes(_TOPIC, words, '[.]{}') for words in _SERVO))
+          *(_shapes(_TOPIC + before, words, after) for words in _SERVO
+            for before, after in (('', '[.]{}'), ('{}_', ''), ('', '_{}'))),
+          *(_shapes(_TOPIC, (*_LONG[:2], effort), '_{}') for effort in ('torque', 'current')))
 
 
 def find_columns(columns: Sequence[str], selection: str, what: str, where: str) -> list[int]:

@@ -73,6 +73,9 @@ FAULTS = {
     'whole mA': ({'tau': np.round(TAU / 0.012)}, Kind.EFFORT_UNIT, Action.NOTED, set(NAMES)),
     'one sensor is off': ({'tau': changed(TAU, slice(None), 4, 0.0)},
                           Kind.DEAD_EFFORT, Action.NOTED, {'yaw'}),
+    'efforts of three joints in a cycle': (
+        {'tau': TAU[:, [0, 3, 1, 2, 4, 5]]}, Kind.ORDER, Action.REFUSED,
+        {'luff', 'bend', 'pitch'}),
     'stuck encoder for 8 s': (
         {'q': changed(Q, slice(1200, 1520), 1, Q[1200, 1])},
         Kind.FROZEN, Action.LEFT_OUT, {'luff'}),
@@ -86,7 +89,7 @@ def test_without_a_fault_there_is_no_fact(tmp_path):
 @pytest.mark.parametrize('name', FAULTS)
 def test_a_fault_is_found_and_nothing_else(tmp_path, name):
     arrays, kind, action, joints = FAULTS[name]
-    facts = read(tmp_path, **arrays).report.facts
+    facts = read(tmp_path, refuse=False, **arrays).report.facts
     assert [(fact.kind, fact.action) for fact in facts] == [(kind, action)]
     assert joints is None or set(facts[0].joints) == joints
 
@@ -95,6 +98,26 @@ def test_a_fault_is_found_and_nothing_else(tmp_path, name):
 def test_an_effort_that_is_no_torque_is_refused(tmp_path, size):
     with pytest.raises(BagError, match='--effort-scale'):
         read(tmp_path, tau=size * TAU)
+
+
+def test_a_joint_in_degrees_among_others_is_refused(tmp_path):
+    degrees = np.array([1, 1, 57.3, 1, 1, 1])
+    with pytest.raises(BagError, match='bend .* is it in degrees. .--position-unit bend=deg'):
+        read(tmp_path, q=Q * degrees, qd=QD * degrees)
+    assert read(tmp_path, q=Q * degrees, qd=QD * degrees,
+                position_unit={'bend': 'deg'}).report.facts == ()
+
+
+def test_a_stuck_encoder_without_velocities(tmp_path):
+    held = changed(Q, slice(1200, 1520), 1, Q[1200, 1])
+    fact, velocity = read(tmp_path, q=held, qd=None).report.facts
+    assert (fact.kind, fact.joints, velocity.kind) == (Kind.FROZEN, ('luff',), Kind.VELOCITY)
+    # Poses that are held, with the moves between them.
+    part = np.clip((T % 12.0 - 4.0) / 8.0, 0.0, 1.0)
+    poses = np.random.default_rng(2).uniform(-1.0, 1.0, (9, 6))
+    k = (T // 12.0).astype(int)
+    q = poses[k] + part[:, None] * (poses[k + 1] - poses[k])
+    assert [fact.kind for fact in read(tmp_path, q=q, qd=None).report.facts] == [Kind.VELOCITY]
 
 
 def test_efforts_of_the_other_sign_are_refused(tmp_path):

@@ -168,7 +168,7 @@ def spoil_joints(row):
     (spoil_nan, cleaning.NOT_FINITE), (spoil_inf, cleaning.NOT_FINITE),
     (spoil_velocity, cleaning.VELOCITY),
     (spoil_empty_effort, cleaning.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
-    (spoil_names, 'duplicate joint name'), (spoil_time_back, cleaning.TIME),
+    (spoil_names, 'duplicate joint name shoulder'), (spoil_time_back, cleaning.TIME),
     (spoil_time_repeated, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
     (spoil_joint, cleaning.MISSING),
     (spoil_joints, cleaning.OTHER_JOINTS)])
@@ -182,6 +182,33 @@ def test_bad_messages_are_dropped_and_counted(tmp_path, corrupt, reason):
     assert (recording.report.n_messages, recording.report.n_samples) == (50, 47)
     np.testing.assert_array_equal(recording.samples.q, np.delete(Q, bad, axis=0))
     np.testing.assert_allclose(recording.samples.t, np.delete(T, bad), atol=1e-9)
+
+
+@pytest.mark.parametrize('first', [40, 150])
+def test_a_clock_that_is_set_back_goes_on(tmp_path, first):
+    rows = messages(200)
+    for number, row in enumerate(rows):
+        if number >= first:
+            row[1]['stamp_ns'] -= 400_000_000
+    recording = read_bag(recorded(tmp_path, rows))
+    np.testing.assert_allclose(recording.samples.t, np.arange(200) / 50.0, atol=1e-9)
+    (note,) = recording.report.file_notes
+    assert f'the clock was set back by 0.4 s after {(first - 1) / 50:.4g} s' in note
+    # The time of recording is used if the stamps go back in a loop.
+    for number, row in enumerate(rows):
+        row[1]['stamp_ns'] = rows[number % 20][0]
+    again = read_bag(recorded(tmp_path / 'loop', rows))
+    assert len(again.samples) == 200 and 'time of recording' in again.report.file_notes[0]
+
+
+def test_a_joint_that_drops_out_is_named(tmp_path):
+    rows = messages(100)
+    for row in rows[70:]:
+        spoil_joint(row)
+    recording = read_bag(recorded(tmp_path, rows), ReadOptions(joints=NAMES))
+    assert len(recording.samples) == 70
+    (note,) = recording.report.file_notes
+    assert 'is missing from 30 messages, between 1.4 and 1.98 s' in note
 
 
 def every(corrupt):

@@ -99,6 +99,20 @@ def test_a_blank_cell_of_a_single_joint_is_an_error(tmp_path):
         read_table(write(tmp_path / 'x.csv', rows, header))
 
 
+@pytest.mark.parametrize('torque', ['torque', 'eff', 'current'])
+@pytest.mark.parametrize('unit, size', [('ms', 1000), ('us', 10**6), ('s', 1)])
+def test_the_name_of_the_time_has_its_unit_and_rows_repeat(tmp_path, torque, unit, size):
+    head = [f'timestamp_{unit}', *(f'{name}_{what}' for what in ('pos', torque) for name in NAMES)]
+    rows = [[round(size * (t + 1234.5), 3), *q, *tau] for t, q, tau in zip(T, Q, TAU)]
+    twice = [row for row in rows for _ in range(2)]
+    converted = check(write(tmp_path / 'x.csv', twice, head), velocity=False)
+    assert '200 rows left out: they repeat the row before' in converted.notes
+    # The same time with other values is no repetition.
+    other = [*rows[:10], [*rows[9][:-1], 0.5], *rows[10:]]
+    with pytest.raises(BagError, match='time does not increase .*--skip-bad-rows'):
+        check(write(tmp_path / 'x.csv', other, head))
+
+
 def registers(values, bit):
     return np.where(values < 0, 2 ** bit - values, values).astype(int)
 

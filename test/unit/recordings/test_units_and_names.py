@@ -252,6 +252,28 @@ def test_numbers_of_joints_are_those_of_the_first_recording(tmp_path):
     assert main(['info', str(paths[0]), '--effort-scale', '1=-1', '--accept', 'effort_sign']) == 0
 
 
+def test_the_unit_of_one_joint(tmp_path):
+    known = read_bag(bag(tmp_path / 'rad.mcap')).samples
+    path = bag(tmp_path / 'deg.mcap', Q * [1.0, 180 / np.pi])
+    for name in ('joint_2', '2'):
+        options = ReadOptions(position_unit={name: 'deg'})
+        same(path, options, known)
+        assert read_bag(path, options).report.options.position_unit == {'joint_2': 'deg'}
+    assert options.words() == ['--position-unit', '2=deg']
+    assert main(['info', str(path), '--position-unit', 'joint_2=deg']) == 0
+    with pytest.raises(ModelMismatchError, match='no joint wrist'):
+        read_bag(path, ReadOptions(position_unit={'wrist': 'deg'}))
+    with pytest.raises(OptionError, match='position unit'):
+        ReadOptions(position_unit={'joint_2': 'turn'})
+
+
+def test_a_reversed_joint_has_no_other_scale(tmp_path):
+    recording = read_bag(bag(tmp_path / 'x.mcap'), ReadOptions(reverse=('joint_1',)))
+    np.testing.assert_array_equal(recording.samples.tau, TAU * [-1.0, 1.0])
+    np.testing.assert_array_equal(recording.samples.q, Q * [-1.0, 1.0])
+    assert recording.report.effort_scale == {}
+
+
 def test_renamed_joints(tmp_path):
     known = read_bag(bag(tmp_path / 'x.mcap', names=('shoulder', 'elbow'))).samples
     path = bag(tmp_path / 'y.mcap')
