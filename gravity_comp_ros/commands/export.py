@@ -37,9 +37,10 @@ def run(args: argparse.Namespace) -> int:
     targets: Mapping[str, Callable[[argparse.Namespace, GravityModel], dict[str, Any]]] = {
         'c': _c, 'urdf': _description, 'mjcf': _description, 'payload': _payload}
     result = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
-              'joints': list(model.joints), **_NULL, **targets[args.to](args, model)}
+              'joints': list(model.joints), **_NULL, 'warnings': [],
+              **targets[args.to](args, model)}
     terminal.warn(*(f'{target} is left out: {why}'
-                    for target, why in result['left_out'].items()))
+                    for target, why in result['left_out'].items()), *result['warnings'])
     add = result['add'] = _add_command(args, model, result['not_added'])
     if add is not None:
         listed = ', '.join(f'{effect.target} ({wording.coefficients(effect.coefficients, 3)})'
@@ -148,6 +149,7 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
             terminal.say('', f'{line.maker} ({line.source})')
             terminal.show_command(line.line)
     return {'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
+            'warnings': model.provenance['updates'][-1]['warnings'],
             'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 
 

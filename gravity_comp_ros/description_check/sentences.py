@@ -146,14 +146,14 @@ class _Writer:
         rotation = self.arm.places[child].rotation
         moment = rotation.T @ fit.parameters[1:]
         if mass > 1.96 * std:
-            at = ' '.join(f'{x:.3f}' for x in moment / mass)
+            at = ' '.join(f'{x:.3f}' for x in np.round(moment / mass, 3) + 0.0)
             return (f'{child} carries {mass:.2f} ± {1.96 * std:.2f} kg that the description has '
-                    f'not, at ({at}) m',
+                    f'not, at ({at}) m in its frame',
                     f'<link> with <mass value="{mass:.3g}"/> and <origin xyz="{at}"/>, fixed to '
                     f'{child}', mass, std, 'kg')
         text = ', '.join(f'{x:+.3f}' for x in moment)
         return (f'the masses or centres of {child} and the links beyond differ from the '
-                f'description: the first moment by ({text}) kg m',
+                f'description: the first moment by ({text}) kg m in the frame of {child}',
                 '`gravity_comp fit` and `gravity_comp export --to urdf` write those identified',
                 mass, std, 'kg')
 

@@ -104,7 +104,7 @@ def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> Pay
         for k, axis in enumerate('xyz', start=1)})
 
 
-def on_known_axes(model: GravityModel, geometry: Geometry
+def on_known_axes(model: GravityModel, geometry: Geometry, *, as_described: bool = False
                   ) -> tuple[Chain, FloatArray, Geometry]:
     """
     Return a model's gravity as a chain on known axes, its covariance, and the axes.
@@ -113,6 +113,8 @@ def on_known_axes(model: GravityModel, geometry: Geometry
     angles of the model. A chain that was fitted on these axes is returned as it is. Any other
     model is sampled at poses within its trained range, with its torque and its noise.
 
+    :param as_described: whether to keep the vertical and the zero angles of `geometry`.
+
     :raises ModelMismatchError: if no moments on these axes reproduce the model: they are of
         another arm, or of one with other zero angles.
     """
@@ -120,17 +122,20 @@ def on_known_axes(model: GravityModel, geometry: Geometry
         raise ModelMismatchError(f'the known axes are of {", ".join(geometry.joints)}, but the '
                                  f'model is of {", ".join(model.joints)}')
     own = geometry
-    if model.geometry is not None and same_axes(model.geometry, geometry):
+    if not as_described and model.geometry is not None and same_axes(model.geometry, geometry):
         own = model.geometry
     if (model.chain is not None and model.uncertainty is not None
-            and model.joints == own.joints
+            and model.joints == own.joints and not as_described
             and np.abs(model.chain.axes[1:] - own.rotations[1:]).max(initial=0.0) < 1e-9):
         return model.chain, model.uncertainty.covariance, own
     q, tau, sigma = _resampled(model, geometry)
-    geometry = with_estimated_vertical(geometry, JointSamples.single_run(
-        geometry.joints, np.arange(len(q)), q, np.zeros_like(q), tau))
+    if not as_described:
+        geometry = with_estimated_vertical(geometry, JointSamples.single_run(
+            geometry.joints, np.arange(len(q)), q, np.zeros_like(q), tau),
+            np.sqrt((sigma ** 2).mean(axis=0)))
     weight = np.sqrt(max(model.coverage.n_samples, 1) / len(q))
-    solution = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations)
+    solution = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations,
+                           mounted=as_described)
     chain = solution.chain
     _check_misfit(tau - chain.torque(q), sigma, geometry.joints)
     return chain, step_covariance(solution), geometry

@@ -23,7 +23,7 @@ from gravity_comp_ros.estimation.estimated_model import DYNAMICS
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
-from gravity_comp_ros.estimation.update_step import changed_model
+from gravity_comp_ros.estimation.update_step import changed_model, UpdateStep
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -96,16 +96,37 @@ def update(model: GravityModel, samples: JointSamples,
         raise FitError(f'{samples.n_samples} slow samples since the payload changed; an update '
                        f'needs {options.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
-        base = _on_axes(model, geometry)
-        return _update(base, samples.joints(geometry.joints), options, base.geometry)
+        return _with_payload(model, samples, options, geometry)
     if model.energy is None:
         raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
                                  'fit it again, or keep a chain or potential model')
-    return _update(model, samples, options, None)
+    return _update(model, samples, options, None)[0]
+
+
+def _with_payload(model: GravityModel, samples: JointSamples, options: UpdateOptions,
+                  geometry: Geometry) -> UpdateResult:
+    """
+    Return the update on known axes, with the vertical and the zero angles of the model.
+
+    Those of the description are compared where a payload does not explain the change: if a drive
+    subtracts its own gravity, the model has too little of it to identify vertical and angles.
+    """
+    base = _on_axes(model, geometry)
+    samples = samples.joints(geometry.joints)
+    result, step = _update(base, samples, options, base.geometry)
+    if step.is_payload:
+        return result
+    try:
+        described = _on_axes(model, geometry, as_described=True)
+    except ModelMismatchError:
+        return result
+    other, other_step = _update(described, samples, options, geometry)
+    return other if other_step.misfit < step.misfit else result
 
 
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
-            geometry: Geometry | None) -> UpdateResult:
+            geometry: Geometry | None) -> tuple[UpdateResult, UpdateStep]:
+    """Return the update, and the change with the noise of the model."""
     # Friction and offsets identified before the change are kept.
     with_dynamics = any(effects.has(DYNAMICS, None) for effects in (model.applied, model.fitted))
     nominal = None if with_dynamics else geometry
@@ -116,7 +137,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     if nominal is not None:
         samples = _without_motion(model, samples, new, nominal)
         new = _new_samples(model, samples, sigma, reversal)
-    step = changed_model(model, new, geometry)
+    step = first = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
     if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
         step = changed_model(model, replace(new, sigma=sigma), geometry, step.trials)
@@ -128,7 +149,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     updated = replace(step.model, noise=np.maximum(sigma, rmse), residual_std=sigma,
                       coverage=_coverage(model, samples), provenance=provenance,
                       payload_path=payload_path(model, step.model))
-    return UpdateResult(updated, report)
+    return UpdateResult(updated, report), first
 
 
 def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
@@ -172,9 +193,10 @@ def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatA
                                noise.floor(samples.tau))
 
 
-def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
-    """Return the same gravity as a chain on known axes."""
-    chain, covariance, geometry = on_known_axes(model, geometry)
+def _on_axes(model: GravityModel, geometry: Geometry, *,
+             as_described: bool = False) -> GravityModel:
+    """Return the same gravity as a chain on known axes (`on_known_axes`)."""
+    chain, covariance, geometry = on_known_axes(model, geometry, as_described=as_described)
     order = [model.joints.index(name) for name in geometry.joints]
     coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
                        q_max=model.coverage.q_max[order])

@@ -30,9 +30,9 @@ class UpdateStep:
     """
     A changed model with its changed coefficients, in N·m by name.
 
-    `payload` is the estimate, None without link lengths; `is_payload` is True where the model
-    changed by it. `trials` are the probable ones of the search for a chain, for another search
-    with other noise.
+    `payload` is the estimate, None without link lengths; `misfit` is its chi^2, and `is_payload`
+    is True where the model changed by it. `trials` are the probable ones of the search for a
+    chain, for another search with other noise.
     """
 
     model: GravityModel
@@ -40,6 +40,7 @@ class UpdateStep:
     change: Change
     payload: PayloadEstimate | None = None
     is_payload: bool = False
+    misfit: float = 0.0
     trials: tuple[Trial, ...] = ()
 
 
@@ -63,13 +64,14 @@ def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
     assert model.chain is not None and model.uncertainty is not None
     assert free.model.chain is not None
     loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
-    residuals = [new.residual(each) for each in (loaded.chain, free.model.chain)]
-    if residuals[0] @ residuals[0] - residuals[1] @ residuals[1] > _MIN_FREE_GAIN:
-        return replace(free, payload=loaded.payload)
+    misfit, free_misfit = (float((each := new.residual(chain)) @ each)
+                           for chain in (loaded.chain, free.model.chain))
+    if misfit - free_misfit > _MIN_FREE_GAIN:
+        return replace(free, payload=loaded.payload, misfit=misfit)
     changed = (loaded.chain.moments - model.chain.moments).ravel()
     return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),
                       {name: float(x) for name, x in zip(_moment_names(model), changed)},
-                      free.change, loaded.payload, True, free.trials)
+                      free.change, loaded.payload, True, misfit, free.trials)
 
 
 def _moment_names(model: GravityModel) -> list[str]:

@@ -116,11 +116,16 @@ def drive_lines(payload: Payload) -> tuple[DriveLine, ...]:
     return (
         DriveLine('UR, URScript', f'set_target_payload({mass}, [{x}, {y}, {z}])',
                   'URScript manual, set_target_payload(m, cog, inertia): kg, m from the flange'),
-        DriveLine('UR, ROS 2 driver',
+        DriveLine('UR, ROS 2 driver of Jazzy',
                   f'ros2 service call /io_and_status_controller/set_payload '
                   f'ur_msgs/srv/SetPayload "{{mass: {mass}, center_of_gravity: '
                   f'{{x: {x}, y: {y}, z: {z}}}}}"',
                   'docs.ros.org/en/jazzy/p/ur_msgs/srv/SetPayload.html'),
+        DriveLine('UR, ROS 2 driver of its main branch',
+                  f'ros2 service call /io_and_status_controller/set_payload '
+                  f'ur_msgs/srv/SetPayload "{{payload: {{m: {mass}, '
+                  f'com: {{x: {x}, y: {y}, z: {z}}}}}}}"',
+                  'Universal_Robots_ROS2_Driver, ur_robot_driver/doc/migration/makoa.rst'),
         DriveLine('Franka, libfranka',
                   f'robot.setLoad({mass}, {{{{{x}, {y}, {z}}}}}, {{{{{zeros}}}}});',
                   'libfranka, include/franka/robot.h, Robot::setLoad: kg, m from the flange'),

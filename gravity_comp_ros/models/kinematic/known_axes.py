@@ -22,13 +22,18 @@ _MIN_LOG_EVIDENCE = 3.0
 _AKAIKE = 2.0
 
 
-def solve_known(problem: ChainProblem, rotations: FloatArray) -> Solution:
+def solve_known(problem: ChainProblem, rotations: FloatArray, *,
+                mounted: bool = False) -> Solution:
     """
     Return the best moments for axes (N, 3, 3), the first of them rotated if the base is tilted.
 
     Rotation of the base about the vertical has no effect, so a tilt has two angles.
+
+    :param mounted: whether the tilt of the base is known too.
     """
     level = solve(problem, rotations, _free(problem, base=False))
+    if mounted:
+        return _drop_moments(problem, level)
     tilted = solve(problem, rotations, _free(problem, base=True))
     spread = np.sqrt(np.diag(np.linalg.inv(tilted.precision))[:2])
     price = np.log(1.0 / np.minimum(np.hypot(spread, TOLERANCE), 1.0)).sum()

@@ -44,15 +44,19 @@ _NOMINAL_ERROR = 0.05
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def with_estimated_vertical(geometry: Geometry, samples: JointSamples) -> Geometry:
+def with_estimated_vertical(geometry: Geometry, samples: JointSamples,
+                            noise: FloatArray | None = None) -> Geometry:
     """
     Return the geometry with the estimated vertical, unchanged if the described one is close.
 
     :param geometry: the axes of the samples' joints, in their order.
+    :param noise: standard deviation (N,) in N·m of torques that a model predicts, which do not
+        contain it (default: the torques are measured).
     """
     if geometry.n_joints < 2:
         return geometry
-    torques = _Torques.of(geometry, samples)
+    torques = _Torques.of(geometry, samples,
+                          np.zeros(geometry.n_joints) if noise is None else noise)
     vertical = torques.best()
     moments, weights = torques.moments(vertical)
     moments = moments / STANDARD_GRAVITY
@@ -76,18 +80,20 @@ class _Torques:
     Normal equations of each joint's torque, for any vertical.
 
     `products` (N, C, C), `right` (N, C) and `squares` (N,); `largest` is the largest torque in
-    N·m. The columns C are 2 N moments for a
-    vertical along each of the base's axes, then an offset and Coulomb friction of each joint.
+    N·m. `noise` (N,) are squares that every sum of squared residuals contains. The columns C are
+    2 N moments for a vertical along each of the base's axes, then an offset and Coulomb friction
+    of each joint.
     """
 
     products: FloatArray
     right: FloatArray
     squares: FloatArray
+    noise: FloatArray
     n_samples: int
     largest: float
 
     @classmethod
-    def of(cls, geometry: Geometry, samples: JointSamples) -> _Torques:
+    def of(cls, geometry: Geometry, samples: JointSamples, noise: FloatArray) -> _Torques:
         rows, n = evenly_picked(samples.n_samples, _SAMPLES), samples.n_joints
         q, tau = samples.q[rows], samples.tau[rows]
         kinematics = ForwardKinematics(geometry.rotations, q)
@@ -98,7 +104,8 @@ class _Torques:
         columns = np.concatenate([*(kinematics.moment_columns(axis) for axis in range(3)),
                                   nuisance]).transpose(1, 0, 2)
         return cls(columns @ columns.transpose(0, 2, 1), np.einsum('ncm,mn->nc', columns, tau),
-                   (tau ** 2).sum(axis=0), len(q), float(np.abs(tau).max()))
+                   (tau ** 2).sum(axis=0), len(q) * noise ** 2, len(q),
+                   float(np.abs(tau).max()))
 
     def best(self) -> FloatArray:
         """Return the vertical (3,) in the base; near z unless another is much more probable."""
@@ -149,7 +156,8 @@ class _Torques:
 
     def _torque_weights(self) -> FloatArray:
         """Return the weight of each joint (N,): one over its sum of squared torques."""
-        return np.asarray(1.0 / np.maximum(self.squares, _MIN_TORQUE ** 2 * self.squares.max()))
+        squares = self.squares + self.noise
+        return np.asarray(1.0 / np.maximum(squares, _MIN_TORQUE ** 2 * squares.max()))
 
     def _weights(self, residual: FloatArray) -> FloatArray:
         """Return the weight of each joint (N,): one over its sum of squared residuals."""
@@ -175,7 +183,7 @@ class _Torques:
         x, products, right = self._solved(verticals, weights)
         inner = np.einsum('vc,nvc->vn', x, 2.0 * right)
         quadratic = np.einsum('vc,nvcd,vd->vn', x, products, x)
-        return np.asarray(np.maximum(self.squares - inner + quadratic, 0.0))
+        return np.asarray(np.maximum(self.squares - inner + quadratic, 0.0) + self.noise)
 
     def _solved(self, verticals: FloatArray, weights: FloatArray
                 ) -> tuple[FloatArray, FloatArray, FloatArray]:

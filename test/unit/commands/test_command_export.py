@@ -116,6 +116,17 @@ def test_payload_lines_in_the_frame_of_the_flange(here, capsys):
     assert abs(z - 0.055) < high - low
 
 
+def test_lines_of_a_payload_repeat_the_warnings_of_its_update(here, tmp_path, capsys):
+    model = load_model('tool.json')
+    last = {**model.provenance['updates'][-1], 'warnings': ['no rigid body']}
+    path = tmp_path / 'tool.json'
+    save_model(path, replace(model, provenance={**model.provenance, 'updates': [last]}))
+    status, out, err = run(capsys, str(path), '--to', 'payload')
+    assert status == 0 and 'set_target_payload' in out and err == 'warning: no rigid body\n'
+    assert json.loads(run(capsys, str(path), '--to', 'payload', '--json')[1])['warnings'] == [
+        'no rigid body']
+
+
 def test_a_payload_in_another_frame_by_hand():
     joints = snippets.UR_JOINTS
     arm = described_arm(snippets.UR, joints)

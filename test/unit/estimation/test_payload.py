@@ -160,3 +160,24 @@ def test_axes_of_other_joints_are_refused(old):
         update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=other)
     with pytest.raises(OptionError, match='potential does not use known axes'):
         FitOptions('potential', geometry=IIWA)
+
+
+@pytest.mark.parametrize('kind', ['chain', 'known axes', 'potential'])
+@pytest.mark.parametrize('share', [0.0, 0.03])
+def test_a_payload_where_the_drive_subtracts_its_own_gravity(kind, share):
+    """The share is the error of the drive's model; inertia remains in the effort."""
+    bare, names = arms.iiwa7(), arms.iiwa7().joints
+
+    def effort(arm, motion, seed):
+        tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
+        tau -= (1.0 - share) * arms.gravity_torque(bare, motion.q)
+        tau += np.random.default_rng(seed).normal(0.0, 0.05, tau.shape)
+        return JointSamples.single_run(names, motion.t, motion.q, motion.qd, tau)
+
+    options = FitOptions('chain', geometry=IIWA) if kind == 'known axes' else FitOptions(kind)
+    model = fit(effort(bare, motions.eq17(), 0), options).model
+    loaded = arms.with_payload(bare, arms.Payload(2.0, COM))
+    payload = update(model, effort(loaded, motions.eq17(start=100.0), 1),
+                     geometry=IIWA).report.payload
+    assert payload.mass.value == pytest.approx(2.0, rel=0.03)
+    assert [payload.centre[axis].value for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
