@@ -32,7 +32,7 @@ from zlib import crc32
 
 from bench.real_robots.arms import arm_of, urdf
 from bench.real_robots.laws import (
-    gear_friction, Hidden, Known, level_of, MAKERS, packed, Site, unpacked)
+    gear_friction, Hidden, Known, level_of, MAKERS, packed, Site, unpacked, with_one_level)
 from gravity_comp_ros.atomic import replacing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import GravityCompError
@@ -230,26 +230,37 @@ def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArra
             one = makers[int(rng.integers(len(makers)))](site, rng)
             if site.joint in {other.joint for other, _ in drawn}:
                 continue
-            rms = _beyond(arm, sparse, one, basis, noise)
+            rms = beyond(arm, sparse, one, basis, noise)
             if rms >= _VISIBLE:
                 drawn.append((one, rms))
                 break
     return tuple(one for one, _ in drawn), tuple(rms for _, rms in drawn)
 
 
-def _beyond(arm: Arm, motions: list[Motion], one: Hidden, basis: FloatArray,
+def beyond(arm: Arm, motions: list[Motion], one: Hidden, basis: FloatArray,
             noise: FloatArray) -> float:
-    """Return the rms of an effect beyond rigid-body dynamics and friction, in noise levels."""
-    added = np.concatenate([
-        synthesise(arm, motion, SynthesisOptions(disturbances=[one.law])).tau
-        - synthesise(arm, motion).tau for motion in motions]) / noise
+    """
+    Return the rms of an effect beyond rigid-body dynamics and friction, in noise levels.
+
+    Friction has the bristles of the effect, if it has any, at one level.
+    """
+    added = _torque_of(arm, motions, one.law) / noise
     if one.effect != 'coulomb_friction':
         qd = np.concatenate([motion.qd[:, one.joint] for motion in motions])
-        friction = np.zeros((*added.shape, 2))
-        friction[:, one.joint] = np.column_stack([np.sign(qd), qd / MAX_SPEED])
-        basis = np.column_stack([basis, friction.reshape(-1, 2)])
+        friction = np.zeros((*added.shape, 3))
+        friction[:, one.joint, :2] = np.column_stack([np.sign(qd), qd / MAX_SPEED])
+        level = with_one_level(one.law)
+        if level is not None:
+            friction[..., 2] = _torque_of(arm, motions, level) / noise
+        basis = np.column_stack([basis, friction.reshape(-1, 3)])
     rest = added.ravel() - basis @ np.linalg.lstsq(basis, added.ravel(), rcond=1e-8)[0]
     return float(np.sqrt((rest ** 2).sum() / len(added)))
+
+
+def _torque_of(arm: Arm, motions: list[Motion], law: Disturbance) -> FloatArray:
+    """Return the torque (M, N) in N·m of a law."""
+    return np.concatenate([synthesise(arm, motion, SynthesisOptions(disturbances=[law])).tau
+                           - synthesise(arm, motion).tau for motion in motions])
 
 
 def _every(motion: Motion, step: int) -> Motion:

@@ -157,6 +157,13 @@ def _asymmetric(site: Site, rng: np.random.Generator) -> Hidden:
                    slack=0.5 * (forward - backward))
 
 
+def with_one_level(law: Disturbance) -> Friction | None:
+    """Return the friction of the same bristles with one level, None for what is no friction."""
+    if isinstance(law, LoadFriction):
+        return Friction(law.joint, LuGre(law.fraction * law.preload, presliding=law.presliding))
+    return Friction(law.joint, law.surfaces) if isinstance(law, Friction) else None
+
+
 def _cable(site: Site, rng: np.random.Generator) -> Hidden:
     law = DressPack(site.joint, float(site.low + rng.uniform(0.2, 0.6) * (site.high - site.low)),
                     float(rng.uniform(0.04, 0.15) * site.scale), float(rng.uniform(2.0, 5.0)),

@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 from bench.real_robots import arms
-from bench.real_robots.cases import case, Case, drawn_case, load, MAX_SPEED, regressor, save
+from bench.real_robots.cases import (
+    beyond, case, Case, drawn_case, load, MAX_SPEED, regressor, save)
 from bench.real_robots.laws import Hidden, Known, packed
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
 from gravity_comp_ros.simulation.disturbances.signals import GaugeOffset
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
@@ -65,6 +66,16 @@ def test_motion_is_slow_within_limits_and_the_unseen_run_within_the_box(drawn):
         assert (run.q > arm.lower - 1e-3).all() and (run.q < arm.upper + 1e-3).all()
     beyond = np.maximum(drawn.unseen.q - q.max(axis=0), q.min(axis=0) - drawn.unseen.q)
     assert beyond.max() < 0.2
+
+
+def test_load_friction_without_a_load_is_friction_of_one_level():
+    name, motions = 'z1', drawn_case('z1', 0)[1][:1]
+    arm = arms.arm_of(arms.urdf(name))
+    basis = regressor(arm, motions[0]).reshape(-1, 60)
+    for joint, is_visible in ((0, False), (1, True)):
+        one = Hidden('load_dependent_friction', joint, LoadFriction(joint, 0.1, 0.5, 5e-4), ())
+        rms = beyond(arm, motions, one, basis, np.ones(6))
+        assert (rms > 0.05) == is_visible
 
 
 @pytest.mark.parametrize('seed', range(5))
