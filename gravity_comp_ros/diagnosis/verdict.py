@@ -11,7 +11,7 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, DYNAMICS, has_dynamics, motion_parameters, target_of, values_of)
+    alternatives_of, DYNAMICS, has_dynamics, is_absorbed, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
@@ -133,7 +133,8 @@ def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]
     regression, joints = evidence.estimated.regression, evidence.joints
     if verdict in FOUND:
         return (target_of(term, joints),)
-    if verdict != Verdict.AMBIGUOUS:
+    # A term that gravity absorbs is predicted by every model of this estimate.
+    if verdict != Verdict.AMBIGUOUS or is_absorbed(evidence.estimated, term):
         return ()
     return (target_of(term, joints), *(
         target(name, None if joint is None else joints[joint])
@@ -146,10 +147,12 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
              others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
     options, engine = evidence.options, evidence.estimated.regression.problem.options
+    alternatives = f'{", ".join(others)} would explain as much' if others else ''
     if share < engine.min_identified:
-        return Verdict.UNTESTABLE, (
-            f'gravity absorbs all but {share:.1%} of its torque in this motion: their sum is '
-            f'predicted, and its size is not identified')
+        why = (f'gravity absorbs all but {share:.1%} of its torque in this motion: their sum is '
+               f'predicted, and its size is not identified')
+        return (Verdict.AMBIGUOUS, f'{alternatives}; {why}') if others else (
+            Verdict.UNTESTABLE, why)
     reason = term.effect.implausible(values, term.setting)
     if reason:
         return Verdict.WEAK, f'its size is not physical: {reason}'
@@ -158,7 +161,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
     if (np.abs(values) < 1.96 * std).all():
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
     if others:
-        return Verdict.AMBIGUOUS, f'{", ".join(others)} would explain as much'
+        return Verdict.AMBIGUOUS, alternatives
     joints = range(len(evidence.joints)) if term.joint is None else [term.joint]
     size = float(max(evidence.n_effective[n] for n in joints))
     if size < options.min_effective:

@@ -47,8 +47,6 @@ def sentence(finding: Finding) -> str:
     change = f'it {verb} the held-out error from {before} to {after} of the torque range'
     alternatives = ', '.join(finding.rivals)
     if finding.verdict == 'untestable':
-        if alternatives:
-            return f'{what} cannot be distinguished from {alternatives} in this motion'
         return f'{what} cannot be tested with this motion'
     if finding.verdict == 'ambiguous':
         return f'{what}, explained equally well by {alternatives}; {change}'
