@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics
-from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
-from gravity_comp_ros.models.kinematic.nuisance import Nuisance
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Nuisance, solve
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np

@@ -23,7 +23,7 @@ from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
+from gravity_comp_ros.models.kinematic.geometry import zero_angle_differences
 from gravity_comp_ros.simulation.arms import Arm
 import numpy as np
 

@@ -18,9 +18,8 @@ from gravity_comp_ros.data.samples import (
     BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
-from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
-from gravity_comp_ros.models.kinematic.nuisance import Nuisance
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
+from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
 from gravity_comp_ros.models.noise import correlation_times
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses

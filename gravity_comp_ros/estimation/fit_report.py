@@ -12,11 +12,11 @@ from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.uncertainty_over_poses import all_poses
+from gravity_comp_ros.models.kinematic.geometry import zero_angle_differences
 from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
-from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
+from gravity_comp_ros.models.uncertainty import all_poses
 from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.kinematic.chain_fit import next_axes
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
-from gravity_comp_ros.models.kinematic.chain_starts import next_axes
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses
 import numpy as np

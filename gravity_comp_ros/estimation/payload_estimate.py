@@ -22,11 +22,10 @@ from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
-from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.kinematic.known_axes import (
     right_angles_kept, solve_known, step_covariance)
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
-from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 import numpy as np
 
 # Prior std of a payload's mass, in kg, and of the distance of its centre, in m.

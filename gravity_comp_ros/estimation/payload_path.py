@@ -14,7 +14,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.least_squares import lstsq
-from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
+from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of
 import numpy as np
 
 _POSES = 200

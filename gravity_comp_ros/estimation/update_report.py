@@ -10,9 +10,8 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update_step import UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.uncertainty_over_poses import (
-    least_certain_joint, std_over_poses)
 from gravity_comp_ros.models.sparse.admm import AdmmResult
+from gravity_comp_ros.models.uncertainty import least_certain_joint, std_over_poses
 import numpy as np
 
 # Minimum number of samples from which the noise, and with it the intervals, are reliable.

@@ -12,8 +12,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.sparse.dictionary import feature_name
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion, feature_name
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty

@@ -14,7 +14,7 @@ from gravity_comp_ros.effects.predict import installed, torque_of
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of as sums_at
+from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of as sums_at
 import numpy as np
 
 # Number of joints up to which 3^N poses are evaluated at once.

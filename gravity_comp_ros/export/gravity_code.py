@@ -14,7 +14,7 @@ from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 
 _CHAIN = """\
     const gc_real *h = gc_p + @H@;

@@ -18,7 +18,7 @@ from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.uncertainty import Uncertainty
 import numpy as np
 

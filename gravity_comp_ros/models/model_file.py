@@ -20,7 +20,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel, Step
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty, Uncertainty
 import numpy as np
 

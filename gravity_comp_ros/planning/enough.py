@@ -23,8 +23,7 @@ from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
-from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest

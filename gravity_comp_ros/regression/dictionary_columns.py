@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
+from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State

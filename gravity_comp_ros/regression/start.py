@@ -12,9 +12,8 @@ from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
-from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
-from gravity_comp_ros.models.kinematic.nuisance import Nuisance
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
+from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
 from gravity_comp_ros.regression.linear import Linear, with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.problem import Problem

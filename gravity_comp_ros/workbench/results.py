@@ -17,7 +17,7 @@ from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages

@@ -17,7 +17,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 from gravity_comp_ros.node.outputs import LATCHED, model_message
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions

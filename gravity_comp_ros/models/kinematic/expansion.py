@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 import numpy as np
 
 # Weights below this share of the largest are dropped: axes are estimated to 1e-5 rad at best.

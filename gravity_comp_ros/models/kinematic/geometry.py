@@ -117,3 +117,26 @@ class Geometry:
         for i in range(n - 1, 0, -1):
             moments[:, i - 1] += moments[:, i, 2:] * self.rotations[i][:, 2]
         return STANDARD_GRAVITY * moments[:, :, :2].reshape(4, 2 * n)
+
+
+# Two axes are parallel up to this difference (1 minus the cosine).
+_PARALLEL = 1e-9
+
+
+def same_axes(geometry: Geometry, other: Geometry) -> bool:
+    """Return whether two geometries differ at most in base tilt and zero angles."""
+    if geometry.joints != other.joints:
+        return False
+    cosines = np.einsum('nji,njk->nik', geometry.rotations, other.rotations)[1:, 2, 2]
+    return bool((cosines > 1.0 - _PARALLEL).all())
+
+
+def zero_angle_differences(rotations: FloatArray, others: FloatArray) -> FloatArray:
+    """
+    Return the zero angles (N,) in rad of `others` relative to `rotations`; both (N, 3, 3).
+
+    A misadjusted encoder zero is about a degree off, and a degree at the elbow changes the torque
+    of the shoulder by percents. A fit on known axes estimates them (`regression.known_axes`).
+    """
+    relative = rotations.transpose(0, 2, 1) @ others
+    return np.asarray(np.arctan2(relative[:, 1, 0], relative[:, 0, 0]))

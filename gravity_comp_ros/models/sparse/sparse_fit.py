@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.folds import folds
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.models import noise
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.identifiability import (
     AT_REST, usable_for_energy, usable_for_torque)
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign

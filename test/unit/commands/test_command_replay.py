@@ -6,7 +6,7 @@ from bench.shared.recordings import messages, motion, NAMES, write_folder
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import save_model
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np

@@ -15,7 +15,7 @@ from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation.disturbances.friction import friction_torque, LuGre
 import numpy as np
 import pytest

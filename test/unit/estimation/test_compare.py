@@ -8,7 +8,7 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare, compare_prediction, Comparison
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np

@@ -8,7 +8,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.update import reversal_std
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions

@@ -10,8 +10,7 @@ from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
-from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.zero_angles import same_axes
+from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ from dataclasses import replace
 from bench.shared.serial_arms import poses, samples_of, serial_arm
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest

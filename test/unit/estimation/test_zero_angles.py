@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
-from gravity_comp_ros.models.kinematic.zero_angles import same_axes
+from gravity_comp_ros.models.kinematic.geometry import same_axes
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions

@@ -16,7 +16,7 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, tilt
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.model_file import checksum, load_model, save_model
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 import numpy as np
 import pytest
 

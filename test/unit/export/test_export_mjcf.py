@@ -8,7 +8,7 @@ from gravity_comp_ros.export.mjcf_file import changed_mjcf
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 import pytest

@@ -141,7 +141,7 @@ def test_only_numbers_of_mass_and_origin_change_byte_for_byte():
             '\t\t</inertial>\n\t</link>\n</robot>\n\n')
     # A point mass of 3 kg at (0.1, 0, 0.2) turns by y: energy 3 g (-0.1 sin q + 0.2 cos q).
     energy = 3.0 * STANDARD_GRAVITY * np.array([-0.1, 0.2])
-    from gravity_comp_ros.models.sparse.expansion import Expansion
+    from gravity_comp_ros.models.sparse.dictionary import Expansion
     model = GravityModel.from_energy(('a',), 'potential', Expansion(np.array([1, 2]), energy),
                                      np.array([0.01]), Coverage([-2.0], [2.0], 100), {})
     model = replace(model, applied=Applied(

@@ -6,9 +6,8 @@ from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.kinematic.chain_fit import search, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
-from gravity_comp_ros.models.kinematic.chain_starts import (
-    search, SearchOptions)
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign

@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from hypothesis import given, strategies as st
 import numpy as np

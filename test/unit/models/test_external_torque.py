@@ -10,7 +10,7 @@ from gravity_comp_ros.evaluation.external_torque import (
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.arm_columns import described_columns
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 import numpy as np
 import pytest

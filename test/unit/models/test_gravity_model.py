@@ -5,7 +5,7 @@ import sys
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest

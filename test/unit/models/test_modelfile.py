@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models import model_file
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest

@@ -1,8 +1,7 @@
 """Nuisance columns: the same products and coefficients as with their covariance as noise."""
 
 from bench.shared.serial_arms import poses, random_chain
-from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
-from gravity_comp_ros.models.kinematic.nuisance import Nuisance, WeightedNuisance
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Nuisance, WeightedNuisance
 from hypothesis import given, strategies as st
 import numpy as np
 

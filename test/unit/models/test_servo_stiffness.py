@@ -11,7 +11,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import save_model
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node.outputs import position_offset
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.recordings.bag import joint_goals, ReadOptions

@@ -8,7 +8,7 @@ from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node.torque_source import compensable
 import numpy as np
 import pytest

@@ -10,7 +10,7 @@ from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test

@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node.trajectory import fill_effort
 import numpy as np
 import pytest

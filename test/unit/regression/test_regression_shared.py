@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.options import EngineOptions
