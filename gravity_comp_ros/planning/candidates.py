@@ -1,10 +1,11 @@
 """
 Candidate parts of a planned motion.
 
-A part starts and ends at rest at one pose, its `base`, and moves one to three joints. With targets
-on more joints there are also tours that move all of them. Short strokes at creeping speed are not
-candidates: their information is large, but the direction of motion is then the least certain, and
-a diagnosis uses little of them.
+A part starts and ends at rest at one pose, its `base`, and moves one joint or two neighbours. With
+targets on more joints there are also tours that move all of them. Short strokes at creeping speed
+are not candidates: their information is large, but the direction of motion is then the least
+certain, and a diagnosis uses little of them. Nor are sines: they resolve no target better than
+strokes and steps.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.segments import Hold, Limits, Line, Segment, Wave, wave_within
+from gravity_comp_ros.planning.segments import Hold, Limits, Line, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
@@ -29,9 +30,6 @@ _RANGE_SHARES = (1.0, 0.9, 0.8)
 _STOPS, _STOP_TIME = 4, 0.6
 # Smallest stroke and largest search distance of one joint and of several joints, rad.
 _MIN_STROKE, _MAX_STROKE, _MAX_STROKE_OF_SEVERAL = 0.02, 3.0, 1.0
-# Trial scales of waves, and the time between the points at which they are checked, s.
-_WAVE_SCALES, _CHECK_TIME = (1.0, 0.7, 0.5, 0.3, 0.15), 0.02
-_MAX_WAVE_DURATION = 8.0
 _MAX_BASES = 5
 # Tours of all joints: largest distance of a posture from the start, rad; shares of the whole
 # duration; number of postures drawn for each; number of tours.
@@ -69,7 +67,6 @@ def candidates(space: Workspace, model: GravityModel, joint: int, limits: Limits
         for partner in (joint - 1, joint + 1):
             if 0 <= partner < space.n_joints:
                 parts += builder.of_two_joints((joint, partner))
-        parts += builder.of_three_joints(joint)
     return parts
 
 
@@ -154,7 +151,7 @@ class _PartBuilder:
     posture: str
 
     def of_one_joint(self, joint: int) -> list[Part]:
-        """Return strokes at several speeds, a slow one through the range, steps and a sine."""
+        """Return strokes at several speeds, a slow one through the range, and steps."""
         axis = self._axis(joint)
         up, down = self._extents(axis, _MAX_STROKE)
         if up + down < _MIN_STROKE:
@@ -168,10 +165,6 @@ class _PartBuilder:
             parts.append(self._repetition('slowly through its range', (joint,), axis, -down, up,
                                           slow))
         parts.append(self._steps(joint, axis, down, up))
-        if min(up, down) > _MIN_STROKE:
-            wave = wave_within(self.base, min(up, down) * axis, np.full(len(axis), 0.25),
-                               min(self.nominal, _MAX_WAVE_DURATION), self.limits)
-            parts.append(self._part('in a sine', (joint,), wave))
         return self._short(parts)
 
     def through_whole_range(self, joint: int) -> list[Part]:
@@ -200,24 +193,6 @@ class _PartBuilder:
                 parts.append(self._repetition(f'both in {how}', joints, axis,
                                               *self._stroke(down, up, speed), speed))
         return self._short(parts)
-
-    def of_three_joints(self, joint: int) -> list[Part]:
-        """Return sines of a joint and its neighbours at different frequencies."""
-        n_joints = self.space.n_joints
-        joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < n_joints]
-        frequency, amplitude = np.ones(n_joints), np.zeros(n_joints)
-        duration = min(self.nominal, _MAX_WAVE_DURATION)
-        for order, n in enumerate(joints):
-            frequency[n] = (order % 3 + 1) / duration
-            amplitude[n] = min(self._extents(self._axis(n), _MAX_STROKE_OF_SEVERAL))
-        parts = []
-        for how, shift in (('slowly', 0), ('in another order', 1)):
-            frequency[joints] = np.roll(frequency[joints], shift)
-            wave = self._admissible_wave(amplitude, frequency, duration)
-            if wave is not None:
-                parts.append(self._part(f'in sines of different frequency, {how}', tuple(joints),
-                                        wave))
-        return parts
 
     def _axis(self, joint: int) -> FloatArray:
         return np.eye(self.space.n_joints)[joint]
@@ -270,14 +245,3 @@ class _PartBuilder:
             at = pose
         return self._part('in steps up and down', (joint,), *segments,
                           Line(at, self.base, self.limits))
-
-    def _admissible_wave(self, amplitude: FloatArray, frequency: FloatArray,
-                         duration: float) -> Wave | None:
-        """Return the largest trial wave within the workspace, None if there is none."""
-        for scale in _WAVE_SCALES:
-            wave = wave_within(self.base, scale * amplitude, frequency, duration, self.limits)
-            if np.abs(wave.amplitude).max() < _MIN_STROKE:
-                return None
-            if self.space.admits_path(wave.at(np.arange(0.0, duration, _CHECK_TIME))[0]):
-                return wave
-        return None

@@ -2,8 +2,7 @@
 Segments of motion that start and end at rest, within limits of speed, acceleration and jerk.
 
 The speed of a straight line rises over T_r as V (1 - cos(pi t / T_r)) / 2, is constant, and falls
-symmetrically. The acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²). A
-wave is a sine of some joints about a pose, with a window sin²(pi t / T).
+symmetrically. The acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²).
 """
 
 from __future__ import annotations
@@ -17,11 +16,6 @@ import numpy as np
 
 _Path = tuple[FloatArray, FloatArray, FloatArray]
 """q, qd and qdd, each (M, N), at times from 0 to the duration of a segment."""
-
-# Points at which the peak rates of a wave are evaluated.
-_WAVE_GRID = 2000
-# Margin for the largest jerk of a wave between points of the grid.
-_GRID_MARGIN = 1.01
 
 
 @dataclass(frozen=True)
@@ -96,44 +90,7 @@ class Line:
         return self.start + s[:, None] * move, v[:, None] * move, a[:, None] * move
 
 
-@dataclass(frozen=True, eq=False)
-class Wave:
-    """Windowed sines about a pose: `amplitude` (N,) in rad and `frequency` (N,) in Hz by joint."""
-
-    pose: FloatArray
-    amplitude: FloatArray
-    frequency: FloatArray
-    duration: float
-
-    @property
-    def end(self) -> FloatArray:
-        return self.pose
-
-    def at(self, t: FloatArray) -> _Path:
-        window = _window(t, self.duration)
-        q, qd, qdd, _ = _wave(t, window, self.amplitude, self.frequency)
-        return self.pose + q, qd, qdd
-
-
-Segment = Hold | Line | Wave
-
-
-def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,
-                limits: Limits) -> Wave:
-    """
-    Return the wave with amplitudes reduced to keep every joint within its limits.
-
-    Frequencies are rounded to multiples of one over the duration: a sine that does not end at 0
-    ends with an acceleration.
-    """
-    frequency = np.maximum(np.round(frequency * duration), 1.0) / duration
-    t = np.linspace(0.0, duration, _WAVE_GRID)
-    _, *rates = _wave(t, _window(t, duration), amplitude, frequency)
-    share = np.ones(len(pose))
-    for rate, limit in zip(rates, (limits.speed, limits.acceleration, limits.jerk)):
-        peak = _GRID_MARGIN * np.abs(rate).max(axis=0)
-        share = np.minimum(share, limit / np.maximum(peak, 1e-300))
-    return Wave(pose, amplitude * share, frequency, duration)
+Segment = Hold | Line
 
 
 def sampled(segments: Sequence[Segment], rate: float) -> tuple[FloatArray, _Path]:
@@ -155,21 +112,3 @@ def sampled(segments: Sequence[Segment], rate: float) -> tuple[FloatArray, _Path
             q[here], qd[here], qdd[here] = segment.at(
                 np.minimum(t[here] - start, segment.duration))
     return t, (q, qd, qdd)
-
-
-def _window(t: FloatArray, duration: float) -> tuple[FloatArray, ...]:
-    """Return sin²(pi t / T) and its first three derivatives, each (M, 1)."""
-    w = 2.0 * np.pi / duration
-    sin, cos = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
-    return 0.5 * (1.0 - cos), 0.5 * w * sin, 0.5 * w ** 2 * cos, -0.5 * w ** 3 * sin
-
-
-def _wave(t: FloatArray, window: tuple[FloatArray, ...], amplitude: FloatArray,
-          frequency: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    omega = 2.0 * np.pi * frequency
-    sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
-    s = (amplitude * sin, amplitude * omega * cos, -amplitude * omega ** 2 * sin,
-         -amplitude * omega ** 3 * cos)
-    w = window
-    return (w[0] * s[0], w[1] * s[0] + w[0] * s[1], w[2] * s[0] + 2.0 * w[1] * s[1] + w[0] * s[2],
-            w[3] * s[0] + 3.0 * w[2] * s[1] + 3.0 * w[1] * s[2] + w[0] * s[3])

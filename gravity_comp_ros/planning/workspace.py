@@ -78,19 +78,14 @@ class Workspace:
         return not self.obstacles.hits(np.column_stack([np.interp(points, length, q)
                                                         for q in path.T]))
 
-    def admits_path(self, path: FloatArray) -> bool:
-        """Return whether a path (M, N) is admissible, between its points as well."""
-        step = float(np.abs(np.diff(path, axis=0)).max(initial=0.0))
-        return self.admits(path) and self._near(path, step)
-
-    def _near(self, path: FloatArray, step: float = _STEP) -> bool:
+    def _near(self, line: FloatArray) -> bool:
         """
-        Return whether a path with points `step` apart is within reach, between them as well.
+        Return whether a line with points `_STEP` apart is within reach, between them as well.
 
         The distance to the nearest recorded pose changes no faster than the pose itself.
         """
         return not np.isfinite(self.reach) or bool(
-            (self.distance(path) <= self.reach - 0.5 * step).all())
+            (self.distance(line) <= self.reach - 0.5 * _STEP).all())
 
     def extent(self, pose: FloatArray, direction: FloatArray, limit: float) -> float:
         """Return the length, at most `limit`, of the admissible line from a pose, rad."""

@@ -221,7 +221,7 @@ examples:
   gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   check the result
 
 The motion begins and ends at rest at one recorded pose. It stays near recorded poses and moves one
-to three joints at a time, or all joints if more have targets. Move the arm to the first point
+or two joints at a time, or all joints if more have targets. Move the arm to the first point
 before playing it. Obstacles and people are not checked: keep the space clear. With --urdf and
 pinocchio, self-collisions of the arm are checked.
 """

@@ -6,7 +6,7 @@ from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.candidates import of_all_joints
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.planning.segments import Hold, Limits, Line, sampled, wave_within
+from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.recordings.trajectory_files import (
     from_csv, from_yaml, read_trajectory, to_csv, to_yaml, write_trajectory)
@@ -46,14 +46,6 @@ def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     reached = [np.abs(rate).max() / limit for rate, limit in (
         (qd, limits.speed), (qdd, limits.acceleration), (jerks, limits.jerk))]
     assert max(reached) == pytest.approx(1.0, rel=0.02)
-
-
-@given(POSES, POSES, strategies.floats(0.05, 0.5), LIMITS)
-def test_a_wave_keeps_its_limits(pose, amplitude, frequency, limit):
-    limits = Limits(limit, 2 * limit, 20 * limit)
-    wave = wave_within(pose, amplitude, np.full(3, frequency), 8.0, limits)
-    check_limits([wave, Hold(pose, 0.1)], limits, 500.0)
-    assert (np.abs(wave.amplitude) <= np.abs(amplitude) + 1e-12).all()
 
 
 @settings(max_examples=5)
