@@ -17,7 +17,7 @@ from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
@@ -214,14 +214,12 @@ def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
     return replace(slow, tau=slow.tau - torque)
 
 
-def compare_model(model: GravityModel, recording: Recording,
-                  predicted: FloatArray | None = None) -> Comparison:
+def compare_model(model: GravityModel, recording: Recording) -> Comparison:
     """
     Compare gravity and effects of a model with the measured torques of the slow samples.
 
-    :param predicted: torque of the model for all samples (M, N) in N·m; computed if None.
     :raises DataError: if no sample is slow.
     :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     recording = recording.select_joints(model.joints)
-    return compare(model, recording.slow, recording.samples, predicted)
+    return compare(model, recording.slow, recording.samples)

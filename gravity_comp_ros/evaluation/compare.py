@@ -226,8 +226,7 @@ class Comparison(Displayable):
 
 
 def compare(model: GravityModel, samples: JointSamples,
-            recorded: JointSamples | None = None,
-            predicted: FloatArray | None = None) -> Comparison:
+            recorded: JointSamples | None = None) -> Comparison:
     """
     Compare the prediction of `model`, effects included, with measured torques.
 
@@ -235,8 +234,6 @@ def compare(model: GravityModel, samples: JointSamples,
 
     :param recorded: all samples, of which `samples` are a selection; effects may depend on the
         samples in between (acceleration, friction with memory).
-    :param predicted: the prediction (M, N) in N·m of a model with effects for `recorded`; None
-        computes it.
     :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
         of the model is not installed.
     :raises DataError: if there are no samples.
@@ -245,8 +242,7 @@ def compare(model: GravityModel, samples: JointSamples,
     if recorded is None or not model.applied.effects:
         predicted = predict_torque(model, samples)
     else:
-        whole = predict_torque(model, recorded) if predicted is None else predicted
-        predicted = whole[rows_of(recorded, samples)]
+        predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
     band = None
     if model.uncertainty is not None:
         band = _BAND * np.hypot(model.predict_std(samples.q), model.noise)

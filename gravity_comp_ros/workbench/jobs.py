@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts, model_facts
 from gravity_comp_ros.api.axes import AxesOptions
@@ -239,31 +239,13 @@ class Failed:
 Event = Progress | Finished | Failed
 
 
-class Works(Protocol):
-    """Interface of a worker; no method blocks."""
-
-    job: Job | None
-
-    def start(self, job: Job) -> None:
-        """Start a job; `poll` returns its events."""
-
-    def cancel(self) -> None:
-        """End the running job without an event."""
-
-    def poll(self) -> list[Event]:
-        """Return the events since the last call."""
-
-    def rest(self) -> None:
-        """End the process; the next job starts a new one."""
-
-
 def job_runner() -> Work:
     """Return a function that runs jobs and keeps the recordings between them."""
     return JobRunner().work
 
 
 class Worker:
-    """Runs jobs in a separate process."""
+    """Runs jobs in a separate process; no method blocks."""
 
     def __init__(self) -> None:
         self.job: Job | None = None

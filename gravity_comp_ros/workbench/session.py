@@ -22,7 +22,7 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import (
-    Add, described, Diagnose, Failed, Finished, Job, Learn, PlanMotion, Read, ReadResult, Works)
+    Add, described, Diagnose, Failed, Finished, Job, Learn, PlanMotion, Read, ReadResult, Worker)
 from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, Start, warnings_of_fit
 from gravity_comp_ros.workbench.store import Saved
 from gravity_comp_ros.worker.worker_process import Progress
@@ -40,7 +40,7 @@ class Session:
     :param place: folder of saved sessions; None to save none.
     """
 
-    def __init__(self, start: Start, worker: Works, identity: str = '',
+    def __init__(self, start: Start, worker: Worker, identity: str = '',
                  place: Path | None = None) -> None:
         self.id, self.place, self.worker = identity, place, worker
         self.paths, self.choice, self.given = start.paths, start.choice, start.given

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import Worker, Works
+from gravity_comp_ros.workbench.jobs import Worker
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Start
 
@@ -26,7 +26,7 @@ class Sessions:
     """
 
     def __init__(self, start: Start, place: Path | None,
-                 new_worker: Callable[[], Works] = Worker) -> None:
+                 new_worker: Callable[[], Worker] = Worker) -> None:
         self._start, self.place, self._new_worker = start, place, new_worker
         self.open: dict[str, Session] = {}
         self._temporary: TemporaryDirectory[str] | None = None
