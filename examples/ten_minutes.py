@@ -8,16 +8,18 @@ From nothing to a checked model of one arm, in three recordings of two minutes.
 
 The first call fits a model and plans the motion that determines gravity and the friction of every
 joint. The second one fits both recordings, adds what is missing, judges the model on a recording
-that it has not seen, and files everything in config/arms/NAME/DATE. If config/arms/NAME has an
-earlier model, what drifted since then is shown. --simulate does both with a simulated arm, and
-once more with larger friction. docs/ten_minutes.md explains each step. Other options are passed
-to the verbs that read recordings, such as --effort-scale elbow=0.12.
+that it has not seen, and files everything in config/arms/NAME/DATE of this package, or in another
+--folder; both are created. If that folder has an earlier model of NAME, what drifted since then is
+shown. --simulate does both with a simulated arm, and once more with larger friction.
+docs/ten_minutes.md explains each step. Other options are passed to the verbs that read recordings,
+such as --effort-scale elbow=0.12.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from importlib.util import find_spec
@@ -63,10 +65,8 @@ class Arm:
 
     def plan(self, first: Path, duration: str = '120') -> Path:
         """Fit the first recording, and plan the next motion; return its file."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        motion = self.folder / 'motion.yaml'
-        with tempfile.TemporaryDirectory() as scratch:
-            model = Path(scratch) / MODEL
+        motion, model = self.folder / 'motion.yaml', self.folder / 'first.json'
+        with self._made(self.folder):
             call('info', first, *self.options)
             self._fit([first], model)
             call('plan', first, *self.options, '--model', model, '--settle',
@@ -76,26 +76,39 @@ class Arm:
 
     def file(self, bags: Sequence[Path], second: Path) -> Path:
         """Fit, add, judge on the second recording, and file; return the new folder."""
-        earlier = self.models()
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=self.folder, prefix='.') as scratch:
-            work = Path(scratch) / 'work'
-            work.mkdir()
-            model, findings = work / MODEL, work / 'findings.json'
+        earlier, target = self.models(), self._new_folder()
+        model, findings = target / MODEL, target / 'findings.json'
+        with self._made(target):
             self._fit(bags, model)
             call('diagnose', *bags, *self.options, '--model', model, '--json', findings)
             missing = targets(json.loads(findings.read_text()))
             if missing:
                 call('add', ','.join(missing), *bags, *self.options, '--model', model)
             # Plots need Bokeh, numbers do not.
-            page = ('--html', work / 'report.html') if find_spec('bokeh') else ()
+            page = ('--html', target / 'report.html') if find_spec('bokeh') else ()
             previous = ('--previous', earlier[-1]) if earlier else ()
             call('compare', second, *self.options, '--model', model, *previous,
-                 '--json', work / 'judged.json', *page)
-            target = self._new_folder()
-            shutil.move(work, target)
+                 '--json', target / 'judged.json', *page)
         print(f'\nfiled in {target}: {", ".join(sorted(x.name for x in target.iterdir()))}')
         return target
+
+    @contextmanager
+    def _made(self, folder: Path) -> Iterator[None]:
+        """Make a folder; remove it, and that of the arm, if a step fails and nothing is left."""
+        is_new = not folder.exists()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            print(f'cannot make the folder {folder}: {problem.strerror}', file=sys.stderr)
+            raise Failed(1) from problem
+        try:
+            yield
+        except BaseException:
+            if is_new:
+                shutil.rmtree(folder)
+            if self.folder.exists() and not any(self.folder.iterdir()):
+                self.folder.rmdir()
+            raise
 
     def _fit(self, bags: Sequence[Path], model: Path) -> None:
         urdf = () if self.urdf is None else ('--urdf', self.urdf)
@@ -109,10 +122,8 @@ class Arm:
 
 
 def targets(diagnosis: dict) -> list[str]:
-    """Return the effects to add, as `NAME:JOINT` or `NAME`."""
-    return [one['effect'] if one['joint'] is None else f'{one["effect"]}:{one["joint"]}'
-            for one in diagnosis['findings']
-            if one['verdict'] in ('established', 'likely') and not one['predicted']]
+    """Return the effects to add, as `NAME:JOINT` or `NAME`, those that `diagnose` suggests."""
+    return list(dict.fromkeys(name for one in diagnosis['findings'] for name in one['to_add']))
 
 
 def simulated(arm: Arm, urdf: Path, folder: Path, friction: float, visit: int) -> Path:
@@ -146,6 +157,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if (args.simulate is None) == (not args.bags):
         parser.error('name recordings of the arm, or --simulate')
     arm = Arm(args.folder / args.name, args.urdf, tuple(options))
+    for path in (*args.bags, *filter(None, (args.judge, args.urdf, args.simulate))):
+        if not path.exists():
+            print(f'no such file: {path}', file=sys.stderr)
+            return 1
     try:
         if args.simulate is not None:
             with tempfile.TemporaryDirectory() as scratch:

@@ -159,7 +159,8 @@ def _link_table(changed: ChangedDescription) -> Table:
         shift = sum((a - b) ** 2 for a, b in zip(link.centre, link.centre_before)) ** 0.5
         rows.append((name, f'{link.mass_before:.3f}', f'{link.mass:.3f}',
                      ' '.join(f'{x:+.4f}' for x in link.centre), f'{1e3 * shift:.1f}'))
-    return terminal.table('', ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
+    return terminal.table('centres of mass in the frame of each link',
+                          ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
 
 
 def _difference_table(changed: ChangedDescription) -> Table:

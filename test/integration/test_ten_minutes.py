@@ -37,14 +37,20 @@ def test_two_visits_are_filed_and_the_risen_friction_is_shown(urdf, tmp_path, ca
     assert changed[0]['after']['value'] == pytest.approx(1.2, rel=0.05)
     assert 'coulomb_friction:elbow F_c: 0.' in out and str(second) in out
     assert {path.name for path in (tmp_path / 'seven').iterdir()} == {
-        first.name, second.name, 'motion.yaml'}
+        first.name, second.name, 'first.json', 'motion.yaml'}
 
 
 def test_a_step_that_fails_files_nothing(tmp_path, capsys):
     assert main(['arm', 'missing.mcap', '--judge', 'second.mcap', '--folder',
                  str(tmp_path)]) == 1
-    assert 'missing.mcap' in capsys.readouterr().err
-    assert not list((tmp_path / 'arm').iterdir())
+    assert 'no such file: missing.mcap' in capsys.readouterr().err
+    (tmp_path / 'bad.mcap').write_text('no recording')
+    (tmp_path / 'file').touch()
+    for words, message in ((['--judge', str(tmp_path / 'file')], 'bad.mcap'), ([], 'bad.mcap'),
+                           (['--folder', str(tmp_path / 'file')], 'cannot make the folder')):
+        assert main(['arm', str(tmp_path / 'bad.mcap'), '--folder', str(tmp_path), *words]) == 1
+        assert message in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bad.mcap', 'file']
 
 
 @pytest.mark.parametrize('words', [['arm'], ['../arm', 'a.mcap'], ['first.mcap', 'second.mcap'],
@@ -55,12 +61,11 @@ def test_wrong_usage_is_refused(words, capsys):
     assert refused.value.code == 2
 
 
-def test_only_findings_that_are_missing_are_added():
-    one = {'joint': 'a', 'effect': 'coulomb_friction', 'verdict': 'established',
-           'predicted': False}
-    diagnosis = {'findings': [one, {**one, 'verdict': 'weak'}, {**one, 'predicted': True},
-                              {**one, 'joint': None, 'effect': 'base_tilt'}]}
-    assert targets(diagnosis) == ['coulomb_friction:a', 'base_tilt']
+def test_what_the_diagnosis_suggests_is_added_once():
+    findings = [['coulomb_friction:a', 'viscous_friction:a'], [], ['base_tilt'],
+                ['viscous_friction:a']]
+    assert targets({'findings': [{'to_add': names} for names in findings]}) == [
+        'coulomb_friction:a', 'viscous_friction:a', 'base_tilt']
 
 
 def test_earlier_models_are_found_in_order(tmp_path):
