@@ -58,10 +58,9 @@ class HeldOutTorques:
             residual = residual - self.effects.get(name, 0.0)
         return np.asarray(residual)
 
-    def block_sums(self, predicted: Collection[str]) -> FloatArray:
-        """Return the sums of squared residuals of each block, (B, N) in (N·m)^2."""
-        squares = self.residual(predicted) ** 2
-        sums = [np.bincount(self.block, column) for column in squares.T]
+    def block_sums(self, residual: FloatArray) -> FloatArray:
+        """Return the sums of squares of a residual (U, N) over each block, (B, N) in (N·m)^2."""
+        sums = [np.bincount(self.block, column) for column in (residual ** 2).T]
         return np.asarray(np.stack(sums, axis=1) + 1e-300)
 
     def rmse(self, predicted: Collection[str]) -> FloatArray:

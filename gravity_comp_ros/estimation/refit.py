@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -19,7 +19,7 @@ from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, DYNAMICS, model_of, Switches, target_of)
+    alternatives_of, DYNAMICS, is_absorbed, model_of, Switches, target_of)
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.evaluation.compare import p_of_decrease
@@ -152,10 +152,20 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
         raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
     usable = options.usable(samples, use)
     old = [effect.target for effect in model.applied.effects]
-    forced = frozenset(key_of(name, model.joints) for name in (*old, *new) if name != DYNAMICS)
-    estimated = estimate(samples, fit_options_of(model), usable, model, forced, None, progress)
+
+    def with_forced(targets: Sequence[str]) -> Estimate:
+        forced = frozenset(key_of(name, model.joints) for name in targets if name != DYNAMICS)
+        return estimate(samples, fit_options_of(model), usable, model, forced, None, progress)
+
+    estimated = with_forced((*old, *new))
     torques = held_out_torques(estimated)
-    before, after = _predicted(estimated, old), _predicted(estimated, (*old, *new))
+    after = torques.residual(_predicted(estimated, (*old, *new)))
+    before = torques.residual(_predicted(estimated, old))
+    if any(is_absorbed(estimated, term) for term in estimated.regression.terms
+           if target_of(term, model.joints) in new):
+        # Terms that gravity or each other absorb are predicted above, in the model they are not.
+        earlier = with_forced(old)
+        before = held_out_torques(earlier).residual(_predicted(earlier, old))
     errors = _errors(torques, before, after, model.joints)
     if new:
         _check_not_worse(errors, options)
@@ -205,9 +215,11 @@ def _predicted(estimated: Estimate, targets: Sequence[str]) -> set[str]:
     return {effect.target for effect in model.applied.effects}
 
 
-def _errors(torques: HeldOutTorques, before: set[str], after: set[str],
+def _errors(torques: HeldOutTorques, before: FloatArray, after: FloatArray,
             joints: tuple[str, ...]) -> dict[str, HeldOut]:
-    spans, old, new = np.ptp(torques.tau, axis=0), torques.rmse(before), torques.rmse(after)
+    """Return the held-out errors of residuals (U, N) without and with the new effects."""
+    spans = np.ptp(torques.tau, axis=0)
+    old, new = (np.sqrt((residual ** 2).mean(axis=0)) for residual in (before, after))
     return {name: HeldOut(float(old[n]), float(new[n]), float(spans[n]))
             for n, name in enumerate(joints)}
 
@@ -221,7 +233,7 @@ def _check_not_worse(errors: Mapping[str, HeldOut], options: RefitOptions) -> No
                        f'fewer effects, or record more motion')
 
 
-def _p_value(torques: HeldOutTorques, before: set[str], after: set[str]) -> float:
+def _p_value(torques: HeldOutTorques, before: FloatArray, after: FloatArray) -> float:
     """
     Return the p-value of the decrease of the error, over blocks.
 

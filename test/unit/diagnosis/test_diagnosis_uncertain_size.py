@@ -97,3 +97,6 @@ def test_the_sum_of_an_ambiguous_effect_and_its_alternatives_is_predicted(seed):
     before, after = (max(joint.rmse for joint in gravity_comp_ros.compare(
         each, later).joints.values()) for each in (model, added))
     assert before > 5.0 * NOISE and after < 1.1 * 1.06 * NOISE
+    # `add` reports what `compare` measures, although each effect absorbs the other one.
+    earlier, later_error = added.report.held_out['elbow']
+    assert earlier == pytest.approx(before, rel=0.5) and later_error < 1.1 * 1.06 * NOISE
