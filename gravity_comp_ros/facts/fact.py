@@ -26,6 +26,7 @@ class Kind(Enum):
     WRAPS = 'wrapped_positions'
     DISABLED = 'drive_disabled'
     VELOCITY = 'velocity'
+    LAG = 'effort_lag'
     GRIPPER = 'gripper'
     LINEAR_JOINT = 'linear_joint'
     PUBLISHER = 'second_publisher'

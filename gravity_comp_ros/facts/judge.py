@@ -15,6 +15,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.facts import efforts, joints, outliers
 from gravity_comp_ros.facts.fact import Action, as_noted, Fact, Kind
 from gravity_comp_ros.facts.friction import effort_facts
+from gravity_comp_ros.facts.lag import filtered_effort
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.facts.velocity import velocity_facts
@@ -108,6 +109,9 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
         signals = replace(signals, q=q)
     signals = judge.rows(signals)
     signals, replaced = judge.velocity(signals, missing)
+    unfiltered, lag = filtered_effort(signals, options)
+    if lag is not None and judge.add(lag):
+        signals = unfiltered
     finite: BoolArray = np.asarray(np.isfinite(signals.qd).all(axis=1))
     finite_signals = signals.keep(finite)
     for fact in (*joints.small_degrees(finite_signals, options),

@@ -70,6 +70,9 @@ class FactOptions:
     min_direction_torque: float = 0.02
     # Ratio of squared residuals, from which another direction or zero of an axis is right.
     better_axes: float = 0.5
+    # Ratio of squared residuals, from which the effort is behind a filter: of real arms without
+    # one it is 0.6 at least.
+    better_lag: float = 0.5
     # Ratio of squared residuals, from which angles are degrees; travel in the recorded unit, from
     # which sines and cosines of true angles differ from lines.
     better_unit: float = 0.5

@@ -89,10 +89,16 @@ def median_of_five(x: FloatArray) -> FloatArray:
 
 
 def _deviation(x: FloatArray) -> FloatArray:
-    """Return deviations (M,) from the neighbours; of the first and last sample from a line."""
+    """
+    Return deviations (M,) from the median of five neighbours.
+
+    Of the first and last sample it is that from a line through the next two as well: the smaller
+    one, because a trend has no median, and a signal that alternates is no line.
+    """
     deviation = np.abs(x - median_of_five(x))
-    for edge, near, next_ in ((0, 1, 2), (-1, -2, -3)):
-        deviation[edge] = abs(x[edge] - 2.0 * x[near] + x[next_])
+    for edge, near, next_, five in ((0, 1, 2, x[:5]), (-1, -2, -3, x[-5:])):
+        deviation[edge] = min(abs(x[edge] - 2.0 * x[near] + x[next_]),
+                              abs(x[edge] - np.median(five)))
     return np.asarray(deviation)
 
 

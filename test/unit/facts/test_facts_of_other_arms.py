@@ -120,6 +120,31 @@ def test_a_stuck_encoder_without_velocities(tmp_path):
     assert [fact.kind for fact in read(tmp_path, q=q, qd=None).report.facts] == [Kind.VELOCITY]
 
 
+@pytest.mark.parametrize('constant', [0.3, 0.6])
+def test_the_filter_of_a_driver_is_undone(tmp_path, constant):
+    late = TAU.copy()
+    for k in range(1, len(late)):
+        late[k] = late[k - 1] + (TAU[k] - late[k - 1]) * (1 - np.exp(-1 / (RATE * constant)))
+    recording = read(tmp_path, tau=late)
+    (fact,) = recording.report.facts
+    assert (fact.kind, fact.action) == (Kind.LAG, Action.CORRECTED)
+    estimated = float(fact.evidence.split(' of ')[-1].split()[0])
+    assert estimated == pytest.approx(constant, rel=0.15)
+    assert (recording.samples.tau - TAU).std() < 0.3 * (late - TAU).std()
+    assert (read(tmp_path, tau=late, accept=('effort_lag',)).samples.tau == late).all()
+
+
+def test_friction_that_builds_up_over_an_angle_is_no_filter(tmp_path):
+    for angle in (0.01, 0.03):
+        built_up = np.zeros_like(Q)
+        for k in range(1, len(Q)):
+            way = 1 - np.exp(-np.abs(Q[k] - Q[k - 1]) / angle)
+            built_up[k] = built_up[k - 1] + way * (np.sign(QD[k]) - built_up[k - 1])
+        tau = gravity_torque(ARM, Q) + np.array([3.0, 4.0, 2.0, 0.8, 0.7, 0.4]) * built_up
+        noise = 0.08 * np.random.default_rng(5).standard_normal(Q.shape)
+        assert read(tmp_path, tau=tau + noise).report.facts == ()
+
+
 def test_efforts_of_the_other_sign_are_refused(tmp_path):
     with pytest.raises(BagError, match='=-1'):
         read(tmp_path, tau=-TAU)

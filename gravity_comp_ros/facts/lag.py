@@ -1,0 +1,118 @@
+"""Efforts behind a low-pass filter of the driver: friction of a reversal that appears late."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.signals import Signals
+import numpy as np
+
+# Time constants that are tried, s, and then factors on the best one, twice.
+_CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+_FACTORS = ((0.7, 0.85, 1.0, 1.2, 1.4), (0.9, 1.0, 1.1))
+# Angles over which friction may build up after a reversal, rad.
+_ANGLES = (0.003, 0.01, 0.03, 0.1)
+# Number of columns of friction of each joint.
+_FRICTION = 3
+# Samples that are fitted, at most, and their minimum interval, s.
+_MAX_SAMPLES, _MIN_INTERVAL = 5000, 0.02
+
+
+def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fact | None]:
+    """
+    Return the signals with the effort before a filter of the first order, and the fact.
+
+    The gravity of the pose and the friction of the direction are fitted to the effort of each
+    joint, both behind a filter. The residual of most joints is much smaller at the same time
+    constant if the driver filters.
+    """
+    step = max(1, int(np.ceil(_MIN_INTERVAL / max(_interval(signals), 1e-9))))
+    part = signals.keep(np.arange(len(signals)) % step == 0)
+    part = part.keep(np.arange(len(part)) < _MAX_SAMPLES)
+    if len(part) < options.min_samples or _interval(part) > min(_CONSTANTS[-1], 0.5):
+        return signals, None
+    columns, joints = _columns(part, options)
+    if len(joints) < 2:
+        return signals, None
+    tried = {t: _residuals(part, columns, joints, t) for t in (0.0, *_CONSTANTS)}
+    best = min(_CONSTANTS, key=lambda t: float(np.log(tried[t]).sum()))
+    # Friction that builds up over an angle is late too, in another shape.
+    built_up = [_residuals(part, columns, joints, angle, over_angle=True) for angle in _ANGLES]
+    other = np.min([tried[0.0], *built_up], axis=0)
+    clear = tried[best] < options.better_lag * other
+    if 2 * clear.sum() <= len(joints) or clear.sum() < 2 or best < 2 * _interval(signals):
+        return signals, None
+    constant = best
+    for factors in _FACTORS:
+        constant = _minimum({constant * factor: float(np.log(_residuals(
+            part, columns, joints, constant * factor)).sum()) for factor in factors})
+    names = tuple(signals.names[n] for n, is_clear in zip(joints, clear) if is_clear)
+    ratios = dict(zip(names, (tried[best] / other)[clear].tolist()))
+    fact = Fact(
+        Kind.LAG, names, f'effort follows the motion late on {", ".join(names)}, as behind a '
+        f'low-pass filter of {constant:.2g} s', Action.CORRECTED, 'the filter is undone, for '
+        'every joint; publish the effort without it if you can', f'--accept {Kind.LAG.value} '
+        f'reads it as recorded', ratios)
+    return replace(signals, tau=_undone(signals, constant)), fact
+
+
+def _columns(signals: Signals, options: FactOptions) -> tuple[FloatArray, list[int]]:
+    """Return columns (M, N, C) of each joint, and the joints that move."""
+    moving = np.ptp(signals.q, axis=0) > options.min_travel
+    q = signals.q[:, moving]
+    poses = np.column_stack([np.ones(len(q)), np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)])
+    qd = np.nan_to_num(signals.qd)
+    fastest = np.maximum(np.abs(qd).max(axis=0), 1e-12)
+    friction = np.stack([np.tanh(qd / (0.05 * fastest)), np.sign(qd), qd], axis=2)
+    joints = [n for n in np.flatnonzero(moving).tolist() if qd[:, n].any()
+              and np.ptp(signals.tau[:, n]) > options.dead_torque]
+    shared = np.broadcast_to(poses[:, None, :], (*qd.shape, poses.shape[1]))
+    return np.concatenate([shared, friction], axis=2), joints
+
+
+def _residuals(signals: Signals, columns: FloatArray, joints: list[int], constant: float,
+               over_angle: bool = False) -> FloatArray:
+    """
+    Return the mean squared residual of each joint with columns behind a filter.
+
+    :param constant: of the filter, in s; 0 for none.
+    :param over_angle: whether it is an angle in rad over which only friction builds up.
+    """
+    x = columns
+    if constant:
+        first = -_FRICTION if over_angle else 0
+        way = np.abs(np.diff(signals.q, axis=0)) if over_angle else np.diff(signals.t)[:, None]
+        share = (1.0 - np.exp(-way / constant))[:, :, None]
+        x = columns.copy()
+        behind, given = x[:, :, first:], columns[:, :, first:]
+        for row, part in enumerate(share, 1):
+            behind[row] = behind[row - 1] + part * (given[row] - behind[row - 1])
+    rest = []
+    for n in joints:
+        solution = np.linalg.lstsq(x[:, n], signals.tau[:, n], rcond=1e-10)[0]
+        rest.append(float(((signals.tau[:, n] - x[:, n] @ solution) ** 2).mean()))
+    return np.maximum(rest, 1e-18)
+
+
+def _undone(signals: Signals, constant: float) -> FloatArray:
+    """Return the efforts (M, N) before the filter."""
+    share = 1.0 - np.exp(-np.diff(signals.t) / constant)
+    tau = signals.tau.copy()
+    tau[1:] = signals.tau[:-1] + np.diff(signals.tau, axis=0) / share[:, None]
+    return np.asarray(tau)
+
+
+def _minimum(costs: dict[float, float]) -> float:
+    """Return the minimum of the parabola through the costs, over the logarithm of the key."""
+    t = np.array(list(costs))
+    a, b, _ = np.polyfit(np.log(t), list(costs.values()), 2)
+    if a <= 0.0:
+        return float(min(costs, key=costs.__getitem__))
+    return float(np.exp(np.clip(-b / (2 * a), np.log(t.min()), np.log(t.max()))))
+
+
+def _interval(signals: Signals) -> float:
+    return float(np.median(np.diff(signals.t))) if len(signals) > 1 else 0.0
