@@ -83,15 +83,17 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
     widths = np.array(options.sign_widths)[:, None]
     stiffness, left_out, sag, rmse = {}, {}, {}, {}
     for j, joint in enumerate(model.joints):
-        columns = np.column_stack([torque[:, j], np.ones(len(goal)), samples.qd[:, j],
-                                   *np.tanh(samples.qd[:, j] / widths)])
-        error = goal[:, j] - samples.q[:, j]
-        solution = np.linalg.lstsq(columns, error, rcond=None)[0]
-        rest = float((error - columns @ solution).std())
-        inverse = np.linalg.pinv(columns.T @ columns)
-        std = max(rest, 1e-9) * float(np.sqrt(inverse[0, 0] * per_error))
-        slope, sag[joint] = float(solution[0]), float(torque[:, j].std() * abs(solution[0]))
-        if abs(slope) < options.significance * std or torque[:, j].std() < 1e-9:
+        others = np.column_stack([np.ones(len(goal)), samples.qd[:, j],
+                                  *np.tanh(samples.qd[:, j] / widths)])
+        # Without the part that the other columns explain, a torque of any size has its own error.
+        load, error = (_without(others, values) for values in (torque[:, j],
+                                                               goal[:, j] - samples.q[:, j]))
+        size = max(float(np.linalg.norm(load)), 1e-12)
+        slope = float(load @ error) / size ** 2
+        rest = float((error - slope * load).std())
+        std, sag[joint] = max(rest, 1e-9) * float(np.sqrt(per_error)) / size, float(
+            torque[:, j].std() * abs(slope))
+        if abs(slope) < options.significance * std:
             left_out[joint] = ('goal minus position does not follow the torque: its controller '
                                'has an integral part, or its torque hardly changes')
         elif slope < 0.0:
@@ -104,8 +106,14 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
             rmse[joint] = rest
     if not stiffness:
         raise DataError('no stiffness: ' + '; '.join(
-            f'{joint}: {why}' for joint, why in left_out.items()))
+            f'{", ".join(joint for joint in left_out if left_out[joint] == why)}: {why}'
+            for why in dict.fromkeys(left_out.values())))
     return ServoStiffness(stiffness, left_out, sag, rmse)
+
+
+def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values (M,) without their least-squares fit by columns (M, C)."""
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
 def _per_error(samples: JointSamples, options: StiffnessOptions) -> float:

@@ -62,6 +62,15 @@ def test_a_joint_with_an_integral_part_or_a_wrong_sign_is_left_out():
         servo_stiffness(model(), *servos(-STIFFNESS))
 
 
+@pytest.mark.parametrize('size', [0.0, 1e-8, 1e-3])
+def test_a_joint_with_hardly_any_torque_is_left_out(size):
+    samples, goal = servos()
+    torques = (model().torques[0], Expansion(np.array([1]), np.array([size])))
+    goal[:, 1] = samples.q[:, 1] + 1e-3 * np.random.default_rng(1).normal(size=len(goal))
+    result = servo_stiffness(replace(model(), torques=torques), samples, goal)
+    assert list(result.stiffness) == ['shoulder'] and 'hardly changes' in result.left_out['elbow']
+
+
 def test_unusable_goals_are_refused():
     samples, goal = servos()
     with pytest.raises(DataError, match='shape'):
