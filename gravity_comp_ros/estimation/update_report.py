@@ -71,6 +71,12 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
         warnings.append('a rigid body on the last link does not explain the change; mass and '
                         'centre of mass are only the nearest approximation')
 
+    worse = [name for name, is_worse in zip(old.joints, rmse > before + sigma) if is_worse]
+    if worse:
+        warnings.append(f'no change of masses explains the recording: the error of '
+                        f'{", ".join(worse)} is larger than before the update; it may be of '
+                        f'another arm, or of another mounting')
+
     def by_joint(values: FloatArray) -> dict[str, float]:
         return dict(zip(old.joints, values.tolist()))
 

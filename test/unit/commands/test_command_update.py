@@ -2,8 +2,11 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.update_report import details
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
@@ -130,6 +133,20 @@ def test_text_and_undo(folder, model, capsys):
     assert [step.action for step in back.history] == ['updated', 'removed']
     assert 'updates' not in back.provenance
     assert 'undone already' in refused(capsys, 'update', '--undo', '--model', model)
+
+
+def test_an_update_that_increases_the_error_warns(model):
+    arm = load_model(model)
+    q = LATER[:60]
+    tau = arm.predict(q) + 0.1 * np.random.default_rng(0).standard_normal(q.shape)
+    samples = JointSamples.single_run(arm.joints, np.arange(60) / 5.0, q, 0 * q, tau)
+    step = SimpleNamespace(model=arm, payload=None, is_payload=True, changed=(),
+                           change=SimpleNamespace(log_evidence=0.0, lasso=None))
+    sigma = np.full(7, 0.1)
+    for rise, count in ((0.05, 0), (0.3, 1)):
+        report = details(arm, step, samples, sigma + rise * np.eye(7)[2], sigma)
+        worse = [line for line in report.warnings if 'no change of masses' in line]
+        assert len(worse) == count and all(arm.joints[2] in line for line in worse)
 
 
 def test_effects_are_kept_unchanged(folder, tmp_path, capsys):
