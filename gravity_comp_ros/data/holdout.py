@@ -1,11 +1,11 @@
-"""Hold-out of samples from a fit, for an evaluation on unseen data."""
+"""Hold-out of samples from a fit, and folds for cross-validation, for errors on unseen data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 from numpy.typing import NDArray
@@ -108,3 +108,27 @@ def _parts(samples: JointSamples, options: HoldoutOptions) -> tuple[Block, ...]:
 
 def _ends(t: NDArray[np.float64]) -> tuple[float, float]:
     return float(t[0]), float(t[-1])
+
+
+N_FOLDS = 5
+
+
+def folds(runs: IntArray, n_folds: int = N_FOLDS) -> list[BoolArray]:
+    """
+    Return masks (M,) of test samples that together cover all samples once.
+
+    Samples are autocorrelated, so a held-out sample must not be next to fitted ones: a fold is
+    one or more whole runs if there are at least three, otherwise one of `n_folds` contiguous
+    blocks.
+    """
+    present = np.unique(runs)
+    if len(present) >= 3:
+        groups = np.array_split(present, min(n_folds, len(present)))
+        return [np.isin(runs, group) for group in groups]
+    blocks = np.array_split(np.arange(len(runs)), n_folds)
+    masks = []
+    for block in blocks:
+        mask = np.zeros(len(runs), dtype=bool)
+        mask[block] = True
+        masks.append(mask)
+    return masks

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.folds import folds
+from gravity_comp_ros.data.holdout import folds
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse.dictionary import Expansion

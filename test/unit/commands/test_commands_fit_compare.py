@@ -122,22 +122,27 @@ def test_of_two_bags_the_last_is_held_out(bags, capsys):
     assert result['report']['n_samples'] == 400
 
 
-def test_effort_scale_and_joints_apply_to_the_model(bags, tmp_path):
-    path = tmp_path / 'm.json'
+@pytest.fixture(scope='module')
+def scaled(bags, tmp_path_factory):
+    path = str(tmp_path_factory.mktemp('scaled') / 'm.json')
     assert main(['fit', bags['train'], '--joints', 'elbow,shoulder', '--effort-scale',
-                 'elbow=-2', '--formulation', 'per_joint', '-o', str(path)]) == 0
-    loaded = load_model(path)
+                 'elbow=-2', '--formulation', 'per_joint', '-o', path]) == 0
+    return path
+
+
+def test_effort_scale_and_joints_apply_to_the_model(scaled):
+    loaded = load_model(scaled)
     assert loaded.joints == ('elbow', 'shoulder')
     elbow, shoulder = loaded.torques
     assert sorted(elbow.weights) == pytest.approx([-8.0, -8.0], abs=0.1)
     assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
-
-
-def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, capsys, tmp_path):
-    path, scale = str(tmp_path / 'm.json'), ['--effort-scale', 'elbow=-2']
-    assert main(['fit', bags['train'], *scale, '-o', path]) == 0
-    (provenance,) = load_model(path).provenance['bags']
+    (provenance,) = loaded.provenance['bags']
     assert provenance['effort_scale'] == {'elbow': -2.0}
+
+
+def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, scaled, capsys,
+                                                                  tmp_path):
+    scale = ['--effort-scale', 'elbow=-2']
 
     def warnings(*argv):
         capsys.readouterr()
@@ -147,10 +152,10 @@ def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, c
     later, out = bags['later'], str(tmp_path / 'out.mcap')
     for verb in (['compare', later, '--json'], ['replay', later, '-o', out],
                  ['diagnose', later, '--effects', 'torque_offset']):
-        (line,) = warnings(*verb, '--model', path)
+        (line,) = warnings(*verb, '--model', scaled)
         assert line == ('warning: the model was fitted with another effort scale of elbow: '
                         'unless the driver has changed, use --effort-scale elbow=-2')
-    assert not warnings('compare', later, '--model', path, *scale)
+    assert not warnings('compare', later, '--model', scaled, *scale)
     assert not warnings('compare', later, '--model', model)
     (line,) = warnings('compare', later, '--model', model, *scale)
     assert '--effort-scale elbow=1' in line

@@ -1,11 +1,10 @@
 """Variance inflation factor: held-out parts, and the largest factor of similar error."""
 
-from gravity_comp_ros.data.folds import folds
+from gravity_comp_ros.data.holdout import folds
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import sparse_fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import (
-    SparseOptions, SparseProblem, SupportFit)
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem, SupportFit
 from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, strategies as st
 import numpy as np
