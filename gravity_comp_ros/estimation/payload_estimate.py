@@ -162,5 +162,5 @@ def _check_misfit(residual: FloatArray, sigma: FloatArray, joints: tuple[str, ..
         rms = float(np.sqrt((residual ** 2).mean(axis=0))[worst])
         raise ModelMismatchError(
             f'the known axes do not reproduce the model: the torque of joint {joints[worst]} '
-            f'differs by {rms:.2g} N·m within the trained range. Check that the URDF is of this '
-            f'arm and has the same zero angles')
+            f'differs by {rms:.2g} N·m within the trained range. `gravity_comp check` names what '
+            f'differs: an axis, a zero angle; a per_joint model may be of no arm: fit a chain')

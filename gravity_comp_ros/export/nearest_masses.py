@@ -192,5 +192,6 @@ def _check_misfit(residual: FloatArray, torque: FloatArray, noise: FloatArray,
         worst = int(np.argmax(rms - limit))
         raise ModelMismatchError(
             f'no masses on the axes of the description give the torque of the model on '
-            f'{shown_names(wrong)}: it differs by {rms[worst]:.2g} N·m on {joints[worst]}. Check '
-            f'that the description is of this arm and has its zero angles and its mount')
+            f'{shown_names(wrong)}: it differs by {rms[worst]:.2g} N·m on {joints[worst]}. '
+            f'`gravity_comp check --urdf` names what differs: axis, zero angle, mount; a '
+            f'per_joint model may be of no arm: fit a chain')

@@ -115,7 +115,7 @@ def test_an_unchanged_arm_stays_the_same(arm):
     (lambda t: t.replace('"elbow"', '"ellbow"'), 'has no joint elbow'),
     (lambda t: t.replace('name="lift"', 'name="lift" type="slide"'), 'lift is no hinge'),
     (lambda t: t.replace('angle="degree"', 'inertiafromgeom="true"'), 'replaces all masses'),
-    (lambda t: t.replace('axis="0 1 0" f', 'axis="0 1 2" f'), 'description is of this arm'),
+    (lambda t: t.replace('axis="0 1 0" f', 'axis="0 1 2" f'), 'names what differs'),
     (lambda t: t.replace('</worldbody>', ''), 'is not an MJCF'),
     (lambda t: t.replace('type="capsule"', 'type="cylindre"'), 'MuJoCo does not load'),
     (lambda t: '<robot/>', 'its root is <robot>')])

@@ -186,7 +186,7 @@ def test_a_model_of_another_arm_is_refused():
     other = IIWA.replace(b'rpy="1.5707963267948966 0 0"', b'rpy="0.4 0 0"', 1)
     turned = re.sub(rb'rpy="1\.5707[^"]*"', b'rpy="0.4 0.3 0"', IIWA)
     assert turned != IIWA or other != IIWA
-    with pytest.raises(ModelMismatchError, match='description is of this arm'):
+    with pytest.raises(ModelMismatchError, match='names what differs'):
         changed_urdf(turned, model)
 
 
