@@ -59,7 +59,8 @@ def _missing(diagnosis: Diagnosis) -> str:
         return f'Missing: {"; ".join(map(wording.named, diagnosis.found))}.'
     if diagnosis.findings:
         first = diagnosis.findings[0]
-        return f'Not established ({first.verdict}): {wording.named(first)}.'
+        others = f'; alternative: {", ".join(first.rivals)}' if first.rivals else ''
+        return f'Not established ({first.verdict}): {wording.named(first)}{others}.'
     if any(joint.remaining_share > 0.0 for joint in diagnosis.joints.values()):
         return 'No effect of the library explains the residual.'
     return 'Nothing is missing that is detectable in this motion.'
