@@ -70,7 +70,8 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
     posterior = posterior or regression.posterior
     shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
     used = problem.samples.select(problem.rows.samples)
-    model = _gravity(shared, posterior, joints, Coverage.of(used), estimate.formulation)
+    model = _gravity(shared, regression.covariance, joints, Coverage.of(used),
+                     estimate.formulation)
     predicted: list[AppliedEffect] = []
     fitted: list[AppliedEffect] = []
     for term in posterior.terms:
@@ -111,10 +112,9 @@ def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray
     return parameters[4 * shared.chain.n_joints:]
 
 
-def _gravity(shared: Shared, posterior: Posterior, joints: tuple[str, ...], coverage: Coverage,
-             formulation: str) -> GravityModel:
-    p = len(shared.point)
-    covariance, none = posterior.covariance[:p, :p], np.zeros(len(joints))
+def _gravity(shared: Shared, covariance: FloatArray, joints: tuple[str, ...],
+             coverage: Coverage, formulation: str) -> GravityModel:
+    none = np.zeros(len(joints))
     if has_dynamics(shared):
         chain, steps = shared.chain, shared.step_map()
         model = GravityModel.from_energy(

@@ -19,10 +19,11 @@ from gravity_comp_ros.regression.noise import (
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.search import Search
+from gravity_comp_ros.regression.search import Alternative, Search
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
+from scipy.special import softmax
 
 _MAD = 1.4826
 
@@ -35,7 +36,8 @@ class Regression:
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
     the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
     error of their law, `identified` the share of each coefficient's torque (RMS) that all other
-    columns leave. `motion` is that of the samples at the estimated gravity.
+    columns leave. `motion` is that of the samples at the estimated gravity. `covariance` (P, P) is
+    that of the shared part, over the alternatives too.
     """
 
     problem: Problem
@@ -48,6 +50,7 @@ class Regression:
     gains: Mapping[Key, float]
     stds: Mapping[Key, FloatArray]
     identified: Mapping[Key, FloatArray]
+    covariance: FloatArray
     steps: int
     converged: bool
 
@@ -100,7 +103,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     exact = _with_exact_angles(fit)
     fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
         exact.centred(), search, effects)
-    alternatives = {term.key: _ambiguous(search, term) for term in search.terms}
+    ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
     posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
         fit.posterior, problem.scale, options))
     published = solve(posterior.design, posterior.terms, precision_of(
@@ -110,10 +113,14 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
              for term in published.terms}
     stds = {term.key: np.hypot(published.std(term), options.law_error * scores[
         term.key].leverage(published.beta[published.at[term]])) for term in published.terms}
+    covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
-                      fit.factory.motion, alternatives, gains, stds,
-                      {key: s.identified for key, s in scores.items()}, steps, converged)
+                      fit.factory.motion,
+                      {key: tuple(dict.fromkeys(other.term.key for other in others))
+                       for key, others in ambiguous.items()}, gains, stds,
+                      {key: s.identified for key, s in scores.items()}, covariance, steps,
+                      converged)
 
 
 def _with_exact_angles(fit: Linear) -> Linear:
@@ -190,13 +197,29 @@ def robust_std(residual: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(_MAD * np.median(np.abs(residual), axis=0), 1e-12))
 
 
-def _ambiguous(search: Search, term: Term) -> tuple[Key, ...]:
+def _ambiguous(search: Search, term: Term) -> list[Alternative]:
     """
-    Return the keys of the terms that could replace one within the margin.
+    Return the terms that could replace one within the margin.
 
     They include effects of its joint that this motion does not make testable.
     """
     lowest = search.posterior.log_evidence - search.options.margin
     others = [*search.alternatives(term), *search.excluded_alternatives(term)]
-    return tuple(dict.fromkeys(
-        other.term.key for other in others if other.log_evidence > lowest))
+    return [other for other in others if other.log_evidence > lowest]
+
+
+def _covariance(search: Search, posterior: Posterior,
+                others: Sequence[Alternative]) -> FloatArray:
+    """
+    Return the covariance (P, P) of the shared part about the estimate, over alternatives too.
+
+    Each has the probability of its evidence, and the shared part with the selected terms replaced.
+    """
+    p, chosen = posterior.design.n_shared, search.posterior
+    evidence = np.array([chosen.log_evidence, *(other.log_evidence for other in others)])
+    probabilities = softmax(evidence)[1:]
+    steps = np.zeros((p, len(others)))
+    for k, other in enumerate(others):
+        beta = solve(chosen.design, other.terms, chosen.precision).beta
+        steps[:, k] = beta[:p] - chosen.beta[:p]
+    return np.asarray(posterior.covariance[:p, :p] + (steps * probabilities) @ steps.T)

@@ -97,6 +97,11 @@ def test_the_sum_of_an_ambiguous_effect_and_its_alternatives_is_predicted(seed):
     before, after = (max(joint.rmse for joint in gravity_comp_ros.compare(
         each, later).joints.values()) for each in (model, added))
     assert before > 5.0 * NOISE and after < 1.1 * 1.06 * NOISE
+    # The interval of gravity alone contains that of the alternative.
+    other = gravity_comp_ros.add_effects(model, Recording(train), diagnosis.findings[0].to_add[1:])
+    difference = other.gravity.predict(train.q[::50]) - model.gravity.predict(train.q[::50])
+    std = model.gravity.predict_std(train.q[::50])
+    assert np.abs(difference).max() > 0.2 and (np.abs(difference) < 3.0 * std + 0.02).all()
     # `add` reports what `compare` measures, although each effect absorbs the other one.
     earlier, later_error = added.report.held_out['elbow']
     assert earlier == pytest.approx(before, rel=0.5) and later_error < 1.1 * 1.06 * NOISE
