@@ -26,6 +26,9 @@ from scipy.special import log_ndtr
 
 # Share of a column below which the others explain it already, whatever its coefficient.
 _EXPLAINED = 3e-3
+# Sum of squares of a column, relative to the largest of its term, that is 0 but for the rounding
+# of the axes.
+_ZERO = 1e-12
 # Number of settings of an effect with the same nonlinear parameters, the best at kappa = 1, whose
 # gain is computed.
 _SETTINGS = 2
@@ -76,12 +79,16 @@ def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
     :param information: that of the K columns after the others are eliminated, (K, K).
     :param size: the sums of squares of the columns, (K,), weighted as in `information`.
     """
-    scale = np.sqrt(np.maximum(size, 1e-300))
+    shares = np.zeros(len(size))
+    # Rounding leaves a column that is 0, such as that of the moment about a vertical axis.
+    used = np.flatnonzero(size > _ZERO * max(float(size.max(initial=0.0)), 1e-300))
+    scale = np.sqrt(size[used])
     # In units of the columns the smallest number is far below any share that counts.
-    scaled = information / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    scaled = information[np.ix_(used, used)] / np.outer(scale, scale) + 1e-12 * np.eye(len(used))
     inverse = np.diag(np.linalg.inv(scaled))
     # Rounding may make the information of a column that the others explain negative.
-    return np.asarray(np.sqrt(np.where(inverse > 0.0, 1.0 / inverse, 0.0)))
+    shares[used] = np.sqrt(np.where(inverse > 0.0, 1.0 / inverse, 0.0))
+    return shares
 
 
 def score_of(posterior: Posterior, term: Term) -> Score:

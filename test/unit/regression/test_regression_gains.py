@@ -226,6 +226,14 @@ def test_a_column_that_is_a_sum_of_others_is_not_identified():
     assert negative.identified[1] == 0.0 and negative.leverage(np.ones(2))[1] == 0.0
 
 
+def test_a_column_of_rounding_errors_is_not_identified():
+    """The moment about a vertical axis has no torque; its rounding seemed to be identified."""
+    z = np.random.default_rng(1).normal(size=(3, 50)) * np.array([[1.0], [1e-8], [2.0]])
+    own = z @ z.T
+    shares = shares_left(own, np.diag(own))
+    assert shares[1] == 0.0 and shares[[0, 2]].min() > 0.8
+
+
 def test_corrections_need_what_they_correct():
     _, factory, terms = case(0)
     coulomb, viscous = terms['coulomb_friction', 0], terms['viscous_friction', 0]
