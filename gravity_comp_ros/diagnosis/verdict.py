@@ -160,6 +160,9 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if (np.abs(values) < 1.96 * std).all():
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
+    if gain < engine.min_gain:
+        # The noise of the selection has no autocorrelation; that of the result has.
+        return Verdict.WEAK, _little_evidence(gain, engine.min_gain)
     if others:
         return Verdict.AMBIGUOUS, alternatives
     joints = range(len(evidence.joints)) if term.joint is None else [term.joint]
@@ -168,7 +171,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
         return Verdict.LIKELY, (f'the effective sample size is {size:.0f}; '
                                 f'{options.min_effective:.0f} is required')
     if gain < options.established:
-        return Verdict.LIKELY, _little_evidence(gain, options)
+        return Verdict.LIKELY, _little_evidence(gain, options.established)
     return Verdict.ESTABLISHED, ''
 
 
@@ -197,10 +200,10 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     sizes = values_of(listed, motion_parameters(shared, posterior.beta[:p]),
                       motion_parameters(shared, std))
     established = gain >= evidence.options.established
+    why = '' if established else _little_evidence(gain, evidence.options.established)
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
                    sizes, held_out.before, held_out.after, 0.0, held_out.runs_better,
-                   '' if established else _little_evidence(gain, evidence.options), '', gain,
-                   p_of(gain), to_add=(DYNAMICS,))
+                   why, '', gain, p_of(gain), to_add=(DYNAMICS,))
 
 
 def _gain_of_dynamics(regression: Regression) -> float:
@@ -221,8 +224,8 @@ def _gain_of_dynamics(regression: Regression) -> float:
     return evidences[0] - evidences[1]
 
 
-def _little_evidence(gain: float, options: DiagnosisOptions) -> str:
-    return f'its evidence is {gain:.1f} nats; {options.established:.0f} are required'
+def _little_evidence(gain: float, required: float) -> str:
+    return f'its evidence is {gain:.1f} nats; {required:.0f} are required'
 
 
 def p_of(gain: float) -> float:

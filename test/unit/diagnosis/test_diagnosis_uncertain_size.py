@@ -8,8 +8,9 @@ from bench.shared.campaign import campaign
 import gravity_comp_ros
 from gravity_comp_ros import Recording
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.diagnose import conclude, diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
+from gravity_comp_ros.estimation.estimate import estimate
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
@@ -105,3 +106,18 @@ def test_the_sum_of_an_ambiguous_effect_and_its_alternatives_is_predicted(seed):
     # `add` reports what `compare` measures, although each effect absorbs the other one.
     earlier, later_error = added.report.held_out['elbow']
     assert earlier == pytest.approx(before, rel=0.5) and later_error < 1.1 * 1.06 * NOISE
+
+
+@pytest.mark.parametrize('gain, verdict', [(2.9, Verdict.WEAK), (3.1, Verdict.LIKELY)])
+def test_a_finding_has_the_evidence_that_a_term_requires(offset_estimate, gain, verdict):
+    regression = offset_estimate.regression
+    weaker = replace(offset_estimate, regression=replace(
+        regression, gains=dict.fromkeys(regression.gains, gain)))
+    finding, = (f for f in conclude(weaker, None).findings if f.effect == 'torque_offset')
+    assert finding.verdict == verdict and f'{gain} nats' in finding.why
+    assert bool(finding.to_add) == (verdict == Verdict.LIKELY)
+
+
+@pytest.fixture(scope='module')
+def offset_estimate():
+    return estimate(links(1.2, lambda q, qd: np.full(len(q), 0.5), 0))
