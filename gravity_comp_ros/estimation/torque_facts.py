@@ -8,6 +8,7 @@ that explains the efforts, while equal gains, a base at rest and the names do no
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
@@ -59,7 +60,18 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
     if every is not None and every.n_joints > samples.n_joints and moves_enough(every):
         base = moved_base(ArmFit(every))
         facts = [] if base is None else base.facts()
-    return facts
+    return facts or ([] if fit.is_white(fit.plain) else _facts_of_one(samples))
+
+
+def _facts_of_one(samples: JointSamples) -> list[Fact]:
+    """Return the facts that gains differ in one of several recordings, the first that has any."""
+    for alone in samples.each_run() if samples.n_runs > 1 else ():
+        facts = joint_gains(ArmFit(alone)).facts() if moves_enough(alone) else []
+        if facts:
+            return [replace(fact, evidence=f'in {alone.run_labels[0]}: {fact.evidence}',
+                            otherwise=f'without this recording the others can be learned; of it '
+                                      f'alone, {fact.otherwise}') for fact in facts]
+    return []
 
 
 def _order_facts(fit: ArmFit, samples: JointSamples) -> list[Fact]:

@@ -58,6 +58,16 @@ def test_a_unit_of_one_joint(factor):
         assert fact.values[ARM.joints[1]] == pytest.approx(1 / factor, rel=0.1)
 
 
+def test_a_unit_of_one_joint_in_one_of_two_recordings():
+    gains = np.ones(6)
+    gains[2] = 4.0
+    right, wrong = recorded(seed=1), replace(recorded(gains), run_labels=('wrong.mcap',))
+    (fact,) = torque_facts(concatenate([right, wrong]))
+    assert fact.kind is Kind.EFFORT_GAIN and fact.action is Action.REFUSED
+    assert fact.evidence.startswith('in wrong.mcap: ') and '--effort-scale' in fact.otherwise
+    assert not torque_facts(concatenate([right, recorded(seed=2)]))
+
+
 def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
     rated = np.array([300.0, 300.0, 150.0, 50.0, 50.0, 50.0])
     samples = recorded(1000.0 / rated)
