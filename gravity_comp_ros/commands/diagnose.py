@@ -236,7 +236,7 @@ def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
                        next_step.command('replay', args, '-o', 'replay.mcap', model=args.model,
                                          bags=args.bags[:1]))
     if open_:
-        _show_open(args, open_, fit_shown=bool(to_add))
+        _show_open(args, open_)
     terminal.show('')
 
 
@@ -254,7 +254,7 @@ def _fit_command(args: argparse.Namespace, model: Path | str) -> str:
     return next_step.command('fit', args, '-o', str(model))
 
 
-def _show_open(args: argparse.Namespace, findings: Sequence[Finding], fit_shown: bool) -> None:
+def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
     terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")}')
     for finding in findings:
         for line in _open_lines(finding):

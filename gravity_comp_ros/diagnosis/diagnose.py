@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport
+from gravity_comp_ros.diagnosis.unexplained import unexplained
 from gravity_comp_ros.diagnosis.verdict import (
-    DiagnosisOptions, Evidence, finding_of, finding_of_dynamics, unexplained)
+    DiagnosisOptions, Evidence, finding_of, finding_of_dynamics)
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate, estimate
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of

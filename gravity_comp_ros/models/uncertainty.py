@@ -20,6 +20,13 @@ import numpy as np
 
 # Number of poses per batch, which bounds the memory.
 _AT_ONCE = 1000
+# A fit is certain if its standard deviation over all poses is below this share of the noise.
+_CERTAIN = 0.67
+# It is uncertain if known axes would reduce the standard deviation by this factor, or if it
+# exceeds this multiple of the noise.
+_REDUCTION, _LARGE = 2.0, 2.0
+# Number of poses that represent the whole joint range.
+_POSES = 200
 
 
 class Uncertainty(Protocol):
@@ -105,15 +112,6 @@ def _checked(covariance: FloatArray, size: int) -> FloatArray:
     if not np.isfinite(array).all():
         raise DataError('uncertainty: a number is not finite')
     return array
-
-
-# A fit is certain if its standard deviation over all poses is below this share of the noise.
-_CERTAIN = 0.67
-# It is uncertain if known axes would reduce the standard deviation by this factor, or if it
-# exceeds this multiple of the noise.
-_REDUCTION, _LARGE = 2.0, 2.0
-# Number of poses that represent the whole joint range.
-_POSES = 200
 
 
 def all_poses(n_joints: int) -> FloatArray:

@@ -220,6 +220,5 @@ def _covariance(search: Search, posterior: Posterior,
     probabilities = softmax(evidence)[1:]
     steps = np.zeros((p, len(others)))
     for k, other in enumerate(others):
-        beta = solve(chosen.design, other.terms, chosen.precision).beta
-        steps[:, k] = beta[:p] - chosen.beta[:p]
+        steps[:, k] = other.posterior.beta[:p] - chosen.beta[:p]
     return np.asarray(posterior.covariance[:p, :p] + (steps * probabilities) @ steps.T)

@@ -36,11 +36,11 @@ _COMPARABLE = 0.2
 
 @dataclass(frozen=True)
 class Alternative:
-    """A term that could replace another one: the log evidence of all `terms` with it."""
+    """A term that could replace another one: the log evidence and the posterior with it."""
 
     log_evidence: float
     term: Term
-    terms: Terms
+    posterior: Posterior
 
 
 @dataclass(eq=False)
@@ -281,7 +281,7 @@ class Search:
                 trial = self._solved(self._with_refined(terms, other))
             at = next(t for t in trial.terms if t.key == other.key)
             results.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
-                                       at, trial.terms))
+                                       at, trial))
         return sorted(results, key=lambda each: -each.log_evidence)
 
     def _with_refined(self, terms: Terms, new: Term) -> Terms:
@@ -299,7 +299,7 @@ class Search:
             best = next(iter(self.alternatives(term)), None)
             minimum = self.posterior.log_evidence + self.options.significant
             if best is not None and best.log_evidence > minimum and self._accept(
-                    best.terms, 'exchange'):
+                    best.posterior.terms, 'exchange'):
                 return True
         return False
 
