@@ -3,7 +3,7 @@
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 import numpy as np
 import pinocchio as pin
 
@@ -56,6 +56,11 @@ def samples_of(q: np.ndarray, tau: np.ndarray, noise: float = 0.0, seed: int = 0
 def poses(count: int, n_joints: int, seed: int = 0, reach: float = 2.5) -> np.ndarray:
     """Return random poses within ±reach rad, shape (count, n_joints)."""
     return np.random.default_rng(seed).uniform(-reach, reach, (count, n_joints))
+
+
+def worst(model, arm: Arm, q: np.ndarray) -> float:
+    """Return the RMSE in N·m of the worst joint against noise-free gravity."""
+    return float(np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max())
 
 
 def parallel_axis_arm() -> Arm:

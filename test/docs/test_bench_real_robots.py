@@ -8,6 +8,7 @@ from bench.real_robots.cases import (
 from bench.real_robots.laws import Hidden, Known, packed
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
+from bench.shared.campaign import campaign
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
 from gravity_comp_ros.simulation.disturbances.signals import GaugeOffset
@@ -78,7 +79,7 @@ def test_load_friction_without_a_load_is_friction_of_one_level():
         assert (rms > 0.05) == is_visible
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(2))
 def test_hidden_effects_are_visible_and_on_different_joints(seed):
     one = case('z1', seed)
     assert 1 <= len(one.hidden) <= 2 and min(one.visible) >= 1.0
@@ -89,7 +90,7 @@ def test_hidden_effects_are_visible_and_on_different_joints(seed):
         assert joints == set(range(6))
 
 
-@pytest.mark.parametrize('name', ['so101', 'kinova'])
+@pytest.mark.parametrize('name', ['so101', *campaign('kinova')])
 def test_least_squares_with_the_exact_laws_leaves_the_noise(name):
     one, motions = drawn_case(name, 400)
     arm = arms.arm_of(one.urdf)

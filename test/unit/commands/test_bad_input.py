@@ -65,9 +65,7 @@ def test_a_recording_may_have_the_name_of_an_effect(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.parametrize('call', [
-    'fit GOOD --joints 2,1', 'info GOOD --joints 2,1',
-    'diagnose GOOD --joints 2,1 --effects torque_offset',
-    'compare GOOD --model MODEL --joints 2,1'])
+    'info GOOD --joints 2,1', 'compare GOOD --model MODEL --joints 2,1'])
 def test_a_joint_is_a_name_or_a_number_in_every_verb(files, capsys, call):
     argv = [files.get(word, word) for word in call.split()]
     results = []

@@ -96,15 +96,6 @@ def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
     assert held == {'waist': {'value': pytest.approx(value), 'by': by}}
 
 
-def test_with_an_assumed_angle_of_the_waist_the_fit_finds_the_tilt(bags, capsys):
-    result, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
-    assert result['report']['base_tilt'] == pytest.approx(WAIST, abs=0.02)
-    gripper = result['bags'][0]['facts'][0]
-    assert (gripper['kind'], gripper['joints'], gripper['action']) == (
-        'gripper', ['finger'], 'left_out')
-    assert list(result['joints']) == list(JOINTS)
-
-
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
             in known(bags / 'moving', JOINTS).axes.problem)

@@ -134,18 +134,6 @@ def test_bad_input_gets_one_line(capsys, argv, message):
     assert len(err) == 1 and message in err[0], err
 
 
-def test_an_applied_effect_is_refitted_jointly_with_new_findings(capsys, tmp_path):
-    # Coulomb friction alone absorbs part of the missing viscous friction.
-    model = tmp_path / 'arm.json'
-    model.write_bytes(Path('arm.json').read_bytes())
-    assert main(['add', 'coulomb_friction:shoulder', '--model', str(model), 'one.mcap',
-                 'two.mcap']) == 0
-    capsys.readouterr()
-    findings = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
-    named = {(f['joint'], f['effect']) for f in findings if f['verdict'] == 'established'}
-    assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
-
-
 def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):
     return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
                    next_step, to_add=to_add)

@@ -133,16 +133,6 @@ def test_faults_of_the_recording(samples):
     assert faults[0].kind == 'effort_unit' and faults[0].value == pytest.approx(0.5, abs=0.01)
 
 
-def test_two_faults_at_once_and_a_load():
-    loaded = slow_samples(read_bag(BAGS / 'eq17_2kg.mcap').samples).samples
-    _, faults = checked(REVERSED, loaded)
-    names = {(one.kind, one.subjects[0]) for one in faults}
-    assert ('axis_reversed', 'iiwa_joint_4') in names
-    body = next(one for one in faults if one.kind == 'body')
-    assert body.value == pytest.approx(2.0, abs=0.1) and 'iiwa_link_7' in ' '.join(
-        (body.sentence, *body.alternatives))
-
-
 def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path):
     bag = str(tmp_path / 'camera.mcap')
     assert main(['synth', '--motion', 'multisine', '--duration', '90', '--rate', '5', '--noise',

@@ -98,7 +98,7 @@ def test_slow_samples_at_rest_in_a_fast_recording():
     assert 'iiwa_joint_1' in text and ' rad' in text
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize(('speed', 'band'), [(0.1, 0.1), (1.0, 0.5)])
 def test_a_reversed_sign_is_detected_with_friction_only(seed, speed, band):
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
@@ -118,10 +118,3 @@ def test_one_joint_with_reversed_sign():
     tau = sign * (samples.tau + FRICTION * np.tanh(samples.qd / 0.002))
     (text,) = of_effort(replace(samples, tau=tau))
     assert 'sign looks reversed' in text and '--effort-scale iiwa_joint_7=-1,' in text
-
-
-def test_a_recording_with_gravity_compensation():
-    samples = synthesise(ARM, motions.eq17(), NOISE)
-    noise = 0.3 * np.random.default_rng(0).standard_normal(samples.tau.shape)
-    (text,) = of_effort(replace(samples, tau=noise))
-    assert 'hardly depends on the pose' in text

@@ -82,7 +82,7 @@ def kinds(setting):
     return {re.sub(r'\d+$', 'k', name) for name in setting}
 
 
-@each_arm
+@pytest.mark.parametrize('arm', ['pendulum', 'six_axis'])
 @each_effect
 def test_columns_are_finite_shaped_and_named(effect, arm):
     motion = clean_motion(arm)

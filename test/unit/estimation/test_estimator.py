@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bench.shared.campaign import campaign
 from bench.shared.rough_links import NOISE as ROUGH_NOISE, two_links
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.predict import fitted_torque
@@ -94,7 +95,7 @@ def test_fit_and_compare_report_the_same_errors(result, samples):
     assert result.model.noise == pytest.approx([joints[name].rmse for name in ARM.joints])
 
 
-@pytest.mark.parametrize('formulation', ['chain', 'potential'])
+@pytest.mark.parametrize('formulation', ['chain', *campaign('potential')])
 def test_noise_after_an_addition_is_the_error_of_the_prediction(formulation):
     data = two_links(1)
     model = fit(data, FitOptions(formulation)).model

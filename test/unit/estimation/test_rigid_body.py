@@ -24,7 +24,6 @@ from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 from hypothesis import given, strategies as st
 import numpy as np
-import pinocchio as pin
 import pytest
 
 G = STANDARD_GRAVITY
@@ -125,7 +124,7 @@ def test_half_a_minute_of_motion_identifies_it_with_friction_on_one_joint(seed):
     assert abs(named['coulomb_friction', 'iiwa_joint_4']['F_c'].value - 1.0) < 0.02
 
 
-@pytest.mark.parametrize('noise', [0.0, 1e-3, 0.1])
+@pytest.mark.parametrize('noise', [0.0, 0.1])
 def test_a_joint_without_gravity_does_not_affect_the_others(noise):
     # Without noise the torque of the first and the last joint of an iiwa is nearly 0.
     arm = arms.iiwa7()
@@ -138,7 +137,7 @@ def test_a_joint_without_gravity_does_not_affect_the_others(noise):
 
 
 def test_without_axes_it_is_untestable():
-    samples = recording(generated_arm(0, 3), 0, 8.0)
+    samples = recording(generated_arm(0, 3), 0, 3.0)
     motion = motion_of(fit(samples, FitOptions('potential')).model, samples)
     assert 'no serial arm' in known_effect('rigid_body_dynamics').untestable(motion, 0)
 
@@ -157,12 +156,3 @@ def test_a_model_file_includes_the_geometry(tmp_path):
     save_model(tmp_path / 'bad.json', replace(model, geometry=broken))
     with pytest.raises(ModelFileError, match='origins'):
         load_model(tmp_path / 'bad.json')
-
-
-def test_pinocchio_is_the_reference_here():
-    arm = arms.iiwa7()
-    q, qd, qdd = drawn(7, 3, 0)
-    data = arm.model.createData()
-    truth = np.array([pin.rnea(arm.model, data, *row) for row in zip(q, qd, qdd)])
-    assert arms.inverse_dynamics(arm, q, qd, qdd) == pytest.approx(truth, abs=1e-9)
-    assert concatenate([recording(arm, 0, 1.0)]).n_samples == 100

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from bench.shared.campaign import campaign
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.facts.judge import judge
@@ -45,10 +46,9 @@ def hysteresis(samples):
     return FRICTION * out
 
 
-@pytest.mark.parametrize('noise', [0.0, 0.2])
-@pytest.mark.parametrize('seed', range(2))
-@pytest.mark.parametrize('speed', [0.1, 0.6])
-def test_simulated_motion(seed, speed, noise):
+@pytest.mark.parametrize('speed, noise, seed', [
+    (0.1, 0.2, 0), (0.6, 0.0, 1), *campaign((0.1, 0.0, 0), (0.6, 0.2, 0), (0.6, 0.2, 1))])
+def test_simulated_motion(speed, noise, seed):
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
                                MultisineOptions(max_speed=speed), rate=20.0)
     samples = synthesise(ARM, motion, SynthesisOptions(noise=NoiseOptions(absolute=noise)))

@@ -2,7 +2,7 @@
 
 from bench.cases import generated
 from bench.shared.campaign import campaign
-from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of
+from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of, worst
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -18,12 +18,6 @@ import pytest
 
 NOISE = 0.1
 CHAIN = FitOptions('chain')
-
-
-def worst(model, arm, q) -> float:
-    """Return the RMSE in N·m of the worst joint against noise-free gravity."""
-    error = model.predict(q) - arms.gravity_torque(arm, q)
-    return float(np.sqrt((error ** 2).mean(axis=0)).max())
 
 
 def parallel_arm(n: int, level: bool) -> arms.Arm:

@@ -66,8 +66,7 @@ def finding(model, samples, geometry=None):
     return run_payload_test(PayloadJob(samples, model, geometry=geometry))
 
 
-@pytest.mark.parametrize('known', [False, True])
-@pytest.mark.parametrize('mass', [1.0, 3.0])
+@pytest.mark.parametrize('mass, known', [(1.0, False), (3.0, True)])
 def test_a_payload_is_found_with_its_mass(mass, known, model, geometry):
     result = finding(model, window(mass), geometry if known else None)
     assert result.is_payload and not result.is_other and 'another payload' in result.text

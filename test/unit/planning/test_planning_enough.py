@@ -8,7 +8,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.planning.enough import enough_motion, EnoughOptions
-from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
@@ -97,8 +97,7 @@ def test_info_prints_it_once_for_all_recordings(tmp_path, capsys):
                                    [0.0, 0.6, 0.4, 0.0, 0.3, 0.0])):
         samples = recorded(sines(np.array(amplitude), 120 - 60 * k))
         paths.append(tmp_path / f'{k}.mcap')
-        write_bag(paths[-1], [JointTopic('/joint_states', samples.names, samples.t, samples.q,
-                                         samples.qd, samples.tau)])
+        write_bag(paths[-1], [joint_states(samples)])
     assert main(['info', str(paths[0])]) == 0
     assert 'too little motion for a model' in ' '.join(capsys.readouterr().out.split())
     assert main(['info', *map(str, paths), '--json']) == 0

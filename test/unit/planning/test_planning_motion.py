@@ -48,7 +48,7 @@ def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assert max(reached) == pytest.approx(1.0, rel=0.02)
 
 
-@settings(max_examples=5)
+@settings(max_examples=4)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), acceleration=strategies.floats(0.2, 3.0),
        jerk=strategies.floats(2.0, 50.0), reach=strategies.floats(0.05, 0.6),
@@ -78,7 +78,7 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     assert np.abs(motion.qd[[0, -1]]).max() < 1e-9
 
 
-@settings(max_examples=5)
+@settings(max_examples=2)
 @given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
        speed=strategies.floats(0.05, 1.0), reach=strategies.floats(0.05, 2.0))
 def test_tours_of_all_joints_keep_their_limits(seed, duration, speed, reach):

@@ -1,7 +1,6 @@
 """Compressed and damaged recordings: without metadata, truncated, of ROS 1, and bombs."""
 
 import io
-import sqlite3
 import struct
 import tracemalloc
 
@@ -134,24 +133,3 @@ def test_ros1_in_mcap(tmp_path, velocity):
     assert recording.samples.names == NAMES
     np.testing.assert_array_equal(recording.samples.tau, TAU)
     assert recording.report.velocity == ('measured' if velocity else 'differentiated')
-
-
-def test_the_readable_part_of_a_database_is_read(tmp_path):
-    path = write_folder(tmp_path / 'bag', {'/joint_states': messages(3000)})
-    (file,) = path.glob('*.db3')
-    whole = bytearray(file.read_bytes())
-    base = sqlite3.connect(file)
-    base.execute('DROP INDEX IF EXISTS timestamp_idx')
-    base.commit()
-    base.execute('VACUUM')
-    base.close()
-    whole = bytearray(file.read_bytes())
-    page = 4096 * (len(whole) // 8192)
-    whole[page:page + 4096] = bytes(4096)
-    file.write_bytes(whole)
-    recording = read_bag(file)
-    assert 2900 < len(recording.samples) < 3000
-    assert any(f'{file.name} is damaged' in note for note in recording.report.file_notes)
-    t, _, _, tau = motion(3000)
-    rows = np.searchsorted(t, recording.samples.t - 1e-6)
-    np.testing.assert_array_equal(recording.samples.tau, tau[rows])

@@ -47,16 +47,15 @@ def test_truncated_mcap_reports_the_readable_messages(mcap):
 
 def test_mcap_cut_anywhere_is_refused(mcap):
     whole = mcap.read_bytes()
-    for length in [*range(40), *range(40, len(whole), 97), *range(len(whole) - 40, len(whole))]:
+    for length in [*range(40), *range(40, len(whole), 301), *range(len(whole) - 40, len(whole))]:
         mcap.write_bytes(whole[:length])
         refusal(mcap)
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_flipped_bytes_are_refused_or_harmless(mcap, seed):
+def test_flipped_bytes_are_refused_or_harmless(mcap):
     whole = mcap.read_bytes()
     good = read_bag(mcap).samples
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     refused = 0
     for place in rng.integers(0, len(whole), 60):
         damaged = bytearray(whole)

@@ -6,7 +6,7 @@ import shutil
 from bench.shared.recordings import messages, motion, NAMES, START_NS, write_folder
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
-from gravity_comp_ros.facts.fact import Action, Kind
+from gravity_comp_ros.facts.fact import Action
 from gravity_comp_ros.recordings import cleaning, joint_columns
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
@@ -322,22 +322,6 @@ def test_velocity_missing_on_one_joint_only(tmp_path):
     np.testing.assert_allclose(recording.samples.qd[:, 1], qd[:, 1], atol=2e-3)
 
 
-def test_velocity_of_zero_is_differentiated_unless_accepted(tmp_path):
-    rows = messages(200)
-    for row in rows:
-        row[1]['velocity'] = [0.0] * 3
-    path = recorded(tmp_path, rows)
-    recording = read_bag(path)
-    (fact,) = recording.report.facts
-    assert (fact.kind, fact.action) == (Kind.VELOCITY, Action.CORRECTED)
-    forced = read_bag(path, ReadOptions(differentiate=True))
-    for each in (recording, forced):
-        assert each.report.velocity == 'differentiated'
-        np.testing.assert_allclose(each.samples.qd, motion(200)[2], atol=2e-3)
-    accepted = read_bag(path, ReadOptions(accept=('velocity',)))
-    assert accepted.report.facts[0].action is Action.NOTED and not accepted.samples.qd.any()
-
-
 def test_zero_velocity_of_one_joint_is_differentiated(tmp_path):
     rows = messages(200)
     for row in rows:
@@ -350,13 +334,6 @@ def test_zero_velocity_of_one_joint_is_differentiated(tmp_path):
     for row in rows:
         row[1]['position'][1] = 0.4
     assert read_bag(recorded(tmp_path / 'still', rows)).report.facts == ()
-
-
-def test_the_report_contains_the_effort_scales_used(tmp_path):
-    path = recorded(tmp_path, messages())
-    options = ReadOptions(joints=('wrist', 'elbow'), effort_scale={'elbow': -2, 'shoulder': 3,
-                                                                   'wrist': 1.0})
-    assert read_bag(path, options).report.effort_scale == {'elbow': -2.0}
 
 
 def test_an_isolated_sample_is_dropped(tmp_path):
@@ -389,13 +366,6 @@ def test_several_bags_are_several_runs(tmp_path):
     assert both.run_labels == ('one', 'two')
     assert [len(run) for run in both.each_run()] == [30, 40]
     np.testing.assert_array_equal(both.run(1).q, motion(40)[1])
-
-
-def test_bags_of_different_robots(tmp_path):
-    first = write_folder(tmp_path / 'one', {'/joint_states': messages()})
-    second = write_folder(tmp_path / 'two', {'/joint_states': messages(names='xyz')})
-    with pytest.raises(ModelMismatchError, match='different robots'):
-        concatenate(read_bag(path).samples for path in (first, second))
 
 
 def topic(name, effort=TAU):

@@ -105,9 +105,3 @@ def test_two_robots_with_the_same_names(tmp_path):
     write_bag(path, [JointTopic('/joint_states', ('a', 'b', 'c', 'd'),
                                 np.arange(len(both[0])) / 10.0, *both)])
     assert refused(path, 'two robots published the same joint names') == []
-
-
-def test_random_poses_do_not_alternate(tmp_path):
-    path = tmp_path / 'x.mcap'
-    assert main(['synth', '--motion', 'random', '--samples', '200', '-o', str(path)]) == 0
-    assert len(read_bag(path).samples) == 200

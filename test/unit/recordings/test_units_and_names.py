@@ -182,12 +182,6 @@ def test_a_column_used_twice_is_refused(tmp_path, columns):
         read_table(table(tmp_path / 'x.csv'), TableOptions(**columns))
 
 
-def test_errors_are_one_line_and_write_nothing(tmp_path, capsys):
-    path = table(tmp_path / 'x.csv', t=1000 * T)
-    assert main(['convert', str(path), '-o', str(tmp_path / 'x.mcap')]) == 1
-    assert capsys.readouterr().err.count('\n') == 1 and not (tmp_path / 'x.mcap').exists()
-
-
 def same(path, options, other):
     """Check that reading gives the samples of `other`; return the report."""
     whole = read_bag(path, options)

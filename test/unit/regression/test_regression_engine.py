@@ -116,7 +116,7 @@ def test_two_links_by_hand(seed):
     assert np.abs(total - truth).max() < 0.12, np.abs(total - truth).max()
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(st.integers(0, 20), st.permutations(range(3)))
 def test_the_order_of_joints_does_not_matter(seed, order):
     samples = with_torque(motion_of_joints(3, seed), rich, seed)
@@ -132,7 +132,7 @@ def test_the_order_of_joints_does_not_matter(seed, order):
     np.testing.assert_allclose(two.noise, one.noise[order], rtol=1e-5)
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(st.integers(0, 20), st.floats(1e-3, 1e3))
 def test_units_of_torque_scale_the_coefficients_and_leave_the_terms(seed, factor):
     samples = with_torque(motion_of_joints(3, seed), rich, seed)

@@ -10,6 +10,9 @@ from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.campaign
+
+
 def sweep(arm):
     """Return 40 s in which every joint moves back and forth through 95 % of its range."""
     omega = 2 * np.pi * np.arange(1, arm.n_joints + 1) / 40.0
