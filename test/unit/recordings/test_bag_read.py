@@ -119,64 +119,43 @@ def test_chosen_joints_and_effort_scale(tmp_path):
     np.testing.assert_array_equal(samples.tau, TAU[:, [2, 0]] * [-2, 1])
 
 
-def spoil_nan(row):
-    row[1]['effort'][1] = float('nan')
+NAN, INF = float('nan'), float('inf')
+# New values of the fields of a message.
+SPOILT = {
+    'NaN effort': {'effort': lambda x: [x[0], NAN, x[2]]},
+    'infinite position': {'position': lambda x: [*x[:2], -INF]},
+    'NaN velocity': {'velocity': lambda x: [NAN, *x[1:]]}, 'no effort': {'effort': lambda x: []},
+    'short velocity': {'velocity': lambda x: x[:2]},
+    'one name twice': {'names': lambda x: ['shoulder', 'shoulder', 'wrist']},
+    'time back': {'stamp_ns': lambda x: x - 10**9},
+    'time repeated': {'stamp_ns': lambda x: x - 20_000_000},
+    'one joint less': dict.fromkeys(('names', 'position', 'velocity', 'effort'), lambda x: x[:2]),
+    'other joints': {'names': lambda x: ['lamp'], 'position': lambda x: [1.0],
+                     'velocity': lambda x: [0.0], 'effort': lambda x: [0.5]},
+    'zero effort': {'effort': lambda x: [0.0, 0.0, 0.0]},
+    'no velocity': {'velocity': lambda x: []}}
 
 
-def spoil_inf(row):
-    row[1]['position'][2] = float('-inf')
+def spoil(rows, kind):
+    """Change messages; `kind` is a key of `SPOILT`, or 'rubbish'."""
+    for row in rows:
+        if kind == 'rubbish':
+            row[1] = b'\0\1\0\0rubbish'
+        else:
+            row[1].update({field: new(row[1][field]) for field, new in SPOILT[kind].items()})
 
 
-def spoil_velocity(row):
-    row[1]['velocity'][0] = float('nan')
-
-
-def spoil_empty_effort(row):
-    row[1]['effort'] = []
-
-
-def spoil_size(row):
-    row[1]['velocity'] = row[1]['velocity'][:2]
-
-
-def spoil_names(row):
-    row[1]['names'] = ['shoulder', 'shoulder', 'wrist']
-
-
-def spoil_time_back(row):
-    row[1]['stamp_ns'] -= 10**9
-
-
-def spoil_time_repeated(row):
-    row[1]['stamp_ns'] -= 20_000_000
-
-
-def spoil_bytes(row):
-    row[1] = b'\0\1\0\0rubbish'
-
-
-def spoil_joint(row):
-    for field in ('names', 'position', 'velocity', 'effort'):
-        row[1][field] = row[1][field][:2]
-
-
-def spoil_joints(row):
-    row[1].update(names=['gripper'], position=[1.0], velocity=[0.0], effort=[0.5])
-
-
-@pytest.mark.parametrize(('corrupt', 'reason'), [
-    (spoil_nan, cleaning.NOT_FINITE), (spoil_inf, cleaning.NOT_FINITE),
-    (spoil_velocity, cleaning.VELOCITY),
-    (spoil_empty_effort, cleaning.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
-    (spoil_names, 'duplicate joint name shoulder'), (spoil_time_back, cleaning.TIME),
-    (spoil_time_repeated, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
-    (spoil_joint, cleaning.MISSING),
-    (spoil_joints, cleaning.OTHER_JOINTS)])
-def test_bad_messages_are_dropped_and_counted(tmp_path, corrupt, reason):
+@pytest.mark.parametrize(('kind', 'reason'), [
+    ('NaN effort', cleaning.NOT_FINITE), ('infinite position', cleaning.NOT_FINITE),
+    ('NaN velocity', cleaning.VELOCITY), ('no effort', cleaning.NOT_FINITE),
+    ('short velocity', 'arrays of different lengths'),
+    ('one name twice', 'duplicate joint name shoulder'), ('time back', cleaning.TIME),
+    ('time repeated', cleaning.TIME), ('rubbish', joint_columns.UNDECODABLE),
+    ('one joint less', cleaning.MISSING), ('other joints', cleaning.OTHER_JOINTS)])
+def test_bad_messages_are_dropped_and_counted(tmp_path, kind, reason):
     rows = messages()
     bad = [7, 20, 30]
-    for number in bad:
-        corrupt(rows[number])
+    spoil([rows[number] for number in bad], kind)
     recording = read_bag(recorded(tmp_path, rows), ReadOptions(joints=NAMES))
     assert dict(recording.report.dropped) == {reason: 3}
     assert (recording.report.n_messages, recording.report.n_samples) == (50, 47)
@@ -203,47 +182,27 @@ def test_a_clock_that_is_set_back_goes_on(tmp_path, first):
 
 def test_a_joint_that_drops_out_is_named(tmp_path):
     rows = messages(100)
-    for row in rows[70:]:
-        spoil_joint(row)
+    spoil(rows[70:], 'one joint less')
     recording = read_bag(recorded(tmp_path, rows), ReadOptions(joints=NAMES))
     assert len(recording.samples) == 70
     (note,) = recording.report.file_notes
     assert 'is missing from 30 messages, between 1.4 and 1.98 s' in note
 
 
-def every(corrupt):
-    def spoil_all(rows):
-        for row in rows:
-            corrupt(row)
-    return spoil_all
-
-
-def every_second(corrupt):
-    def spoil_half(rows):
-        for row in rows[::2]:
-            corrupt(row)
-    return spoil_half
-
-
-def zero_effort(row):
-    row[1]['effort'] = [0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize(('corrupt', 'message'), [
-    (every(zero_effort), 'effort is 0 throughout'),
-    (every(spoil_empty_effort), 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
-    (every(spoil_nan), 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
-                       '--joints shoulder,wrist'),
-    (every(spoil_inf), 'position of joint wrist .*--joints shoulder,elbow'),
-    (every_second(spoil_joint), 'joint wrist is missing from 25 of 50 messages.*'
-                                '--joints shoulder,elbow'),
-    (every(spoil_size), 'no usable message: 50 arrays of different lengths'),
-    (every(spoil_names), 'no usable message: 50 duplicate joint name'),
-    (every(spoil_bytes), 'no usable message: 50 not decodable'),
-    (lambda rows: rows.clear(), 'has no messages')])
-def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, corrupt, message):
-    rows = messages()
-    corrupt(rows)
+@pytest.mark.parametrize(('kind', 'step', 'message'), [
+    ('zero effort', 1, 'effort is 0 throughout'),
+    ('no effort', 1, 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
+    ('NaN effort', 1, 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
+                      '--joints shoulder,wrist'),
+    ('infinite position', 1, 'position of joint wrist .*--joints shoulder,elbow'),
+    ('one joint less', 2, 'joint wrist is missing from 25 of 50 messages.*'
+                          '--joints shoulder,elbow'),
+    ('short velocity', 1, 'no usable message: 50 arrays of different lengths'),
+    ('one name twice', 1, 'no usable message: 50 duplicate joint name'),
+    ('rubbish', 1, 'no usable message: 50 not decodable'), ('none', 1, 'has no messages')])
+def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, kind, step, message):
+    rows = messages() if kind != 'none' else []
+    spoil(rows[::step], kind)
     path = recorded(tmp_path, rows)
     with pytest.raises(BagError, match=message) as error:
         read_bag(path)
@@ -252,8 +211,7 @@ def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, corrupt,
 
 def test_joints_of_two_publishers_on_one_topic_can_be_selected(tmp_path):
     rows = messages(100)
-    for row in rows[1::2]:
-        row[1].update(names=['lamp'], position=[1.0], velocity=[0.0], effort=[0.5])
+    spoil(rows[1::2], 'other joints')
     path = recorded(tmp_path, rows)
     with pytest.raises(BagError, match='missing from 50 of 100.*--joints'):
         read_bag(path)
@@ -302,8 +260,7 @@ def test_simulated_clock_that_begins_at_zero(tmp_path):
 
 def test_missing_velocity_is_differentiated_and_noted(tmp_path):
     rows = messages(200)
-    for row in rows:
-        row[1]['velocity'] = []
+    spoil(rows, 'no velocity')
     recording = read_bag(recorded(tmp_path, rows))
     assert recording.report.velocity == 'differentiated'
     assert any('velocity of every joint is not recorded' in n for n in recording.report.notes)
