@@ -111,15 +111,6 @@ def test_a_failure_is_reported_in_the_page(folder, capsys, bag, urdf, cause):
     assert message.split('<')[0].split('"')[0].split("'")[0][:40] in html
 
 
-@pytest.mark.parametrize('name', ['run1.mcap', 'report'])
-def test_no_bag_is_overwritten_by_the_page(folder, capsys, name):
-    before = (folder / 'run1.mcap').read_bytes()
-    assert main(['compare', str(folder / 'run1.mcap'), '--model', str(folder / 'arm.json'),
-                 '--html', str(folder / name)]) == 2
-    assert 'does not end in .html' in capsys.readouterr().err
-    assert (folder / 'run1.mcap').read_bytes() == before
-
-
 def test_without_bokeh_one_line_names_the_package_to_install(folder):
     program = ('import sys; sys.modules["bokeh"] = None\n'
                'from gravity_comp_ros.cli import main\nsys.exit(main(sys.argv[1:]))')

@@ -110,6 +110,7 @@ def test_version(capsys):
     (['fit', 'a.mcap', '--joints', 'a,,b'], 'empty joint name'),
     (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
     (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
+    (['compare', 'a.mcap', '--model', 'm.json', '--html', 'a.mcap'], 'does not end in .html'),
 ])
 def test_wrong_usage_exits_with_2_and_one_message(argv, text, capsys):
     assert cli.main(argv) == 2

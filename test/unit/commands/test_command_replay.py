@@ -91,10 +91,3 @@ def test_one_line_for_a_mismatch(tmp_path, bag, model, capsys, arguments, messag
                  *arguments]) == 1
     text = capsys.readouterr().err
     assert message in text and text.count('\n') == 1 and not out.exists()
-
-
-def test_a_recording_of_another_robot(tmp_path, model, capsys):
-    bag = write_folder(tmp_path / 'other', {'/joint_states': messages(names='xyz')})
-    assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'),
-                 '-o', str(tmp_path / 'out.mcap')]) == 1
-    assert 'no joint wrist, elbow' in capsys.readouterr().err

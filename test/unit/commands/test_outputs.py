@@ -43,8 +43,9 @@ def call(folder, verb, replaced):
     return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in arguments)]
 
 
-@pytest.mark.parametrize('how', ['the file', 'hard link', 'symbolic link'])
-@pytest.mark.parametrize(('verb', 'place'), PLACES)
+@pytest.mark.parametrize(('verb', 'place', 'how'), [
+    *((*place, 'the file') for place in PLACES),
+    *((*PLACES[0], how) for how in ('hard link', 'symbolic link'))])
 def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
     source = tmp_path / 'source.json'
     source.write_text('precious')

@@ -1,6 +1,5 @@
 """Model files: a round trip is exact, and a damaged file is refused."""
 
-import errno
 import hashlib
 import json
 import os
@@ -248,19 +247,6 @@ def test_an_invalid_file_with_a_valid_checksum_is_refused(saved, edit):
 def test_a_missing_file_and_a_folder(tmp_path):
     refused(tmp_path / 'none.json', 'no such file')
     refused(tmp_path, 'is a directory')
-
-
-def test_a_full_disk_leaves_the_old_model(saved, monkeypatch):
-    def full(handle):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    other = some_model('per_joint')
-    with monkeypatch.context() as patch:
-        patch.setattr(os, 'fsync', full)
-        with pytest.raises(ModelFileError, match='no space left'):
-            save_model(saved, other)
-    check_same(load_model(saved), MODEL)
-    assert os.listdir(saved.parent) == ['model.json']
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf])
