@@ -4,6 +4,7 @@ import hashlib
 import json
 from pathlib import Path
 
+from bench.shared.command_line import refused, run_json
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.effects.predict import predict_torque
@@ -37,13 +38,6 @@ def model(fitted, tmp_path):
     path = tmp_path / 'arm.json'
     path.write_bytes(fitted)
     return path
-
-
-def run_json(capsys, *argv):
-    status = main([*map(str, argv), '--json'])
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    return json.loads(out.out)
 
 
 def add(capsys, effects, model, *bags, **options):
@@ -224,17 +218,15 @@ def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
 def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
                                                      message):
     path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
-    assert main(['add', effects, '--model', str(model), path]) == 1
-    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and message in err[0], err
+    assert message in refused(capsys, 'add', effects, '--model', model, path)
     assert model.read_bytes() == fitted
 
 
 def test_an_effect_is_not_added_twice(bags, model, capsys):
     add(capsys, 'torque_offset:elbow', model, bags['one'])
     kept = hashlib.sha256(model.read_bytes()).hexdigest()
-    assert main(['add', 'torque_offset:elbow', '--model', str(model), bags['one']]) == 1
-    assert 'in the model already' in capsys.readouterr().err
+    assert 'in the model already' in refused(capsys, 'add', 'torque_offset:elbow', '--model',
+                                             model, bags['one'])
     assert hashlib.sha256(model.read_bytes()).hexdigest() == kept
 
 

@@ -1,7 +1,7 @@
 """`convert` of a table to a bag, and one line for invalid input."""
 
-import json
 
+from bench.shared.command_line import refused, run_json
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
@@ -36,8 +36,7 @@ def test_table_to_bag(table, tmp_path, capsys):
 
 def test_json(table, tmp_path, capsys):
     out = tmp_path / 'x.mcap'
-    assert main(['convert', str(table), '--rate', '100', '-o', str(out), '--json']) == 0
-    facts = json.loads(capsys.readouterr().out)
+    facts = run_json(capsys, 'convert', table, '--rate', '100', '-o', out)
     assert facts['joints'] == ['joint_1', 'joint_2'] and facts['n_samples'] == 40
     assert facts['velocity'] is False and facts['dropped_rows'] == 0
 
@@ -54,9 +53,7 @@ def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, ch
     table.write_text(TEXT.replace(*change) if change[0] else TEXT)
     out = tmp_path / 'x.mcap'
     out.write_bytes(b'old')
-    assert main(['convert', str(table), *arguments, '-o', str(out)]) == 1
-    text = capsys.readouterr().err
-    assert message in text and text.count('\n') == 1
+    assert message in refused(capsys, 'convert', table, *arguments, '-o', out)
     assert out.read_bytes() == b'old'
 
 

@@ -1,7 +1,7 @@
 """`gravity_comp cut`: parts of a recording with the clock of the whole."""
 
-import json
 
+from bench.shared.command_line import refused, run_json
 import gravity_comp_ros as gc
 from gravity_comp_ros import cli
 from gravity_comp_ros.data.runs import session_time
@@ -44,8 +44,7 @@ def test_joints_are_written_in_the_requested_order(bag, tmp_path):
 
 def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
-    assert cli.main(['cut', str(bag), '-o', str(out), '--split', '2,4', '--json']) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = run_json(capsys, 'cut', bag, '-o', out, '--split', '2,4')
     files = [part['output'] for part in result['parts']]
     assert [part['n_samples'] for part in result['parts']] == [100, 100, 100]
     assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
@@ -59,10 +58,7 @@ def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
 def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
     out = tmp_path / 'part.mcap'
-    assert cli.main(['cut', str(bag), '-o', str(out), *wrong]) == 1
-    error = capsys.readouterr().err.strip()
-    assert message in error and '\n' not in error
-    assert not out.exists()
+    assert message in refused(capsys, 'cut', bag, '-o', out, *wrong) and not out.exists()
 
 
 def test_the_input_recording_is_not_overwritten(bag, capsys):

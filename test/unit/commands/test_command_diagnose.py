@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 import shlex
 
+from bench.shared.command_line import refused, run_json
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands.diagnose import show_next_steps
@@ -36,13 +37,6 @@ def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
 
 
-def run_json(capsys, *argv):
-    status = main(['diagnose', *argv, '--json'])
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    return json.loads(out.out)
-
-
 def shown(capsys, *argv):
     assert main(['diagnose', *argv]) == 0
     out = capsys.readouterr()
@@ -50,7 +44,7 @@ def shown(capsys, *argv):
 
 
 def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
-    result = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    result = run_json(capsys, 'diagnose', 'one.mcap', 'two.mcap', '--model', 'arm.json')
     for finding in result['findings']:
         assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
                 'nrmse_after', 'base_absorbed', 'runs_better', 'why', 'next_step'} <= set(finding)
@@ -129,9 +123,7 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     (['one.mcap', 'other.mcap'], 'different robots'),
 ])
 def test_bad_input_gets_one_line(capsys, argv, message):
-    assert main(['diagnose', *argv]) == 1
-    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
-    assert len(err) == 1 and message in err[0], err
+    assert message in refused(capsys, 'diagnose', *argv)
 
 
 def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):

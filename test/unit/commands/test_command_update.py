@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+from bench.shared.command_line import refused, run_json
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.update_report import details
@@ -39,23 +40,6 @@ def model(folder, tmp_path):
     path = tmp_path / 'arm.json'
     path.write_bytes((folder / 'arm.json').read_bytes())
     return path
-
-
-def run_json(capsys, *argv):
-    capsys.readouterr()
-    status = main([*map(str, argv), '--json'])
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    return json.loads(out.out)
-
-
-def refused(capsys, *argv, status=1):
-    capsys.readouterr()
-    assert main(list(map(str, argv))) == status
-    out = capsys.readouterr()
-    lines = [line for line in out.err.splitlines() if not line.startswith('... ')]
-    assert out.out == '' and len(lines) == 1, out.err
-    return lines[0]
 
 
 def worst(model) -> float:

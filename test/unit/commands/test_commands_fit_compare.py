@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 import re
 
+from bench.shared.command_line import run_json
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.samples import JointSamples
@@ -54,14 +55,6 @@ def model(bags, tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'arm.json'
     assert main(['fit', bags['train'], '--formulation', 'potential', '-o', str(path)]) == 0
     return str(path)
-
-
-def run_json(capsys, *argv):
-    """Run a verb with --json and return its output, which must be pure JSON."""
-    status = main([*map(str, argv), '--json'])
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    return json.loads(out.out)
 
 
 def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):

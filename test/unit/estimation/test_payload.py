@@ -121,7 +121,7 @@ def test_axes_of_another_arm_are_rejected(old):
     wrong = Geometry(IIWA.joints, np.concatenate([IIWA.rotations[:3], IIWA.rotations[4:],
                                                   IIWA.rotations[3:4]]),
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
-    samples = recorded(arms.iiwa7(), motions.eq17().q[::2], 0)
+    samples = recorded(arms.iiwa7(), motions.eq17().q[::5], 0)
     result = fit(samples, FitOptions('chain', geometry=wrong))
     assert not result.report.known_axes and result.report.warnings
     with pytest.raises(ModelMismatchError, match='do not reproduce the model'):
