@@ -82,10 +82,10 @@ def test_the_options_correct_the_recording(tmp_path):
 
 
 @pytest.mark.parametrize(('names', 'labels'), [
-    (NAMES, ('elbow', 'lift', 'pan', 'wrist_1', 'wrist_2', 'wrist_3')),
     # Three joints change places: neither a pair, nor its own inverse.
     (('s0', 's1', 'e0', 'e1', 'w0', 'w1'), ('e0', 'e1', 's0', 's1', 'w0', 'w1')),
-    *campaign((('base', 'shoulder', 'fore', 'elbow', 'wrist_1', 'wrist_2'),
+    *campaign((NAMES, ('elbow', 'lift', 'pan', 'wrist_1', 'wrist_2', 'wrist_3')),
+              (('base', 'shoulder', 'fore', 'elbow', 'wrist_1', 'wrist_2'),
                ('base', 'elbow', 'fore', 'shoulder', 'wrist_1', 'wrist_2')))])
 def test_values_in_another_order_than_the_names_are_refused(names, labels):
     samples = replace(arm(), names=names)

@@ -104,9 +104,9 @@ def test_unused_samples_have_no_influence():
 
 
 def test_slow_samples_are_fitted_by_default():
-    fast = two_links(3, 600)
+    fast = two_links(3, 300)
     fast = JointSamples.single_run(JOINTS, fast.t / 3, fast.q, 3 * fast.qd, fast.tau, 'fast')
-    samples = concatenate([two_links(1, 600), fast])
+    samples = concatenate([two_links(1, 300), fast])
     slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
     assert added(fitted(), FRICTION[0], samples=samples).n_samples == slow < len(samples)
     assert added(fitted(), FRICTION[0], samples=samples,
