@@ -39,31 +39,18 @@ def machine(tmp_path):
     return run
 
 
-def test_no_python(machine):
-    assert 'no Python 3.11 or 3.12 found (no python3 on PATH' in machine({})
-
-
-@pytest.mark.parametrize('version', ['3.10', '3.13'])
-def test_wrong_python(machine, version):
-    assert f'(python3 is {version}, which is not enough)' in machine({'python3': (version, ())})
-
-
-def test_python_without_venv(machine):
-    assert 'sudo apt install python3.11-venv' in machine({'python3': ('3.11', ('rclpy',))})
-
-
-def test_named_python_is_wrong(machine):
-    line = machine({'python3': ('3.12', ()), 'other': ('3.9', ())}, PYTHON='other')
-    assert 'PYTHON=other is Python 3.9; Python 3.11 or 3.12 is needed' in line
-
-
-def test_named_python_is_missing(machine):
-    assert 'PYTHON=other: no such program' in machine({}, PYTHON='other')
-
-
-def test_another_ros_is_sourced(machine):
-    line = machine({'python3': ('3.12', ('venv',))}, ROS_DISTRO='humble')
-    assert 'ROS 2 humble is sourced and this package is for Jazzy' in line
+@pytest.mark.parametrize(('pythons', 'environment', 'message'), [
+    ({}, {}, 'no Python 3.11 or 3.12 found (no python3 on PATH'),
+    ({'python3': ('3.10', ())}, {}, '(python3 is 3.10, which is not enough)'),
+    ({'python3': ('3.13', ())}, {}, '(python3 is 3.13, which is not enough)'),
+    ({'python3': ('3.11', ('rclpy',))}, {}, 'sudo apt install python3.11-venv'),
+    ({'python3': ('3.12', ()), 'other': ('3.9', ())}, {'PYTHON': 'other'},
+     'PYTHON=other is Python 3.9; Python 3.11 or 3.12 is needed'),
+    ({}, {'PYTHON': 'other'}, 'PYTHON=other: no such program'),
+    ({'python3': ('3.12', ('venv',))}, {'ROS_DISTRO': 'humble'},
+     'ROS 2 humble is sourced and this package is for Jazzy')])
+def test_an_incomplete_machine_is_reported(machine, pythons, environment, message):
+    assert message in machine(pythons, **environment)
 
 
 @pytest.mark.parametrize('ros', ['jazzy', 'kilted', 'rolling'])
