@@ -111,6 +111,18 @@ def test_version(capsys):
     (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
     (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
     (['compare', 'a.mcap', '--model', 'm.json', '--html', 'a.mcap'], 'does not end in .html'),
+    *((line.split(), text) for line, text in (
+        ('add --model m.json', 'name an effect and at least one bag'),
+        ('add torque_offset --model m.json', 'name an effect and at least one bag'),
+        ('add torque_offset a.mcap --model m.json --undo', 'takes no effect and no bag'),
+        ('add --undo', 'required: --model'), ('convert log.csv', 'required: -o'),
+        ('convert log.csv -o x.csv', 'does not end in .mcap'),
+        ('convert log.csv -o x.mcap --gear-ratio a', 'not a number'),
+        ('convert log.csv -o x.mcap --position-unit grad', 'is not rad, deg or ticks'),
+        ('synth -o x.bag', 'does not end in .mcap'),
+        ('synth -o x.mcap --motion dance', 'no motion dance'),
+        ('synth -o x.mcap --payload -2', 'not above 0'),
+        ('synth -o x.mcap --rate nan', 'not a finite number'))),
 ])
 def test_wrong_usage_exits_with_2_and_one_message(argv, text, capsys):
     assert cli.main(argv) == 2

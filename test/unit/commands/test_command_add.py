@@ -228,11 +228,3 @@ def test_an_effect_is_not_added_twice(bags, model, capsys):
     assert 'in the model already' in refused(capsys, 'add', 'torque_offset:elbow', '--model',
                                              model, bags['one'])
     assert hashlib.sha256(model.read_bytes()).hexdigest() == kept
-
-
-@pytest.mark.parametrize('argv', [
-    ['add', '--model', 'm.json'], ['add', 'torque_offset', '--model', 'm.json'],
-    ['add', 'torque_offset', 'a.mcap', '--model', 'm.json', '--undo'], ['add', '--undo']])
-def test_wrong_usage_exits_with_2(argv, capsys):
-    assert main(argv) == 2
-    assert capsys.readouterr().err

@@ -55,11 +55,3 @@ def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, ch
     out.write_bytes(b'old')
     assert message in refused(capsys, 'convert', table, *arguments, '-o', out)
     assert out.read_bytes() == b'old'
-
-
-@pytest.mark.parametrize('arguments', [
-    ('log.csv',), ('log.csv', '-o', 'x.csv'), ('log.csv', '-o', 'x.mcap', '--rate', '-1'),
-    ('log.csv', '-o', 'x.mcap', '--gear-ratio', 'a'),
-    ('log.csv', '-o', 'x.mcap', '--position-unit', 'grad')])
-def test_wrong_usage(arguments):
-    assert main(['convert', *arguments]) == 2

@@ -98,12 +98,3 @@ def test_prismatic_joint_and_wrong_arm_for_a_motion(tmp_path, capsys):
     assert 'swing' in refused(tmp_path, capsys, '--arm', str(path))
     path.write_text(URDF.format('revolute'))
     assert 'for 7 joints and one has 1' in refused(tmp_path, capsys, '--arm', str(path))
-
-
-@pytest.mark.parametrize('arguments', [
-    (), ('-o', 'x.bag'), ('-o', 'x.mcap', '--motion', 'dance'),
-    ('-o', 'x.mcap', '--payload', '-2'), ('-o', 'x.mcap', '--rate', 'nan')])
-def test_wrong_usage(tmp_path, monkeypatch, arguments):
-    monkeypatch.chdir(tmp_path)
-    assert main(['synth', *arguments]) == 2
-    assert not list(tmp_path.iterdir())
