@@ -9,10 +9,11 @@ from gravity_comp_ros.export.c_source import c_source
 import numpy as np
 import pytest
 
-STRICT = ('-O2', '-Wall', '-Wextra', '-Werror', '-pedantic', '-Wconversion', '-Wshadow',
+STRICT = ('-Wall', '-Wextra', '-Werror', '-pedantic', '-Wconversion', '-Wshadow',
           '-fPIC', '-shared')
-COMPILERS = {'c99': ('gcc', '-std=c99'), 'c++17': ('g++', '-x', 'c++', '-std=c++17'),
-             'float': ('gcc', '-std=c99', '-DGC_REAL=float', '-Wdouble-promotion')}
+COMPILERS = {'c99': ('gcc', '-std=c99', '-O2'), 'unoptimised': ('gcc', '-std=c99', '-O0'),
+             'c++17': ('g++', '-x', 'c++', '-std=c++17', '-O2'),
+             'float': ('gcc', '-std=c99', '-O2', '-DGC_REAL=float', '-Wdouble-promotion')}
 
 
 class Library:

@@ -128,7 +128,7 @@ def test_effects_agree_with_python(kind, tmp_path):
 @pytest.mark.parametrize('effect', EFFECTS, ids=[effect[0] for effect in EFFECTS])
 def test_each_effect_alone_compiles_and_agrees(effect, tmp_path):
     model = with_effects(model_of('potential', 4), [effect])
-    library, (q, qd) = compiled(model, tmp_path), poses(200)
+    library, (q, qd) = compiled(model, tmp_path, 'unoptimised'), poses(200)
     expected = effects_at(model, q, qd)
     assert np.abs(expected).max() > 0.1
     np.testing.assert_allclose(library.static(q) + library.friction(q, qd) - library.gravity(q),
