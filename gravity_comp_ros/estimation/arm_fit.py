@@ -14,15 +14,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import (
-    BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
 from gravity_comp_ros.models.noise import correlation_times
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.start import generic_poses
+from gravity_comp_ros.regression.start import generic_poses, INERTIA, later_recordings
 import numpy as np
 
 _SAMPLES, _ROWS, _STARTS, _STEPS = 20000, 400, 12, 40
@@ -100,9 +99,9 @@ class ArmFit:
         self.poses, generic = generic_poses(problem, _ROWS)
         self.q, qd = self.poses.q, self.poses.qd
         columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / w) for w in WIDTHS), qd,
-                            generic.columns[:, -1].T])
-        changes = [rows[:, None] * columns[k] for rows in _later_runs(self.poses.runs)
-                   for k in _CHANGING]
+                            generic.columns[:, INERTIA].T])
+        changes = [rows[:, None] * columns[k]
+                   for rows in later_recordings(self.poses.runs, _MIN_ROWS) for k in _CHANGING]
         self.nuisance = Nuisance(np.stack([*columns, *changes]).transpose(2, 0, 1),
                                  np.concatenate([_SPREAD, np.resize(_SPREAD[_CHANGING],
                                                                     len(changes))]))
@@ -249,12 +248,6 @@ def moves_enough(samples: JointSamples) -> bool:
     return (len(samples) >= limits.min_samples
             and (np.ptp(samples.q, axis=0) > limits.wide_travel).sum() >= 2
             and float(np.abs(samples.tau).max()) > limits.dead_torque)
-
-
-def _later_runs(runs: IntArray) -> list[BoolArray]:
-    """Return the masks (M,) of the recordings after the first one that have enough rows."""
-    numbers, counts = np.unique(runs, return_counts=True)
-    return [runs == number for number in numbers[counts >= _MIN_ROWS][1:]]
 
 
 def _basis(columns: FloatArray) -> FloatArray:

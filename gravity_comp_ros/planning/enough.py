@@ -3,6 +3,8 @@ Sufficiency of the motion of recordings for gravity, and the slow motion that th
 
 The posterior of axes and moments of a rough fit, with offset, friction and inertia of each joint,
 gives the standard deviation of gravity at poses within the recorded ranges, in any combination.
+Offsets may deviate in later recordings, by a size that has the most evidence (D. MacKay, Bayesian
+interpolation, Neural Computation 4, 1992).
 The precision of slow motion adds to it (`planning.sums`): sweeps of one joint at several poses of
 the others, and tours of all joints, are added until every joint is certain enough. A joint that
 hardly moves is uncertain at other angles, so that its range is at least `min_range`.
@@ -36,6 +38,8 @@ import numpy as np
 # Samples, rows of the fit, poses of the standard deviation, and rows of a planned motion.
 _SAMPLES, _ROWS, _POSES, _PLANNED = 20000, 400, 200, 40
 _STARTS, _MIN_SAMPLES = 12, 30
+# Rounds in which noise and deviations of offsets are estimated.
+_ROUNDS = 5
 # Poses of the other joints at which a joint is swept; tours of all joints, and their postures.
 _BASES, _TOURS, _POSTURES = 3, 6, 6
 # Angle in rad of an axis that a description gives.
@@ -181,7 +185,11 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
 
 
 class _Sums:
-    """Precision of axes and moments (4N), then four nuisance columns of each joint (4N)."""
+    """
+    Precision of axes and moments (4N), then the generic columns of each joint (4N).
+
+    That of the K deviations of each offset in later recordings (N K) is eliminated.
+    """
 
     def __init__(self, problem: Problem, geometry: Geometry | None,
                  options: EnoughOptions) -> None:
@@ -190,58 +198,67 @@ class _Sums:
         half = 0.5 * np.maximum(problem.scale.high - problem.scale.low, options.min_range)
         self.low, self.high = middle - half, middle + half
         poses, nuisance = generic_poses(problem, _ROWS)
-        self.q, tau, n = poses.q, poses.tau, poses.n_joints
-        priors = LengthPriors()
-        largest = problem.scale.largest
-        self.prior_std = np.concatenate([
-            np.full(2 * n, priors.tilt if geometry is None else _EXACT),
-            np.full(2 * n, priors.moment * largest), np.full(4 * n, priors.moment * largest)])
+        self.q, n = poses.q, poses.n_joints
         if geometry is None:
             self.chain = rough_fit(poses, nuisance, SearchOptions(_STARTS)).chain
         else:
             self.chain = Chain(geometry.rotations, np.zeros((n, 2)))
-        columns = nuisance.columns
-        x = self._columns(self.q, columns)
-        weight = np.full(n, 1.0 / max(float(tau.var()), floor(tau) ** 2))
-        for _ in range(3):
-            beta = np.linalg.solve(self._precision(x, weight), np.einsum(
-                'n,njm,mn->j', weight, x, tau - self.chain.torque(self.q)))
-            residual = tau - self.chain.torque(self.q) - np.einsum('njm,j->mn', x, beta)
-            noise = np.sqrt((residual ** 2).mean(axis=0) + floor(tau) ** 2)
-            weight = noise ** -2.0
+        moment = LengthPriors().moment * problem.scale.largest
+        prior_std = np.full(n * (4 + nuisance.columns.shape[1]), moment)
+        prior_std[:2 * n] = LengthPriors().tilt if geometry is None else _EXACT
+        x = self._columns(self.q, nuisance.columns)
+        beta, residual, weight = self._fitted(x, poses.tau - self.chain.torque(self.q), prior_std,
+                                              floor(poses.tau))
         if geometry is not None:
             self.chain = Chain(geometry.rotations, beta[2 * n:4 * n].reshape(n, 2))
         times = correlation_times(residual, poses.runs)
         rows = problem.rows.n_rows / len(self.q)
         self.weight = weight / np.where(times < WHITE, 1.0, times * rows)
-        self.recorded = self._precision(x, rows * self.weight)
+        whole = _precision(x, rows * self.weight, prior_std)
+        own = slice(8 * n, None)
+        self.recorded = whole[:8 * n, :8 * n] - whole[:8 * n, own] @ np.linalg.solve(
+            whole[own, own], whole[own, :8 * n])
         poses_in_range = np.random.default_rng(0).uniform(self.low, self.high, (_POSES, n))
         at = self.chain.jacobian(poses_in_range)
         self.mean_square = np.einsum('inp,jnp->nij', at, at) / _POSES
 
+    @staticmethod
+    def _fitted(x: FloatArray, tau: FloatArray, prior_std: FloatArray, least: float
+                ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """
+        Return coefficients, residual (M, N) and weights (N,) of the noise.
+
+        :param prior_std: of all coefficients; those of deviations of offsets are replaced by the
+            size of most evidence.
+        :param least: smallest noise and deviation, N·m.
+        """
+        n = tau.shape[1]
+        offsets = np.arange(8 * n, x.shape[1]).reshape(n, -1)
+        weight = np.full(n, 1.0 / max(float(tau.var()), least ** 2))
+        for _ in range(_ROUNDS):
+            covariance = _inverse(_precision(x, weight, prior_std))
+            beta = covariance @ np.einsum('n,njm,mn->j', weight, x, tau)
+            residual = tau - np.einsum('njm,j->mn', x, beta)
+            weight = 1.0 / ((residual ** 2).mean(axis=0) + least ** 2)
+            known = (1.0 - np.diag(covariance) / prior_std ** 2)[offsets].sum(axis=1)
+            squares = (beta[offsets] ** 2).sum(axis=1) / np.maximum(known, 1e-9)
+            prior_std[offsets] = np.sqrt(squares + least ** 2)[:, None]
+        return beta, residual, weight
+
     def _columns(self, q: FloatArray, nuisance: FloatArray) -> FloatArray:
-        """Return the columns (N, 8N, M) of each joint's torque."""
-        n = q.shape[1]
-        x = np.zeros((n, 8 * n, len(q)))
+        """Return the columns (N, 8N + N K, M) of each joint's torque."""
+        n, count = q.shape[1], nuisance.shape[1] - 4
+        x = np.zeros((n, n * (8 + count), len(q)))
         x[:, :4 * n] = self.chain.jacobian(q).transpose(1, 0, 2)
         for joint, own in enumerate(nuisance):
-            x[joint, 4 * n + 4 * joint:4 * n + 4 * joint + 4] = own
+            x[joint, 4 * (n + joint):4 * (n + joint + 1)] = own[:4]
+            x[joint, 8 * n + count * joint:8 * n + count * (joint + 1)] = own[4:]
         return x
-
-    def _precision(self, x: FloatArray, weight: FloatArray) -> FloatArray:
-        return self._products(x, weight) + np.diag(self.prior_std ** -2.0)
-
-    @staticmethod
-    def _products(x: FloatArray, weight: FloatArray) -> FloatArray:
-        return np.asarray(sum(w * (own @ own.T) for w, own in zip(weight, x)))
 
     def std(self, precision: FloatArray) -> FloatArray:
         """Return the standard deviation (N,) of gravity as a share of the torque scale."""
         p = self.mean_square.shape[1]
-        size = np.diag(precision) ** -0.5
-        covariance = (np.linalg.inv(precision * np.outer(size, size))
-                      * np.outer(size, size))[:p, :p]
-        square = np.einsum('ij,nji->n', covariance, self.mean_square)
+        square = np.einsum('ij,nji->n', _inverse(precision)[:p, :p], self.mean_square)
         scale = np.maximum(self.scale.torque, self.options.min_scale * self.scale.largest)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / scale)
 
@@ -294,7 +311,21 @@ class _Sums:
         nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, np.zeros(q.shape)])
         rows = seconds / EngineOptions().row_seconds / _PLANNED
         x = self._columns(q, nuisance.transpose(2, 0, 1))
-        return seconds, self._products(x, rows * self.weight)
+        return seconds, _products(x, rows * self.weight)
+
+
+def _precision(x: FloatArray, weight: FloatArray, prior_std: FloatArray) -> FloatArray:
+    return _products(x, weight) + np.diag(prior_std ** -2.0)
+
+
+def _products(x: FloatArray, weight: FloatArray) -> FloatArray:
+    return np.asarray(sum(w * (own @ own.T) for w, own in zip(weight, x)))
+
+
+def _inverse(precision: FloatArray) -> FloatArray:
+    size = np.diag(precision) ** -0.5
+    scale = np.outer(size, size)
+    return np.asarray(np.linalg.inv(precision * scale) * scale)
 
 
 def _dependence(q: FloatArray, options: EnoughOptions) -> tuple[list[int], int, int]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
@@ -31,8 +31,12 @@ _CLEAN = 2
 _ROWS = 250
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
-# Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise.
+# Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise,
+# and the place of inertia.
 _SPREAD = (3.0, 30.0, 300.0, 30.0)
+INERTIA = 3
+# Rows of a recording with an offset of its own: twice the number of generic columns.
+_OWN_OFFSET = 8
 
 
 def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
@@ -92,6 +96,9 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     """
     Return means over rows as samples, and the generic columns of each joint.
 
+    They are offset, Coulomb and viscous friction and inertia, then the deviations of the offset
+    in later recordings: sensors may be zeroed at each start.
+
     :param count: number of rows, evenly picked among those with the least motion.
     :param share: of the rows with the least motion, by |qdd| + qd^2 of all joints.
     """
@@ -101,7 +108,16 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     slow = np.flatnonzero(motion <= np.quantile(motion, share))
     rows = slow[np.unique(np.linspace(0, len(slow) - 1, count).astype(int))]
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
-    columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd])
+    later = later_recordings(problem.rows.run[rows], _OWN_OFFSET)
+    columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd,
+                        *(np.ones(qd.shape) * own[:, None] for own in later)])
+    spread = np.array([*_SPREAD, *_SPREAD[:1] * len(later)])
     poses = JointSamples(samples.names, problem.rows.t[rows], q, qd, problem.y[rows],
                          problem.rows.run[rows], samples.run_labels)
-    return poses, Nuisance(columns.transpose(2, 0, 1), np.array(_SPREAD))
+    return poses, Nuisance(columns.transpose(2, 0, 1), spread)
+
+
+def later_recordings(runs: IntArray, min_rows: int) -> list[BoolArray]:
+    """Return the masks (M,) of the recordings after the first one that have enough rows."""
+    numbers, counts = np.unique(runs, return_counts=True)
+    return [runs == number for number in numbers[counts >= min_rows][1:]]

@@ -1,5 +1,6 @@
 """Sufficiency of the motion of recordings for gravity, and the motion that they lack."""
 
+from dataclasses import replace
 import json
 
 from bench.shared.serial_arms import parallel_axis_arm
@@ -59,6 +60,27 @@ def test_a_joint_that_hardly_moves_is_named_with_a_motion_that_is_enough():
     q = np.repeat(first.q[400:401], len(t), axis=0)
     q[:, 1] = sweep.low + (sweep.high - sweep.low) * np.abs((2 * t / period + 1) % 2 - 1)
     assert enough_motion(concatenate([first, recorded(q)])).facts() == []
+
+
+@pytest.mark.parametrize('count', [2, 12])
+def test_offsets_that_differ_between_recordings_are_no_lack_of_motion(count):
+    runs = [recorded(q) for q in np.split(sines(), count)]
+    offsets = 10.0 * np.random.default_rng(1).standard_normal((count, len(ARM.joints)))
+    shifted = concatenate([replace(r, tau=r.tau + own) for r, own in zip(runs, offsets)])
+    assert enough_motion(shifted).facts() == [] == enough_motion(concatenate(runs)).facts()
+
+
+def test_offsets_that_differ_are_uncertain_where_the_pose_differs_with_them():
+    """A shoulder at another angle in each of six recordings, with another offset."""
+    runs = []
+    for angle in np.linspace(-0.7, 0.7, 6):
+        q = sines(seconds=60)
+        q[:, 1] = CENTRE[1] + angle
+        runs.append(recorded(q))
+    assert enough_motion(concatenate(runs)).facts() == []
+    own = np.random.default_rng(1).normal(0, 10.0, (6, 1)) * np.eye(6)[1]
+    enough = enough_motion(concatenate([replace(r, tau=r.tau + o) for r, o in zip(runs, own)]))
+    assert list(enough.facts()[0].joints) == [ARM.joints[1]]
 
 
 def test_a_short_recording_is_named_with_its_duration():
