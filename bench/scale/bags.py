@@ -15,7 +15,6 @@ import argparse
 import json
 import os
 from pathlib import Path
-import resource
 import subprocess
 import sys
 import tempfile
@@ -67,13 +66,14 @@ def rate(call, path: Path) -> float:
     return call(path) / (time.process_time() - started)
 
 
-def fit(bag: Path, model: Path) -> dict[str, float]:
-    """Run `gravity_comp fit` as a user does; return its time and peak memory."""
+def timed(*call: str | Path) -> dict[str, float]:
+    """Run a verb of `gravity_comp` as a user does; return its time and peak memory."""
     started = time.perf_counter()
-    subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'fit', str(bag), '-o',
-                    str(model)], check=True, stdout=subprocess.DEVNULL,
-                   stderr=subprocess.DEVNULL, env=os.environ)
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = subprocess.Popen([sys.executable, '-m', 'gravity_comp_ros.cli', *map(str, call)],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise RuntimeError(f'{call[0]} failed')
     return {'seconds': time.perf_counter() - started, 'megabytes': used.ru_maxrss / 1e3,
             'processor_seconds': used.ru_utime + used.ru_stime}
 
@@ -90,7 +90,8 @@ def main() -> None:
         if args.bag is None:
             record(bag, args.minutes)
         record(minute, 1.0)
-        results = {'fit': fit(bag, Path(folder) / 'model.json')}
+        results = {'info': timed('info', bag),
+                   'fit': timed('fit', bag, '-o', Path(folder) / 'model.json')}
         rates = [(rate(by_rosbags, minute), rate(decode, minute)) for _ in range(5)]
         theirs, ours = np.median(rates, axis=0)
         results['minute'] = {'rosbags_per_s': theirs, 'decode_per_s': ours,

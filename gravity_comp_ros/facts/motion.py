@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
+from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.friction import shares
@@ -115,8 +116,7 @@ def count_reversals(q: FloatArray, minimum: float = _MIN_REVERSAL) -> int:
 
 def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> JointFacts:
     q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
-    reversals = None if at_rest else sum(
-        count_reversals(run.q[:, n]) for run in samples.each_run() if len(run))
+    reversals = None if at_rest else sum(count_reversals(q[run]) for run in run_slices(samples))
     share = shares(samples.q, samples.qd, samples.tau, n)
     return JointFacts(
         float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
