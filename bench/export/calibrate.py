@@ -21,12 +21,16 @@ from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
 from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
-from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import described_arm, urdf_inertials
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.simulation.arms import Payload, with_payload
 import numpy as np
+
+
+# As the command: slow motion, at the rate of the recording.
+RATE = GateOptions(rate_hz=None)
 
 
 def trial(name: str, seed: int, is_known: bool,
@@ -51,7 +55,7 @@ def trial(name: str, seed: int, is_known: bool,
     for one in (arm, with_payload(arm, Payload(mass, tuple(centre)))):
         run = recorded(one, _motion(arm, low, high, rng), friction, noise, rng)
         parts.append(slow_samples(JointSamples.single_run(
-            joints, run.t, run.q, run.qd, run.tau / constants)).samples)
+            joints, run.t, run.q, run.qd, run.tau / constants), RATE).samples)
     described = described_arm(text, joints)
     weight = Weight(f'{joints[-1]}_link', float(mass), tuple(centre) if is_known else None)
     try:

@@ -9,10 +9,13 @@ where Y are the columns of the gravity of a chain on known axes with moments b, 
 mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
 is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
-viscous friction. Torque sensors may have another offset after a restart; without one, both
-recordings have the same. The masses of the arm are used for the order of magnitude of its weight
-alone: the known weight gives the absolute scale, and the moments, which all joints share, their
-ratios. Moments, gains and an unknown centre are fitted together by Gauss-Newton.
+viscous friction. Its direction is a sum of functions of the speed and of Dahl's elements
+(`effects.motion_direction`): after a reversal friction builds up over a distance, which on a joint
+with little load is as large as the effect of the weight. Torque sensors may have another offset
+after a restart; without one, both recordings have the same. The masses of the arm are used for the
+order of magnitude of its weight alone: the known weight gives the absolute scale, and the moments,
+which all joints share, their ratios. Moments, gains and an unknown centre are fitted together by
+Gauss-Newton, to means over the rows of a regression (`regression.rows`).
 """
 
 from __future__ import annotations
@@ -23,20 +26,20 @@ from types import MappingProxyType
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
+from gravity_comp_ros.effects.motion_direction import direction, path_of
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
+from gravity_comp_ros.models.noise import correlation_times
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.rows import rows_of
 import numpy as np
 
 
 _STEPS = 50
-
-# Speeds in rad/s over which friction changes its sign: several, so that their sum has presliding
-# and the fall of friction with speed (Stribeck).
-SIGN_WIDTHS = (0.003, 0.01, 0.03)
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,14 @@ class WeightOptions:
     """
     Options of a calibration.
 
-    `correlation` in s is the time over which the errors of samples are dependent. `distance` in m
-    is the prior standard deviation of each coordinate of an unknown centre of mass. `significance`
-    is the least size of 1 / k in standard deviations, `min_samples` the number of samples of each
-    recording. `sign_widths` in rad/s are those of friction. `same_offset` is whether both
-    recordings have the same offset. The weight of the arm is that of the description within a
-    factor of `arm_factor`: descriptions have rough masses; a wrong mass of the known weight gives
-    others, and exchanged recordings negative ones.
+    `correlation` in s is the least time over which errors are dependent: those of the law of
+    friction are, however white the residual is. `distance` in m is the prior standard deviation of
+    each coordinate of an unknown centre of mass. `significance` is the least size of 1 / k in
+    standard deviations, `min_samples` the number of samples of each recording. `widths` in rad/s
+    and `distances` in rad are those of the direction of friction: several, whose sum has the law
+    of a gear. `same_offset` is whether both recordings have the same offset. The weight of the arm
+    is that of the description within a factor of `arm_factor`: descriptions have rough masses; a
+    wrong mass of the known weight gives others, and exchanged recordings negative ones.
 
     :raises OptionError: if a number is not positive.
     """
@@ -59,7 +63,8 @@ class WeightOptions:
     distance: float = 0.2
     significance: float = 20.0
     min_samples: int = 50
-    sign_widths: tuple[float, ...] = SIGN_WIDTHS
+    widths: tuple[float, ...] = (0.003, 0.01, 0.03)
+    distances: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3)
     same_offset: bool = False
     arm_factor: float = 10.0
 
@@ -120,11 +125,10 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
         if part.n_samples < options.min_samples:
             raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
                             f'least {options.min_samples} are needed')
-    problem = _Problem(parts[0], parts[1], arm, weight, options,
-                       [_dynamic(part, arm, inertials) for part in parts])
+    problem = _Problem(parts[0], parts[1], arm, weight, options, inertials)
     fit = problem.fitted()
     result = _result(joints, fit, weight, options)
-    ratio = _arm_ratio(parts[0], arm, inertials, fit.moments)
+    ratio = _arm_ratio(problem.q, arm, inertials, fit.moments)
     if not 1.0 / options.arm_factor < ratio < options.arm_factor:
         raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times as much '
                         f'as described: name the recording without the weight first, and check '
@@ -132,24 +136,17 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     return result
 
 
-def _arm_ratio(samples: JointSamples, arm: DescribedArm, inertials: Mapping[str, Inertial],
+def _arm_ratio(q: FloatArray, arm: DescribedArm, inertials: Mapping[str, Inertial],
                moments: FloatArray) -> float:
-    """Return the ratio of estimated to described gravity of the arm, 1 without masses."""
+    """Return the ratio of estimated to described gravity at poses (R, N), 1 without masses."""
     own = [inertial.about_origin()[:4] for inertial in inertials.values()]
     if not own:
         return 1.0
-    described = arm.columns(samples.q, list(inertials)) @ np.concatenate(own)
-    estimated = ForwardKinematics(arm.geometry.rotations, samples.q).moment_columns().transpose(
+    described = arm.columns(q, list(inertials)) @ np.concatenate(own)
+    estimated = ForwardKinematics(arm.geometry.rotations, q).moment_columns().transpose(
         2, 1, 0) @ moments
     size = float((described ** 2).sum())
     return float((estimated * described).sum()) / size if size > 0.0 else 1.0
-
-
-def _dynamic(samples: JointSamples, arm: DescribedArm,
-             inertials: Mapping[str, Inertial]) -> FloatArray:
-    """Return the dynamic torque (M, N) in N·m of the described arm without the weight."""
-    return inverse_dynamics(arm.geometry, samples.q, samples.qd, accelerations(samples),
-                            frame_parameters(arm, inertials).ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,23 +169,31 @@ class _Problem:
     """Efforts and columns of both recordings without offset and friction, by joint."""
 
     def __init__(self, empty: JointSamples, loaded: JointSamples, arm: DescribedArm,
-                 weight: Weight, options: WeightOptions, dynamic: list[FloatArray]) -> None:
-        q, qd = (np.concatenate([getattr(part, name) for part in (empty, loaded)])
-                 for name in ('q', 'qd'))
-        self.n, self.mass = arm.geometry.n_joints, weight.mass
-        is_loaded = np.repeat([0.0, 1.0], [empty.n_samples, loaded.n_samples])
-        columns = arm.columns(q, [weight.link])
+                 weight: Weight, options: WeightOptions,
+                 inertials: Mapping[str, Inertial]) -> None:
+        samples, geometry = concatenate([empty, loaded]), arm.geometry
+        self.rows = rows = rows_of(samples, EngineOptions())
+        self.n, self.mass = geometry.n_joints, weight.mass
+        is_loaded = (rows.run >= empty.n_runs).astype(np.float64)
+        self.q, qd = rows.mean(samples.q), rows.mean(samples.qd)
+        columns = arm.columns(self.q, [weight.link])
         self._loads = columns[is_loaded > 0.0]
+        # The dynamic torque is that of the described arm without the weight.
+        dynamic = inverse_dynamics(geometry, self.q, qd, rows.mean(accelerations(samples)),
+                                   frame_parameters(arm, inertials).ravel())
         columns = np.concatenate([
-            np.concatenate([empty.tau, loaded.tau])[:, :, None],
-            ForwardKinematics(arm.geometry.rotations, q).moment_columns().transpose(2, 1, 0),
-            np.concatenate(dynamic)[:, :, None], weight.mass * columns * is_loaded[:, None, None],
-        ], axis=2)
+            rows.mean(samples.tau)[:, :, None],
+            ForwardKinematics(geometry.rotations, self.q).moment_columns().transpose(2, 1, 0),
+            dynamic[:, :, None], weight.mass * columns * is_loaded[:, None, None]], axis=2)
+        laws = [*({'width': x} for x in options.widths),
+                *({'distance': x} for x in options.distances)]
         for j in range(self.n):
-            offset = [np.ones(len(q))] if options.same_offset else [1.0 - is_loaded, is_loaded]
-            sign = np.tanh(qd[:, j] / np.array(options.sign_widths)[:, None])
-            friction = np.column_stack([
-                *offset, *(sign * (1.0 - is_loaded)), *(sign * is_loaded), qd[:, j]])
+            offset = [np.ones(len(qd))] if options.same_offset else [1.0 - is_loaded, is_loaded]
+            path = path_of(samples, samples.q[:, j])
+            signs = np.stack([rows.mean(direction(samples, path, samples.qd[:, j], law))
+                              for law in laws])
+            friction = np.column_stack([*offset, *(signs * (1.0 - is_loaded)),
+                                        *(signs * is_loaded), qd[:, j]])
             basis, size, _ = np.linalg.svd(friction, full_matrices=False)
             basis = basis[:, size > 1e-9 * size[0]]
             columns[:, j] -= basis @ (basis.T @ columns[:, j])
@@ -198,8 +203,9 @@ class _Problem:
         self.load = columns[:, :, -4]
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
-        interval = np.median(np.diff(empty.t))
-        self.per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
+        # Number of rows per independent error, at least.
+        interval = float(np.median(np.diff(rows.t)[np.diff(rows.run) == 0]))
+        self.per_error = max(1.0, options.correlation / max(interval, 1e-6))
 
     def fitted(self) -> _Fit:
         """Return gains and centre."""
@@ -207,7 +213,7 @@ class _Problem:
         centre, moments = self.centre, self._moments(gains, self.centre, noise)
         for _ in range(_STEPS):
             rest, jacobian = self._linearised(gains, centre, moments, noise)
-            noise = np.maximum(rest.std(axis=0) * noise, 1e-12 + 1e-6 * self.effort.std(axis=0))
+            noise = self._noise(rest * noise)
             rest, jacobian = self._linearised(gains, centre, moments, noise)
             information, gradient = self._normal(rest, jacobian, centre)
             step = np.linalg.solve(information, gradient)
@@ -217,12 +223,17 @@ class _Problem:
             if max(np.abs(parts[0] / size).max(), np.abs(parts[1]).max()) < 1e-7:
                 break
         rest, jacobian = self._linearised(gains, centre, moments, noise)
-        covariance = np.linalg.inv(self._normal(rest, jacobian / np.sqrt(self.per_error),
-                                                centre)[0])
+        covariance = np.linalg.inv(self._normal(rest, jacobian, centre)[0])
         own = slice(0, self.n + 3)
         torque = np.asarray(self.mass * self._loads @ np.array([1.0, *centre]))
         return _Fit(gains, centre, np.asarray(covariance[own, own]), moments,
-                    np.asarray(noise * rest.std(axis=0)), np.sqrt((torque ** 2).mean(axis=0)))
+                    (noise * rest).std(axis=0), np.sqrt((torque ** 2).mean(axis=0)))
+
+    def _noise(self, residual: FloatArray) -> FloatArray:
+        """Return the noise (N,) of independent rows of the same information, units of effort."""
+        times = np.maximum(correlation_times(residual, self.rows.run), self.per_error)
+        size = np.sqrt(times * (residual ** 2).mean(axis=0))
+        return np.asarray(np.maximum(size, 1e-12 + 1e-6 * self.effort.std(axis=0)))
 
     def _start(self) -> tuple[FloatArray, FloatArray]:
         """Return gains and noise (N,) of each joint alone; the surest gain scales the others."""

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.calibration.known_weight import SIGN_WIDTHS
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError
@@ -39,7 +38,7 @@ class StiffnessOptions:
 
     correlation: float = 2.0
     significance: float = 10.0
-    sign_widths: tuple[float, ...] = SIGN_WIDTHS
+    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
     min_samples: int = 50
 
     def __post_init__(self) -> None:

@@ -28,6 +28,8 @@ def run(args: argparse.Namespace) -> int:
     if args.empty.resolve() == args.loaded.resolve():
         raise OptionError(f'{args.empty} is named as the recording without and with the weight')
     options, slow = read_options(args), gate(args)
+    if slow is not None and args.rate is None:
+        slow = replace(slow, rate_hz=None)
     with terminal.progress() as report:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
