@@ -25,6 +25,8 @@ _ANGLE, _FACTOR, _BODY = 0.3, 0.5, 0.5
 # Smallest mass in kg and lever in m for the prior of a body.
 _MIN_MASS, _MIN_LEVER = 0.2, 0.1
 _QUARTER = 0.5 * np.pi
+# Factors of efforts in another unit are near one of these: mN·m, N·cm, kgf·cm, percent, kgf·m.
+_UNITS = (1.0, 10.0, 100.0, 1000.0, 0.1, 0.01)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ def possible_faults(arm: ArmState, joints: tuple[str, ...],
 
     :param links: by name, the frame of a link and its mass and first moment there (4,).
     """
-    faults = [_mount(), _unit()]
+    faults = [_mount(), *map(_unit, _UNITS)]
     for n, joint in enumerate(joints):
         faults += [_reversed(n, joint), _zero(n, joint), _turned(n, joint), _gain(n, joint),
                    _body(arm, n, joint)]
@@ -119,8 +121,9 @@ def _gain(n: int, joint: str) -> Fault:
     return Fault(GAIN, (joint,), np.array([_FACTOR]), np.array([[1.0], [-1.0]]), change)
 
 
-def _unit() -> Fault:
-    return Fault(UNIT, ('all joints',), np.array([_FACTOR]), np.array([[1.0], [-1.0]]),
+def _unit(factor: float) -> Fault:
+    return Fault(UNIT, ('all joints',), np.array([_FACTOR * factor]),
+                 np.array([[factor], [-factor]]),
                  lambda arm, p: replace(arm, gains=arm.gains * p[0]))
 
 

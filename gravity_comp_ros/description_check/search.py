@@ -179,8 +179,11 @@ def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
     fits = [_best_start(evidence, state, fault, before, float(np.log(len(faults))))
             for fault in faults if all(fault is not fit.fault for fit in others)]
     fits.sort(key=lambda fit: -fit.evidence)
+    # Factors of one unit are near another one too: the same fault.
+    other = {(fit.fault.kind, fit.fault.subjects): fit for fit in reversed(fits)}
     return replace(fits[0], alternatives=tuple(
-        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < evidence.options.margin))
+        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < evidence.options.margin
+        and fit is other[fit.fault.kind, fit.fault.subjects]))
 
 
 def _exchanged(evidence: Evidence, arm: ArmState, selected: list[FaultFit],

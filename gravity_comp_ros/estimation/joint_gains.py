@@ -16,7 +16,7 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.estimation.arm_fit import ArmFit, cost_of
-from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
@@ -77,14 +77,10 @@ class JointGains:
         Joints without an identified gain have that of their friction and inertia in the model.
         """
         known = (self.std < np.log(options.min_ratio)) & (self.residual < options.max_residual)
-        before = predict_torque(model, samples) + fitted_torque(model, samples)
-        before, effort = before - before.mean(axis=0), samples.tau - samples.tau.mean(axis=0)
-        slope = (before * effort).sum(axis=0) / np.maximum((before ** 2).sum(axis=0), 1e-18)
-        change = np.log(np.maximum(slope, 1e-9))
+        change, rest, _ = _changes(model, samples)
         best = int(np.argmin(np.where(known, np.abs(change), np.inf)))
         std = np.where(known, np.hypot(self.std, self.std[best]), options.friction)
         std[best] = 0.0
-        rest = (effort - slope * before).std(axis=0) / np.maximum(effort.std(axis=0), 1e-18)
         return replace(self, reference=best, std=std,
                        log=np.where(known, self.log - self.log[best], change - change[best]),
                        residual=np.where(known, self.residual, rest),
@@ -119,6 +115,58 @@ class JointGains:
         how = ', by its friction and inertia' if n in self.by_friction else ''
         return (f'{self.names[n]} has {ratio:.3g} times{of_what} '
                 f'(95 %: {low:.3g} to {high:.3g}{how})')
+
+
+def _changes(model: GravityModel, samples: JointSamples
+             ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """
+    Return the logarithms (N,) of the gains of the efforts relative to the torque of a model.
+
+    Also the share (N,) of a joint's effort that this gain does not explain, and the share (N,)
+    that another gain of gravity alone does not.
+    """
+    before = predict_torque(model, samples) + fitted_torque(model, samples)
+    friction = before - model.predict(samples.q)
+    slope, rest = _proportional(before, samples.tau)
+    return (np.log(np.maximum(slope, 1e-9)), rest / _spread(samples.tau),
+            _proportional(before - friction, samples.tau - friction)[1] / _spread(samples.tau))
+
+
+def _proportional(torque: FloatArray, effort: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return slopes (N,) of efforts (M, N) over torques, and the deviation (N,) that remains."""
+    torque, effort = torque - torque.mean(axis=0), effort - effort.mean(axis=0)
+    slope = (torque * effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-18)
+    return slope, (effort - slope * torque).std(axis=0)
+
+
+def _spread(effort: FloatArray) -> FloatArray:
+    return np.maximum(effort.std(axis=0), 1e-18)
+
+
+def common_gain(model: GravityModel, samples: JointSamples,
+                options: GainOptions = GainOptions()) -> list[Fact]:
+    """
+    Return the fact that the efforts of all joints have one other gain than in an earlier model.
+
+    Friction must have it too, more clearly than it has none: a body changes gravity alone.
+    """
+    change, rest, with_body = _changes(model, samples)
+    explained = rest < options.max_residual
+    better = np.log(np.maximum(with_body, 1e-9) / np.maximum(rest, 1e-9))[explained].sum()
+    if 2 * explained.sum() < max(len(change), 3) or better < np.log(options.min_ratio):
+        return []
+    common = float(np.median(change[explained]))
+    if (abs(common) < np.log(options.min_ratio)
+            or np.abs(change[explained] - common).max() > np.log(options.min_ratio)):
+        return []
+    ratio = float(np.exp(common))
+    names = [name for name, one in zip(samples.names, explained) if one]
+    scales = ','.join(f'{name}={1.0 / ratio:.3g}' for name in samples.names)
+    return [Fact(
+        Kind.EFFORT_GAIN, tuple(names), f'the efforts of {listed(names, len(samples.names))} are '
+        f'{ratio:.3g} times those of the earlier model, with friction', Action.REFUSED,
+        'the unit of effort differs', f'--effort-scale {scales} converts to that of the model; '
+        f'--accept {Kind.EFFORT_GAIN.value} keeps them', dict.fromkeys(names, ratio))]
 
 
 def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains:

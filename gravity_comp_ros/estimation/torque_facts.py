@@ -13,7 +13,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.axis_directions import axis_facts
-from gravity_comp_ros.estimation.joint_gains import joint_gains
+from gravity_comp_ros.estimation.joint_gains import common_gain, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -54,6 +54,9 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
     gains = joint_gains(fit)
     if gains.facts():
         return (gains if model is None else gains.relative_to(model, samples)).facts()
+    facts = [] if model is None else common_gain(model, samples)
+    if facts:
+        return facts
     base = moved_base(fit)
     facts = [] if base is None else base.facts()
     every = whole() if facts else None

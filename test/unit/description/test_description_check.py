@@ -129,8 +129,11 @@ def test_faults_of_the_recording(samples):
     _, faults = checked(URDF, replace(samples, tau=samples.tau * gain))
     assert faults[0].kind == 'effort_scale' and faults[0].value == pytest.approx(-0.8, abs=0.01)
     assert faults[0].correction.startswith('--effort-scale iiwa_joint_4=-1.2')
-    _, faults = checked(URDF, replace(samples, tau=0.5 * samples.tau))
-    assert faults[0].kind == 'effort_unit' and faults[0].value == pytest.approx(0.5, abs=0.01)
+    for factor in (0.5, 100.0, 10.2):
+        _, faults = checked(URDF, replace(samples, tau=factor * samples.tau))
+        assert [fault.kind for fault in faults] == ['effort_unit']
+        assert faults[0].value == pytest.approx(factor, rel=0.02)
+        assert not faults[0].alternatives
 
 
 def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path):

@@ -4,12 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.shared.campaign import campaign
+from bench.shared.rough_links import two_links, WIDE
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
-from gravity_comp_ros.estimation.joint_gains import GainOptions, joint_gains
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.joint_gains import common_gain, GainOptions, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base, MovedBaseOptions
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
@@ -246,7 +248,7 @@ def test_too_little_motion_has_no_result():
 
 def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
     paths = []
-    for k, gains in enumerate((1.0, np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]))):
+    for k, gains in enumerate((1.0, np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]), 100.0)):
         samples = recorded(gains, seed=k)
         paths.append(str(tmp_path / f'{k}.mcap'))
         write_bag(paths[-1], [joint_states(samples)])
@@ -261,6 +263,10 @@ def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
     assert f'{ARM.joints[1]}=0.2' in error and model.read_bytes() == before
     # The vertical axis carries no gravity: its friction is four times that of the model.
     assert f'{ARM.joints[0]} has 4 times' in error and 'by its friction' in error
+    assert main(['update', paths[2], '--model', str(model)]) == 1
+    error = ' '.join(capsys.readouterr().err.split())
+    assert 'the efforts of every joint are 100 times those of the earlier model' in error
+    assert f'{ARM.joints[0]}=0.01,' in error and model.read_bytes() == before
     # Neither does a payload reverse an axis.
     sign = np.array([1, 1, -1, 1, 1, 1])
     samples = recorded(arm=HEAVY, seed=1)
@@ -270,3 +276,14 @@ def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
     error = capsys.readouterr().err
     assert f'--reverse {ARM.joints[2]}' in error and 'the earlier model' in error
     assert main(['update', paths[1], '--model', str(model), '--reverse', ARM.joints[2]]) == 0
+
+
+def test_a_payload_that_doubles_all_gravity_is_no_unit():
+    model, later = fit(two_links(3, reach=WIDE)).model, two_links(4, reach=WIDE)
+    for factor in (0.1, 2.0, 10.2):
+        (fact,) = common_gain(model, replace(later, tau=factor * later.tau))
+        assert fact.values['elbow'] == pytest.approx(factor, rel=0.02)
+    assert common_gain(model, replace(later, tau=1.2 * later.tau)) == []
+    for payload in (0.5, 1.0, 5.0):
+        heavier = replace(later, tau=later.tau + payload * model.predict(later.q))
+        assert common_gain(model, heavier) == []
