@@ -21,8 +21,8 @@ from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.estimate import estimate_again, FitOptions
-from gravity_comp_ros.estimation.fit import fit, FitResult, result_of
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
 from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
@@ -76,16 +76,10 @@ def _convergence_warning(samples: JointSamples, result: FitResult, options: FitO
     """Return a warning if a fit to part of a short recording gives another model, else ''."""
     if recorded_time(samples) > _MAX_TESTED_TIME:
         return ''
-    axes = None if result.model.geometry is None else options.geometry
-    options = replace(options, formulation=result.model.formulation, geometry=axes)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
 
-    def again(part: JointSamples) -> GravityModel:
-        if result.model.formulation != 'chain':
-            return fit(part, options).model
-        return result_of(estimate_again(part, result.estimate, options), options).model
-
-    change = convergence_objection(result.model, samples, noise, again)
+    change = convergence_objection(result.model, samples, noise,
+                                   lambda part: fit_again(part, result, options).model)
     return '' if change is None else f'{change}. Record more motion'
 
 

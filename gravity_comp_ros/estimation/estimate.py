@@ -146,20 +146,25 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     return result
 
 
-def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions) -> Estimate:
+def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions,
+                   formulation: str = '') -> Estimate:
     """
-    Return the estimate of a chain from other samples: the same terms, axes from a new start.
+    Return an estimate with the terms of an earlier one, from other samples or of another form.
 
+    No effect is searched for. A chain begins at a new start of its axes.
+
+    :param formulation: that of the earlier estimate by default.
     :raises FitError: if there are too few samples, or no joint moves.
     """
     _check(samples, None)
     problem = Problem.of(samples, None, options.engine)
     work = _Work(problem, options, None, frozenset(), tuple(all_effects().values()),
                  lambda word, share: None)
+    terms = earlier.regression.terms
+    if (formulation or earlier.formulation) != 'chain':
+        return work.sparse(formulation or earlier.formulation, 'it was requested', terms)
     shared = work.start_of(earlier.geometry)
-    terms = work.same_terms(shared, earlier.regression.terms)
-    keys = frozenset(term.key for term in terms)
-    return replace(earlier, regression=regress(problem, shared, (), terms, keys))
+    return replace(earlier, regression=work.regress_terms(shared, terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +184,13 @@ class _Work:
         why = 'it was requested' if self.options.formulation == 'chain' else self._accepted(chain)
         if why:
             return Estimate(chain, 'chain', why, warning=warning)
-        potential = self.sparse('potential', '')
-        errors = {name: held_out_ratio(one, chain.noise) for name, one in (
-            ('chain', chain), ('potential', potential.regression))}
+        errors = {'chain': held_out_ratio(chain, chain.noise)}
+        # Its own effects are searched for only where it is the better one with those of the chain.
+        for terms in (chain.terms, None):
+            potential = self.sparse('potential', '', terms)
+            errors['potential'] = held_out_ratio(potential.regression, chain.noise)
+            if errors['potential'] >= errors['chain']:
+                break
         best, other = sorted(errors, key=lambda name: errors[name])
         why = (f'on held-out samples the error of the {best} is {errors[best]:.2f} and that of '
                f'the {other} {errors[other]:.2f} times the noise')
@@ -238,20 +247,25 @@ class _Work:
         """Return a start with its moments, on which the columns of some effects depend."""
         return with_common_terms(self.problem, shared, self.effects).shared
 
-    def sparse(self, formulation: str, why: str) -> Estimate:
+    def sparse(self, formulation: str, why: str, terms: Sequence[Term] | None = None) -> Estimate:
         """
         Return the estimate on a support of the dictionary.
 
         A first support is selected from the torque of the rows, friction included. The second is
         selected from the torque without the terms of a first regression on it. Those are effects
         of motion: static ones would explain the gravity that the first support misses.
+
+        :param terms: terms on any samples instead of a search for effects.
         """
         self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, self.problem.y)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
-        first = replace(self, effects=moving).regress(self._prepared(shared))
+        first = (replace(self, effects=moving).regress(self._prepared(shared)) if terms is None
+                 else self.regress_terms(self._prepared(shared), terms))
         shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
-        return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
+        last = (self.regress(shared, first.terms) if terms is None
+                else self.regress_terms(shared, terms))
+        return Estimate(last, formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
@@ -294,10 +308,11 @@ class _Work:
                 terms.append(factory.term(effect, joint, one.setting, count))
         return tuple(terms)
 
-    def same_terms(self, shared: Shared, terms: Iterable[Term]) -> tuple[Term, ...]:
-        """Return terms with their columns on these samples."""
+    def regress_terms(self, shared: Shared, terms: Iterable[Term]) -> Regression:
+        """Return the regression with given terms, with their columns on these samples, alone."""
         factory = self.problem.factory(shared)
-        return tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
+        own = tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
+        return regress(self.problem, shared, (), own, frozenset(term.key for term in own))
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects at the settings with the largest gains."""

@@ -13,7 +13,8 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
-from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions, Progress
+from gravity_comp_ros.estimation.estimate import (
+    Estimate, estimate, estimate_again, FitOptions, Progress)
 from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -66,6 +67,17 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     forced = frozenset(key_of(name, samples.names) for name in effects if name != DYNAMICS)
     return result_of(estimate(samples, options, use, old, forced, progress=progress), options,
                      effects, warning)
+
+
+def fit_again(samples: JointSamples, earlier: FitResult, options: FitOptions,
+              formulation: str = '') -> FitResult:
+    """
+    Return a fit with the effects of an earlier one (`estimate_again`).
+
+    :raises FitError: if there are too few samples, or no joint moves.
+    """
+    again = estimate_again(samples, earlier.estimate, options, formulation)
+    return result_of(again, options, [effect.target for effect in earlier.model.applied.effects])
 
 
 def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str] = (),

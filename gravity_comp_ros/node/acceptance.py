@@ -148,9 +148,9 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     rmse_train = moving_rms(error_new[train], qd[train])
     rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
                           for error in (error_new, error_old))
-    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(samples.tau[train]).max())))
-    if old is not None:
-        noise = np.maximum(noise, old.noise)
+    # The noise of a model that misses something includes what it misses.
+    noise = new.noise if old is None else np.minimum(new.noise, old.noise)
+    noise = np.maximum(noise, 1e-3 * max(1e-9, float(np.abs(samples.tau[train]).max())))
     # The share of the variance that pose explains, the smaller of both sets: in a few held-out
     # seconds it may be large by coincidence.
     spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
@@ -247,20 +247,23 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
         'subtracted by the driver, or another unit or sign'))
 
 
-def body_checks(table: Hypotheses, noise: FloatArray, scale: FloatArray | float,
+def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArray | float,
                 limits: PayloadLimits, forces: Sequence[Explanation] = ()) -> Iterator[Check]:
     """
     Yield the checks of a change: a body on the last link explains it, and no fault does so better.
 
-    :param noise: reference noise (N,) in N·m, `scale` its ratio to that of the table (N,).
+    :param tables: for each estimate of the axes, that of the most probable body first.
+    :param noise: reference noise (N,) in N·m, `scale` its ratio to that of the tables (N,).
     :param forces: other hypotheses that a fault must explain the change better than.
     """
+    table = tables[0]
     samples, names = table.samples, table.samples.names
     yield gravity_present(samples, table.before, noise)
-    body, unchanged = table.explain(table.body), table.explain().log_evidence
+    body = table.explain(table.body)
+    unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
-    faults = [each for each in _faults(table, scale) if each.log_evidence > unchanged
-              and each.residual <= OPTIONS.max_residual]
+    faults = [each for one in tables for each in _faults(one, scale)
+              if each.log_evidence > unchanged and each.residual <= OPTIONS.max_residual]
     # A fault alone is named unless one with a body is clearly better.
     margin = OPTIONS.max_fault_lead
     named = max(faults, key=lambda each: each.log_evidence - margin * each.has_body, default=None)

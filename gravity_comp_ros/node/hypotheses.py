@@ -21,11 +21,14 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
+from gravity_comp_ros.estimation.update import payload_change_weights
+from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TYPICAL_SPEED
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.uncertainty import ChainUncertainty, Uncertainty
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
 import numpy as np
 
@@ -80,35 +83,60 @@ class Explanation:
         return moving_rms(self.residual, qd)
 
 
+def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
+           chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
+           geometry: Geometry | None) -> list[Hypotheses]:
+    """
+    Return the explanations of a window, the table of the most probable body first.
+
+    The direction of an axis that carried nothing before is not identified. Each direction that a
+    sparse update finds probable has a table of its own.
+
+    :param chain: the gravity of the model as a chain of the same joints.
+    """
+    assert chain.chain is not None
+    n = chain.n_joints
+    covariance = chain.uncertainty.covariance if isinstance(
+        chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
+    trials = [Trial(chain.chain, covariance)]
+    if geometry is None:
+        weights = payload_change_weights(chain, gravity)
+        trials += changed_model(chain, NewSamples(gravity.q, gravity.tau, noise, weights),
+                                None).trials
+    result = [Hypotheses(gravity, friction, model, trial, noise, limits, geometry)
+              for trial in trials]
+    return sorted(result, key=lambda table: -table.explain(table.body).log_evidence)
+
+
 class Hypotheses:
     """
-    The explanations of a window.
+    The explanations of a window at one estimate of the axes.
 
     :param gravity: samples without the friction, offset and effects of the model.
     :param friction: the torque (M, N) of these, N·m.
     :param model: the model in use.
-    :param chain: its gravity as a chain of the same joints.
+    :param trial: its gravity as a chain of the same joints, the covariance of that, and its price.
     :param noise: standard deviation (N,) of the residual of the model, N·m.
     :param geometry: the axes of the arm, None if they are unknown.
     """
 
     def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
-                 chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
+                 trial: Trial, noise: FloatArray, limits: PayloadLimits,
                  geometry: Geometry | None) -> None:
         self.samples, self._noise, self._geometry = gravity, noise, geometry
+        chain, self._price = trial.chain, trial.price
         self.before = model.predict(gravity.q)
         self._sigma = _CORRELATED * noise
         self._r = self._white((gravity.tau - self.before).T[None])[0]
         self._limits, self._scale = limits, 1.0
-        assert chain.chain is not None
         friction_columns = _friction_columns(gravity, friction, model, noise)
 
         def base(under: Chain) -> FloatArray:
             return self._white(np.concatenate((
-                friction_columns, _uncertainty_columns(under, chain.uncertainty, gravity.q))))
+                friction_columns, _uncertainty_columns(under, trial.prior, gravity.q))))
 
-        self._base = self._loaded = base(chain.chain)
-        self.body, *self._horizontal = self._forces(chain.chain, gravity.q)
+        self._base = self._loaded = base(chain)
+        self.body, *self._horizontal = self._forces(chain, gravity.q)
         # The size of the body is that of the largest evidence: a light one is as likely as a
         # heavy one.
         self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
@@ -118,7 +146,7 @@ class Hypotheses:
         self._horizontal = [self._scale * columns for columns in self._horizontal]
         # The uncertainty of an axis matters as much as the moments that it carries.
         change = self._moments(self.explain(self.body))
-        self._loaded = base(chain.chain.moved(np.concatenate((np.zeros_like(change), change))))
+        self._loaded = base(chain.moved(np.concatenate((np.zeros_like(change), change))))
 
     def explain(self, *columns: FloatArray, base: FloatArray | None = None,
                 r: FloatArray | None = None) -> Explanation:
@@ -139,7 +167,7 @@ class Hypotheses:
         projection = design @ r
         mean = inverse @ projection
         evidence = (-0.5 * float(r @ r - projection @ mean)
-                    - 0.5 * float(np.linalg.slogdet(gram)[1]))
+                    - 0.5 * float(np.linalg.slogdet(gram)[1])) - self._price
         n = self._noise.size
         residual = _CORRELATED * (r - mean @ design).reshape(n, -1).T
         k = len(own)
@@ -300,12 +328,9 @@ def _friction_columns(samples: JointSamples, friction: FloatArray, model: Gravit
     return columns.reshape(3 * n, n, m)
 
 
-def _uncertainty_columns(chain: Chain, uncertainty: Uncertainty | None,
-                         q: FloatArray) -> FloatArray:
+def _uncertainty_columns(chain: Chain, covariance: FloatArray, q: FloatArray) -> FloatArray:
     """Return columns (K, N, M) whose outer product is the covariance of the chain's torque."""
-    if not isinstance(uncertainty, ChainUncertainty):
-        return np.zeros((0, *q.T.shape))
-    values, vectors = np.linalg.eigh(uncertainty.covariance)
+    values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.tensordot(root.T, chain.jacobian(q), axes=1)
 

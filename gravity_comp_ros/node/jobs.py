@@ -8,8 +8,8 @@ leaves the decision about a result to `acceptance`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import nullcontext, suppress
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 import time
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -23,6 +23,7 @@ from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
+from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.estimation.requested_fit import requested_fit
@@ -35,7 +36,7 @@ from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import compare, Prediction, reference_noise
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms, REST_SPEED
+from gravity_comp_ros.node.hypotheses import moving_rms, REST_SPEED, tables
 from gravity_comp_ros.node.job_messages import (
     AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
 from gravity_comp_ros.planning.plan import plan
@@ -55,10 +56,23 @@ _SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
 MAX_OUTLIERS = 0.3
-# A candidate model, with how it was fitted.
-Candidate = tuple[str, GravityModel]
-Tried = tuple[str, GravityModel, Prediction]
 _chains = ChainOfModel()
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A candidate model, how it was fitted, and its full fit if it is one."""
+
+    how: str
+    model: GravityModel
+    fit: FullFit | None = None
+
+    @classmethod
+    def full(cls, fit: FullFit) -> Candidate:
+        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, fit)
+
+
+Tried = tuple[Candidate, Prediction]
 
 
 def fitting() -> Work:
@@ -113,11 +127,12 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
         return PayloadResult(False, True, 'the effort has changed; a payload cannot '
                              'be tested, because no serial chain explains this arm', since)
     (gravity, others), noise = without_effects(model, samples), residual_noise(model)
-    table = Hypotheses(gravity, others, model, chain, noise, job.payload,
-                       axes_under(chain, job.geometry))
+    every_table = tables(gravity, others, model, chain, noise, job.payload,
+                         axes_under(chain, job.geometry))
+    table = every_table[0]
     reference = reference_noise(expected_residual(model), gravity, table.before)
     present, other = acceptance.suspicion_checks(table)
-    other = [*acceptance.body_checks(table, reference, reference / noise, job.payload,
+    other = [*acceptance.body_checks(every_table, reference, reference / noise, job.payload,
                                      (table.push(), table.varying())), *other]
     ratio = np.sqrt(((gravity.tau - table.before) ** 2).mean(axis=0)) / noise
     k = int(np.argmax(ratio))
@@ -178,22 +193,24 @@ def _compared_fit(job: FitJob) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
-    tried = [(how, model, predicted(model, job)) for how, model in _candidates(job, chain, first)]
-    how, model, prediction = _best(tried, job)
+    tried = [(candidate, predicted(candidate.model, job))
+             for candidate in _candidates(job, chain, first)]
+    candidate, prediction = _best(tried, job)
     comparison = compare(prediction, None if job.old is None else predicted(job.old, job),
                          job.rows, job.old is not None
                          and len(job.rows.train) > job.old.coverage.n_samples)
     judged = list(comparison.checks)
     if not comparison.is_compensated:
-        judged = [*_checks(job, chain, model, prediction), *judged]
-        if checks.failed(judged) is None and how != CHANGE:
-            judged.append(_converged(model, job))
+        judged = [*_checks(job, chain, candidate.model, prediction), *judged]
+        if checks.failed(judged) is None and candidate.fit is not None:
+            judged.append(_converged(candidate.fit, job))
     figures = comparison.figures
     if len(tried) > 1:
         figures += f'; tried: {_errors(tried, job)}'
     q = job.rows.train.q
-    return FitResult(model, tuple(judged), figures, how, time.monotonic() - start, q.min(axis=0),
-                     q.max(axis=0), left_out, comparison.is_compensated)
+    return FitResult(candidate.model, tuple(judged), figures, candidate.how,
+                     time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out,
+                     comparison.is_compensated)
 
 
 def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
@@ -221,26 +238,26 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
         yield acceptance.joints_agree(samples, residual, (
             noise, rms(prediction.torque - predict_torque(base, samples))))
         return
-    table = Hypotheses(gravity, friction, base, chain, noise, job.payload,
-                       axes_under(chain, job.geometry))
-    yield from acceptance.body_checks(table, noise, 1.0, job.payload)
+    yield from acceptance.body_checks(
+        tables(gravity, friction, base, chain, noise, job.payload,
+               axes_under(chain, job.geometry)), noise, 1.0, job.payload)
 
 
-def _converged(model: GravityModel, job: FitJob) -> Check:
-    options = _options(job, model.formulation)
-    why = convergence_objection(model, job.rows.train, residual_noise(model),
-                                lambda part: full_fit(job, part, options))
+def _converged(fit: FullFit, job: FitJob) -> Check:
+    options = _options(job)
+    why = convergence_objection(fit.model, job.rows.train, residual_noise(fit.model),
+                                lambda part: fit_again(part, fit, options).model)
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
 def _without_outliers(job: FitJob, chain: GravityModel | None
-                      ) -> tuple[FitJob, Mapping[str, int], Candidate | None]:
+                      ) -> tuple[FitJob, Mapping[str, int], FullFit | None]:
     """
-    Return the job without outliers, their number per joint, and the model that identified them.
+    Return the job without outliers, their number per joint, and the fit that identified them.
 
     Outliers are samples with a transient torque, such as that of an intermittent brake. With a
-    chain they are those of its change. Without one they are those of a full fit, which is
-    returned if it is a candidate of the remaining job.
+    chain they are those of its change. Without one they are those of a full fit, which gives them
+    little weight (`huber_weights`) and is returned if it is a candidate of the job.
     """
     first, samples = None, job.rows.samples
     if chain is not None and chain.joints == samples.names:
@@ -248,16 +265,16 @@ def _without_outliers(job: FitJob, chain: GravityModel | None
         is_outlier = outliers_of_change(gravity, chain)
     else:
         try:
-            how, model = next(_full_fits(replace(job, effects=())))
+            first = full_fit(replace(job, effects=()))
         except (FitError, DataError):
             return job, {}, None
-        is_outlier = outliers_of_fit(predicted(model, job).residual(samples), samples)
-        first = None if job.effects else (how, model)
+        is_outlier = outliers_of_fit(predicted(first.model, job).residual(samples), samples)
+    first = None if job.effects else first
     if not is_outlier.any():
         return job, {}, first
     counts = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}
     keep: BoolArray = ~np.asarray(is_outlier.any(axis=1))
-    return replace(job, rows=job.rows.select(keep)), counts, None
+    return replace(job, rows=job.rows.select(keep)), counts, first
 
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
@@ -292,8 +309,8 @@ def _best(tried: list[Tried], job: FitJob) -> Tried:
     """
     best, *others = tried
     for other in others:
-        margin = _FULL_FIT_MARGIN if best[0] == CHANGE else _SPARSE_MARGIN
-        if compare(other[2], best[2], job.rows, margin=margin).is_better:
+        margin = _FULL_FIT_MARGIN if best[0].fit is None else _SPARSE_MARGIN
+        if compare(other[1], best[1], job.rows, margin=margin).is_better:
             best = other
     return best
 
@@ -301,14 +318,15 @@ def _best(tried: list[Tried], job: FitJob) -> Tried:
 def _errors(tried: list[Tried], job: FitJob) -> str:
     """Return the held-out RMSE of each candidate over all joints as text."""
     held_out, texts = job.rows.held_out, []
-    for how, _, prediction in tried:
+    for candidate, prediction in tried:
         error = prediction.residual(job.rows.samples)[held_out]
-        texts.append(f'{how} {rms(moving_rms(error, job.rows.samples.qd[held_out])):.3g} N·m')
+        size = rms(moving_rms(error, job.rows.samples.qd[held_out]))
+        texts.append(f'{candidate.how} {size:.3g} N·m')
     return ', '.join(texts)
 
 
 def _candidates(job: FitJob, chain: GravityModel | None,
-                first: Candidate | None) -> Iterator[Candidate]:
+                first: FullFit | None) -> Iterator[Candidate]:
     """Yield the candidate models; `first` is the first full fit where it exists already."""
     base, train = chain or job.base, job.rows.train
     if base is not None and (base.energy is None or base.joints != train.names):
@@ -326,37 +344,37 @@ def _candidates(job: FitJob, chain: GravityModel | None,
         yield from _full_fits(job, first)
         return
     samples = replace(train, tau=train.tau - effect_torque(base, train))
-    yield CHANGE, update(base, samples, geometry=base.geometry).model
+    yield Candidate(CHANGE, update(base, samples, geometry=base.geometry).model)
     if len(train) >= MIN_FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
             yield from _full_fits(job, first)
 
 
-def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidate]:
+def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
     """
     Yield models fitted to the samples alone, of the formulation of the job.
 
-    With `auto` these are the chain, which may fail, and the potential.
+    With `auto` these are the chain and, with its effects, the sparse potential.
     """
-    formulations = ('chain', 'potential') if job.formulation == 'auto' else (job.formulation,)
-    for formulation in formulations:
-        how = f'{FULL_FIT}, {formulation}'
-        with suppress(FitError, DataError) if formulation != formulations[-1] else nullcontext():
-            yield first if first is not None and first[0] == how else (
-                how, full_fit(job, job.rows.train, _options(job, formulation)))
+    first = first or full_fit(job)
+    yield Candidate.full(first)
+    if job.formulation == 'auto':
+        with suppress(FitError, DataError):
+            yield Candidate.full(fit_again(job.rows.train, first, _options(job), 'potential'))
 
 
-def _options(job: FitJob, formulation: str) -> FitOptions:
+def _options(job: FitJob) -> FitOptions:
     """Return the options of a full fit, with known axes if it uses them."""
+    formulation = 'chain' if job.formulation == 'auto' else job.formulation
     known = formulation == 'chain' and job.geometry is not None \
         and job.geometry.joints == job.rows.samples.names
     return FitOptions(formulation, geometry=job.geometry if known else None)
 
 
-def full_fit(job: FitJob, samples: JointSamples, options: FitOptions) -> GravityModel:
+def full_fit(job: FitJob) -> FullFit:
     """
-    Return a model fitted to these samples alone, with the requested effects.
+    Return a fit to the training samples alone, with the requested effects.
 
     Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
     gravity, and what holds the arm must not be assigned to another effect.
@@ -364,6 +382,7 @@ def full_fit(job: FitJob, samples: JointSamples, options: FitOptions) -> Gravity
     :raises FitError: if there are too few samples.
     :raises DataError: if the samples do not excite a requested effect.
     """
+    samples = job.rows.train
     # Without a request the effects of the model in use are predicted again.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
@@ -371,11 +390,12 @@ def full_fit(job: FitJob, samples: JointSamples, options: FitOptions) -> Gravity
     names = {request.effect.name for request in requested}
     tested = [effect for effect in all_effects().values()
               if not effect.resembles_gravity or effect.name in names]
-    model = requested_fit(samples, requested, options, tested).model
-    if job.base is None or job.base.joints != model.joints:
-        return model
+    result = requested_fit(samples, requested, _options(job), tested)
+    if job.base is None or job.base.joints != result.model.joints:
+        return result
     # Distances learned from earlier payloads stay valid.
-    return replace(model, payload_path=payload_path(job.base, model))
+    return replace(result, model=replace(
+        result.model, payload_path=payload_path(job.base, result.model)))
 
 
 def predicted(model: GravityModel, job: FitJob) -> Prediction:

@@ -19,7 +19,7 @@ from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
-from gravity_comp_ros.node.hypotheses import Hypotheses
+from gravity_comp_ros.node.hypotheses import tables
 from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
 import numpy as np
@@ -88,9 +88,9 @@ def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
     assert not outliers_of_change(replace(samples, tau=tau), base).any()
 
 
-def table(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, payload=None):
+def tables_of(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, payload=None):
     """
-    Return the hypotheses of twenty seconds with 0.1 N·m of noise.
+    Return the tables of twenty seconds with 0.1 N·m of noise.
 
     :param change: of the moments (7, 2) of the chain in N·m.
     :param scaled: joints and the gain of their effort.
@@ -103,14 +103,14 @@ def table(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, p
     tau = samples.tau.copy()
     for joint, gain in scaled:
         tau[:, joint] *= gain
-    return Hypotheses(replace(samples, tau=tau), 0.0 * tau, base, base, np.full(7, 0.1), limits,
-                      geometry)
+    return tables(replace(samples, tau=tau), 0.0 * tau, base, base, np.full(7, 0.1), limits,
+                  geometry)
 
 
-def refusals(hypotheses, limits=PayloadLimits()):
+def refusals(every_table, limits=PayloadLimits()):
     """Return name and text of each check that did not pass."""
     return {check.name: check.text for check in
-            body_checks(hypotheses, np.full(7, 0.1), 1.0, limits) if not check.passed}
+            body_checks(every_table, np.full(7, 0.1), 1.0, limits) if not check.passed}
 
 
 def heavier(base, **changed):
@@ -127,7 +127,7 @@ def heavier(base, **changed):
 @pytest.mark.parametrize('known', [False, True])
 def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
     axes = geometry if known else None
-    reasons = refusals(table(as_chain(base, axes), scaled=[(joint, gain)], geometry=axes))
+    reasons = refusals(tables_of(as_chain(base, axes), scaled=[(joint, gain)], geometry=axes))
     match = re.search(r'of iiwa_joint_(\d) is (\S+) times', reasons[checks.NO_FAULT])
     assert int(match[1]) == joint + 1 and float(match[2]) == pytest.approx(gain, abs=0.02)
 
@@ -136,10 +136,10 @@ def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
 def test_a_faulty_joint_measures_a_body_with_its_gain(base, geometry, gain):
     """The payload has most of the torque of the last joint but one."""
     payload = Payload(5.0, (0.1, -0.05, 0.2))
-    hypotheses = table(as_chain(base, geometry), scaled=[(5, gain)], geometry=geometry,
+    every = tables_of(as_chain(base, geometry), scaled=[(5, gain)], geometry=geometry,
                        payload=payload)
-    assert 1.0 + hypotheses.body_and_gain(5).mean[0] == pytest.approx(gain, abs=0.02)
-    assert 'iiwa_joint_6' in refusals(hypotheses)[checks.NO_FAULT]
+    assert 1.0 + every[0].body_and_gain(5).mean[0] == pytest.approx(gain, abs=0.02)
+    assert 'iiwa_joint_6' in refusals(every)[checks.NO_FAULT]
 
 
 @pytest.mark.parametrize('name, fault', [
@@ -155,16 +155,16 @@ def test_a_body_is_no_fault(base, geometry):
     for axes in (None, geometry):
         for mass in (0.3, 2.0, 5.0):
             payload = Payload(mass, (0.1, -0.05, 0.1))
-            assert not refusals(table(as_chain(base, axes), geometry=axes, payload=payload))
-        assert not refusals(table(as_chain(base, axes), geometry=axes))
+            assert not refusals(tables_of(as_chain(base, axes), geometry=axes, payload=payload))
+        assert not refusals(tables_of(as_chain(base, axes), geometry=axes))
 
 
 def test_a_change_of_the_outer_links_is_a_body(base):
-    assert not refusals(table(base, heavier(base, m1=10.0, m3=9.0)))
+    assert not refusals(tables_of(base, heavier(base, m1=10.0, m3=9.0)))
 
 
 def test_a_change_beyond_max_payload_is_refused(base):
-    heavy = table(base, heavier(base, m1=60.0, m3=50.0))
+    heavy = tables_of(base, heavier(base, m1=60.0, m3=50.0))
     assert not refusals(heavy)
     limits = PayloadLimits(mass=5.0)
     assert 'max_payload 5 kg' in refusals(heavy, limits)[checks.WITHIN_LIMITS]
@@ -173,7 +173,7 @@ def test_a_change_beyond_max_payload_is_refused(base):
 def test_a_common_factor_of_all_joints_is_refused(base):
     limits = PayloadLimits(mass=100.0)
     every = [(joint, 2.0) for joint in range(7)]
-    assert 'all joints is 2 times' in refusals(table(base, scaled=every, limits=limits), limits)[
+    assert 'all joints is 2 times' in refusals(tables_of(base, scaled=every, limits=limits), limits)[
         checks.NO_FAULT]
 
 
@@ -181,7 +181,7 @@ def test_known_axes_bound_mass_and_reach(base, geometry):
     payload, chain = Payload(3.0, (0.0, 0.0, 0.4)), as_chain(base, geometry)
     for limits, why in ((PayloadLimits(), None), (PayloadLimits(mass=2.0), 'max_payload is 2 kg'),
                         (PayloadLimits(reach=0.2), 'max_payload_reach')):
-        reasons = refusals(table(chain, limits=limits, geometry=geometry, payload=payload), limits)
+        reasons = refusals(tables_of(chain, limits=limits, geometry=geometry, payload=payload), limits)
         assert not reasons if why is None else why in reasons[checks.WITHIN_LIMITS]
 
 
