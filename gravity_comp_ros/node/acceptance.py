@@ -12,13 +12,10 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.evaluation.expected_residual import rms
-from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.epoch import DELAYS, Rows
-from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, moving_rms, PARTS
+from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
 from gravity_comp_ros.node.job_messages import PayloadLimits
 import numpy as np
 
@@ -84,102 +81,8 @@ _MIN_GRAVITY_RATIO = 5.0
 _NO_CHAIN_NOISE, _NO_CHAIN_CHANGE = 4.0, 0.15
 # Standard deviations by which a mass or a reach may exceed its limit.
 _SIGNIFICANT = 3.0
-# Published torque that supports no arm, RMS in N·m; share of samples with published torque.
-_NEGLIGIBLE, _MIN_SENT = 0.05, 0.5
-# Minimum variation of the published torque of a joint, as a fraction of the largest.
-_MIN_VARIATION = 0.02
-# Speed over which friction changes its sign, rad/s.
-_WIDTH = 0.01
 # First and last part of a window in which a body must be present, s.
 _END = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """
-    A model's torque at samples (M, N), and its noise (N,), N·m.
-
-    `nuisance` is the nuisance torque (M, N) that it was fitted with. It counts as explained, but
-    not as gravity.
-    """
-
-    torque: FloatArray
-    noise: FloatArray
-    nuisance: FloatArray | float = 0.0
-
-    def residual(self, samples: JointSamples) -> FloatArray:
-        """Return the residual (M, N) in N·m."""
-        return samples.tau - self.torque - self.nuisance
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """
-    RMSE (N,) in N·m of a new model and of the one in use on held-out samples, and their checks.
-
-    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
-    """
-
-    checks: tuple[Check, ...]
-    figures: str
-    is_compensated: bool
-
-    @property
-    def is_better(self) -> bool:
-        return checks.failed(self.checks) is None
-
-
-def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
-            margin: float = 0.0) -> Comparison:
-    """
-    Return whether `new`, fitted to the training samples, predicts the others better than `old`.
-
-    The compared figure is the RMSE relative to each joint's noise, over all joints. Where the two
-    figures are equal within statistical uncertainty, `new` is better only with more samples.
-
-    :param old: the model in use; without one `new` is compared with a constant torque.
-    :param margin: fraction by which the figure of `new` must be below that of `old`.
-    """
-    samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
-    names, qd, n_train, n_held_out = samples.names, samples.qd, int(train.sum()), held_out.sum()
-    error_new = new.residual(samples)
-    error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None \
-        else old.residual(samples)
-    rmse_train = moving_rms(error_new[train], qd[train])
-    rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
-                          for error in (error_new, error_old))
-    # The noise of a model that misses something includes what it misses.
-    noise = new.noise if old is None else np.minimum(new.noise, old.noise)
-    noise = np.maximum(noise, 1e-3 * max(1e-9, float(np.abs(samples.tau[train]).max())))
-    # The share of the variance that pose explains, the smaller of both sets: in a few held-out
-    # seconds it may be large by coincidence.
-    spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
-    explained = 1.0 - (np.maximum(rmse_new, rmse_train) / spread) ** 2
-    moves = n_train >= OPTIONS.min_samples and bool(
-        (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
-    # Relative standard error of an RMSE of independent errors.
-    tolerance = (1.0 / np.sqrt(2.0 * n_held_out * len(names))
-                 if has_more_samples and old is not None else -1e-9)
-    rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
-    worst = int(np.argmax(rise))
-    reference = 'a constant torque' if old is None else 'the old model'
-    k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
-    figures = (f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
-               f'{n_held_out} samples; worst joint {names[k]} {rmse_new[k]:.3g}, '
-               f'{rmse_old[k]:.3g}')
-    no_gravity = ('the effort of no joint depends on pose: this arm seems to compensate gravity '
-                  'itself, or its axes are all vertical; nothing to learn' if moves
-                  else 'pose does not explain the effort yet')
-    judged = [Check(checks.POSE_EXPLAINS, float(explained.max()), OPTIONS.min_explained, True,
-                    no_gravity)] if old is None or moves else []
-    judged += [
-        Check(checks.NO_JOINT_WORSE, float(rise[worst]), 1.0,
-              text=f'worse on {", ".join(names[j] for j in np.flatnonzero(rise > 1.0))}'),
-        Check(checks.BETTER, float(rms(rmse_new / noise) / max(float(rms(rmse_old / noise)),
-                                                               1e-30)),
-              1.0 + tolerance - margin, text='not better')]
-    return Comparison(tuple(judged), figures,
-                      moves and bool((explained < OPTIONS.min_explained).all()))
 
 
 def reference_noise(expected: FloatArray, samples: JointSamples,
@@ -357,45 +260,3 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
         Check(checks.NOT_VARYING, body.log_evidence - table.varying().log_evidence,
               OPTIONS.min_over_varying, True, 'a varying force acts on the last link')]
     return present, other
-
-
-def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Check | None:
-    """
-    Return the check that the effort is not the torque that this node published.
-
-    An arm that floats on the published torque and is guided by hand measures that torque,
-    whatever its payload, and any model confirms itself. Friction is excluded: a position
-    controller that adds friction torque may otherwise hide a light payload.
-
-    :param has_new_effects: whether the new model has other effects; friction is then compared.
-    :return: None where too little torque was published.
-    """
-    if rows.sent is None:
-        return None
-    known = np.isfinite(rows.sent).all(axis=(1, 2))
-    if known.mean() < _MIN_SENT or known.sum() < 5 or float(
-            np.sqrt((rows.sent[known] ** 2).mean())) < _NEGLIGIBLE:
-        return None
-    torque, tau, qd = rows.sent[known], rows.samples.tau[known], rows.samples.qd[known]
-    errors = [tau - new.torque[known], *(tau - torque[:, k] for k in range(len(DELAYS)))]
-    if not has_new_effects:
-        errors = [_without_friction(error, qd) for error in errors]
-    spread = torque[:, 0].std(axis=0)
-    counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
-    model, *echoes = (float(np.sqrt((rms(error)[counts] ** 2).mean())) for error in errors)
-    best = int(np.argmin(echoes))
-    return Check(checks.NOT_OUTPUT, model / max(echoes[best], 1e-30), OPTIONS.max_echo, text=(
-        'the effort is the torque that this node published '
-        f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echoes[best]:.3g} N·m, '
-        f'residual of the new model {model:.3g} N·m. Either the model in use is right already, '
-        'or the arm floats on that torque and is guided by hand, which gives no new data: '
-        'move it by its own controller'))
-
-
-def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
-    """Return a residual (M, N) minus its least-squares Coulomb and viscous friction."""
-    result = np.empty_like(residual)
-    for n in range(residual.shape[1]):
-        columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
-        result[:, n] = residual[:, n] - columns @ lstsq(columns, residual[:, n])
-    return result

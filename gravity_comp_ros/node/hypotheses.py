@@ -21,14 +21,10 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
-from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
-from gravity_comp_ros.estimation.update import payload_change_weights
-from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TYPICAL_SPEED
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node.job_messages import PayloadLimits
 import numpy as np
 
@@ -52,15 +48,20 @@ _WIDTH = 0.01
 REST_SPEED = 0.01
 
 
-def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
+def moving(qd: FloatArray) -> BoolArray:
     """
-    Return the RMS (N,) in N·m of a residual (M, N) over the samples at which the joint moves.
+    Return a mask (M, N) of the samples with speed qd that count as motion.
 
     At rest friction has any value between its two directions, which no model predicts. All
     samples count for a joint that is at rest most of the time.
     """
     moves = np.abs(qd) > REST_SPEED
-    moves |= moves.mean(axis=0) < 0.5
+    return np.asarray(moves | (moves.mean(axis=0) < 0.5))
+
+
+def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """Return the RMS (N,) in N·m of a residual (M, N) over the samples in `moving`."""
+    moves = moving(qd)
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
 
 
@@ -83,31 +84,6 @@ class Explanation:
         return moving_rms(self.residual, qd)
 
 
-def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
-           chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
-           geometry: Geometry | None) -> list[Hypotheses]:
-    """
-    Return the explanations of a window, the table of the most probable body first.
-
-    The direction of an axis that carried nothing before is not identified. Each direction that a
-    sparse update finds probable has a table of its own.
-
-    :param chain: the gravity of the model as a chain of the same joints.
-    """
-    assert chain.chain is not None
-    n = chain.n_joints
-    covariance = chain.uncertainty.covariance if isinstance(
-        chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
-    trials = [Trial(chain.chain, covariance)]
-    if geometry is None:
-        weights = payload_change_weights(chain, gravity)
-        trials += changed_model(chain, NewSamples(gravity.q, gravity.tau, noise, weights),
-                                None).trials
-    result = [Hypotheses(gravity, friction, model, trial, noise, limits, geometry)
-              for trial in trials]
-    return sorted(result, key=lambda table: -table.explain(table.body).log_evidence)
-
-
 class Hypotheses:
     """
     The explanations of a window at one estimate of the axes.
@@ -115,25 +91,25 @@ class Hypotheses:
     :param gravity: samples without the friction, offset and effects of the model.
     :param friction: the torque (M, N) of these, N·m.
     :param model: the model in use.
-    :param trial: its gravity as a chain of the same joints, the covariance of that, and its price.
+    :param chain: its gravity as a chain of the same joints, `covariance` that of a step from it.
+    :param price: nats that every hypothesis of this table has less.
     :param noise: standard deviation (N,) of the residual of the model, N·m.
     :param geometry: the axes of the arm, None if they are unknown.
     """
 
     def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
-                 trial: Trial, noise: FloatArray, limits: PayloadLimits,
-                 geometry: Geometry | None) -> None:
+                 chain: Chain, covariance: FloatArray, noise: FloatArray, limits: PayloadLimits,
+                 geometry: Geometry | None, price: float = 0.0) -> None:
         self.samples, self._noise, self._geometry = gravity, noise, geometry
-        chain, self._price = trial.chain, trial.price
         self.before = model.predict(gravity.q)
         self._sigma = _CORRELATED * noise
         self._r = self._white((gravity.tau - self.before).T[None])[0]
-        self._limits, self._scale = limits, 1.0
+        self._limits, self._scale, self._price = limits, 1.0, price
         friction_columns = _friction_columns(gravity, friction, model, noise)
 
         def base(under: Chain) -> FloatArray:
             return self._white(np.concatenate((
-                friction_columns, _uncertainty_columns(under, trial.prior, gravity.q))))
+                friction_columns, _uncertainty_columns(under, covariance, gravity.q))))
 
         self._base = self._loaded = base(chain)
         self.body, *self._horizontal = self._forces(chain, gravity.q)

@@ -8,8 +8,7 @@ leaves the decision about a result to `acceptance`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import time
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -17,37 +16,34 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
+from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
-from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
-from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
-from gravity_comp_ros.estimation.update import payload_change_weights, update
+from gravity_comp_ros.estimation.update import payload_change_weights
+from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node import acceptance, checks, first_samples
-from gravity_comp_ros.node.acceptance import compare, Prediction, reference_noise
+from gravity_comp_ros.node.acceptance import reference_noise
+from gravity_comp_ros.node.candidates import Candidate, candidates, full_fit, options_of
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import moving_rms, REST_SPEED, tables
+from gravity_comp_ros.node.comparison import compare, not_output, Prediction
+from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms, REST_SPEED
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
+    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadLimits, PayloadResult)
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
 
-# Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
-# the change of an old model requires a fraction of them (docs/node.md).
-MIN_FULL_FIT_SAMPLES = 100
-# Kind of a fit, as in replies and diagnostics.
-CHANGE, FULL_FIT = 'change of the old model', 'full fit'
 # Margin of the held-out error by which a sparse potential must beat a chain, and a full fit a
 # change of the old model. On about thirty held-out samples a model that was wrong at other poses
 # was better by a tenth.
@@ -56,23 +52,8 @@ _SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
 MAX_OUTLIERS = 0.3
-_chains = ChainOfModel()
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A candidate model, how it was fitted, and its full fit if it is one."""
-
-    how: str
-    model: GravityModel
-    fit: FullFit | None = None
-
-    @classmethod
-    def full(cls, fit: FullFit) -> Candidate:
-        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, fit)
-
-
 Tried = tuple[Candidate, Prediction]
+_chains = ChainOfModel()
 
 
 def fitting() -> Work:
@@ -194,7 +175,7 @@ def _compared_fit(job: FitJob) -> FitResult:
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
     tried = [(candidate, predicted(candidate.model, job))
-             for candidate in _candidates(job, chain, first)]
+             for candidate in candidates(job, chain, first)]
     candidate, prediction = _best(tried, job)
     comparison = compare(prediction, None if job.old is None else predicted(job.old, job),
                          job.rows, job.old is not None
@@ -218,7 +199,7 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
     """Yield the checks of the samples themselves: an echo, faulty effort, payload limits."""
     base, samples = job.base, job.rows.samples
     has_new_effects = base is not None and _targets(model) != _targets(base)
-    echo = acceptance.not_output(job.rows, prediction, has_new_effects)
+    echo = not_output(job.rows, prediction, has_new_effects)
     if echo is not None:
         yield echo
     error = prediction.residual(samples)
@@ -243,8 +224,33 @@ def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
                axes_under(chain, job.geometry)), noise, 1.0, job.payload)
 
 
+def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
+           chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
+           geometry: Geometry | None) -> list[Hypotheses]:
+    """
+    Return the explanations of a window, the table of the most probable body first.
+
+    The direction of an axis that carried nothing before is not identified. Each direction that a
+    sparse update finds probable has a table of its own.
+
+    :param chain: the gravity of the model as a chain of the same joints.
+    """
+    assert chain.chain is not None
+    n = chain.n_joints
+    covariance = chain.uncertainty.covariance if isinstance(
+        chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
+    trials = [Trial(chain.chain, covariance)]
+    if geometry is None:
+        weights = payload_change_weights(chain, gravity)
+        trials += changed_model(chain, NewSamples(gravity.q, gravity.tau, noise, weights),
+                                None).trials
+    result = [Hypotheses(gravity, friction, model, trial.chain, trial.prior, noise, limits,
+                         geometry, trial.price) for trial in trials]
+    return sorted(result, key=lambda table: -table.explain(table.body).log_evidence)
+
+
 def _converged(fit: FullFit, job: FitJob) -> Check:
-    options = _options(job)
+    options = options_of(job)
     why = convergence_objection(fit.model, job.rows.train, residual_noise(fit.model),
                                 lambda part: fit_again(part, fit, options).model)
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
@@ -323,79 +329,6 @@ def _errors(tried: list[Tried], job: FitJob) -> str:
         size = rms(moving_rms(error, job.rows.samples.qd[held_out]))
         texts.append(f'{candidate.how} {size:.3g} N·m')
     return ', '.join(texts)
-
-
-def _candidates(job: FitJob, chain: GravityModel | None,
-                first: FullFit | None) -> Iterator[Candidate]:
-    """Yield the candidate models; `first` is the first full fit where it exists already."""
-    base, train = chain or job.base, job.rows.train
-    if base is not None and (base.energy is None or base.joints != train.names):
-        base = None
-    requested = requests(job.effects, train.names)
-    new_effects = [request.target for request in requested
-                   if base is None or not base.applied.has(request.effect.name, request.joint)]
-    if job.on_request and new_effects:
-        base = None
-        if len(train) < MIN_FULL_FIT_SAMPLES:
-            raise FitError(f'{len(train)} training samples; a model with '
-                           f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
-                           'moving slowly')
-    if base is None:
-        yield from _full_fits(job, first)
-        return
-    samples = replace(train, tau=train.tau - effect_torque(base, train))
-    yield Candidate(CHANGE, update(base, samples, geometry=base.geometry).model)
-    if len(train) >= MIN_FULL_FIT_SAMPLES:
-        # There is a result already, so a full fit may fail.
-        with suppress(FitError, DataError):
-            yield from _full_fits(job, first)
-
-
-def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
-    """
-    Yield models fitted to the samples alone, of the formulation of the job.
-
-    With `auto` these are the chain and, with its effects, the sparse potential.
-    """
-    first = first or full_fit(job)
-    yield Candidate.full(first)
-    if job.formulation == 'auto':
-        with suppress(FitError, DataError):
-            yield Candidate.full(fit_again(job.rows.train, first, _options(job), 'potential'))
-
-
-def _options(job: FitJob) -> FitOptions:
-    """Return the options of a full fit, with known axes if it uses them."""
-    formulation = 'chain' if job.formulation == 'auto' else job.formulation
-    known = formulation == 'chain' and job.geometry is not None \
-        and job.geometry.joints == job.rows.samples.names
-    return FitOptions(formulation, geometry=job.geometry if known else None)
-
-
-def full_fit(job: FitJob) -> FullFit:
-    """
-    Return a fit to the training samples alone, with the requested effects.
-
-    Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
-    gravity, and what holds the arm must not be assigned to another effect.
-
-    :raises FitError: if there are too few samples.
-    :raises DataError: if the samples do not excite a requested effect.
-    """
-    samples = job.rows.train
-    # Without a request the effects of the model in use are predicted again.
-    targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
-        else job.effects
-    requested = requests(targets, samples.names)
-    names = {request.effect.name for request in requested}
-    tested = [effect for effect in all_effects().values()
-              if not effect.resembles_gravity or effect.name in names]
-    result = requested_fit(samples, requested, _options(job), tested)
-    if job.base is None or job.base.joints != result.model.joints:
-        return result
-    # Distances learned from earlier payloads stay valid.
-    return replace(result, model=replace(
-        result.model, payload_path=payload_path(job.base, result.model)))
 
 
 def predicted(model: GravityModel, job: FitJob) -> Prediction:

@@ -19,9 +19,8 @@ from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
-from gravity_comp_ros.node.hypotheses import tables
 from gravity_comp_ros.node.job_messages import PayloadLimits
-from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
+from gravity_comp_ros.node.jobs import outliers_of_change, run_fit, tables
 import numpy as np
 import pytest
 
@@ -137,7 +136,7 @@ def test_a_faulty_joint_measures_a_body_with_its_gain(base, geometry, gain):
     """The payload has most of the torque of the last joint but one."""
     payload = Payload(5.0, (0.1, -0.05, 0.2))
     every = tables_of(as_chain(base, geometry), scaled=[(5, gain)], geometry=geometry,
-                       payload=payload)
+                      payload=payload)
     assert 1.0 + every[0].body_and_gain(5).mean[0] == pytest.approx(gain, abs=0.02)
     assert 'iiwa_joint_6' in refusals(every)[checks.NO_FAULT]
 
@@ -173,15 +172,16 @@ def test_a_change_beyond_max_payload_is_refused(base):
 def test_a_common_factor_of_all_joints_is_refused(base):
     limits = PayloadLimits(mass=100.0)
     every = [(joint, 2.0) for joint in range(7)]
-    assert 'all joints is 2 times' in refusals(tables_of(base, scaled=every, limits=limits), limits)[
-        checks.NO_FAULT]
+    reasons = refusals(tables_of(base, scaled=every, limits=limits), limits)
+    assert 'all joints is 2 times' in reasons[checks.NO_FAULT]
 
 
 def test_known_axes_bound_mass_and_reach(base, geometry):
     payload, chain = Payload(3.0, (0.0, 0.0, 0.4)), as_chain(base, geometry)
     for limits, why in ((PayloadLimits(), None), (PayloadLimits(mass=2.0), 'max_payload is 2 kg'),
                         (PayloadLimits(reach=0.2), 'max_payload_reach')):
-        reasons = refusals(tables_of(chain, limits=limits, geometry=geometry, payload=payload), limits)
+        reasons = refusals(
+            tables_of(chain, limits=limits, geometry=geometry, payload=payload), limits)
         assert not reasons if why is None else why in reasons[checks.WITHIN_LIMITS]
 
 

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 from bench.shared.node_messages import rows_of
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.node import acceptance, checks
-from gravity_comp_ros.node.acceptance import Prediction
+from gravity_comp_ros.node import checks, comparison
+from gravity_comp_ros.node.comparison import Prediction
+from gravity_comp_ros.node.epoch import Rows
 import numpy as np
+import pytest
 
 
 @dataclass
@@ -22,7 +24,7 @@ class Linear:
 
 def compare(new, old, train, held, has_more_samples=False):
     rows = rows_of(train, held)
-    return acceptance.compare(new.of(rows), old and old.of(rows), rows, has_more_samples)
+    return comparison.compare(new.of(rows), old and old.of(rows), rows, has_more_samples)
 
 
 def refusal(comparison):
@@ -55,10 +57,23 @@ def test_the_better_model_wins_in_either_order():
 
 
 def test_of_equal_models_the_one_with_more_samples_is_better():
-    truth, nearly = model(5.0, 3.0), model(5.01, 3.005)
+    truth, nearly = model(5.0, 3.0), model(5.005, 3.005)
     assert not compare(nearly, truth, TRAIN, HELD).is_better
-    assert compare(nearly, truth, TRAIN, HELD, has_more_samples=True).is_better
-    assert not compare(model(5.1, 3.1), truth, TRAIN, HELD, has_more_samples=True).is_better
+    rows = Rows(samples((5.0, 3.0), n=400), np.arange(400) // 5 % 2 == 1)
+    for new, is_better in ((nearly, True), (model(5.1, 3.1), False)):
+        result = comparison.compare(new.of(rows), truth.of(rows), rows, has_more_samples=True)
+        assert result.is_better == is_better
+
+
+def test_the_ratio_of_two_errors_varies_as_over_other_samples():
+    """Errors are autocorrelated: those of five consecutive samples are equal."""
+    ratios, stds, scale = [], [], np.array([1.0, 1.1])
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        new, old = (scale * np.repeat(rng.standard_normal((40, 2)), 5, axis=0) for _ in range(2))
+        ratios.append(np.sqrt((new ** 2).mean() / (old ** 2).mean()))
+        stds.append(comparison.ratio_std(new, old, np.ones((200, 2)), 1 + np.arange(200) // 5))
+    assert np.mean(stds) == pytest.approx(np.std(ratios), rel=0.15)
 
 
 def test_a_worse_joint_prevents_acceptance():

@@ -6,7 +6,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.acceptance import not_output, Prediction
+from gravity_comp_ros.node.comparison import not_output, Prediction
 from gravity_comp_ros.node.epoch import DELAYS, Rows, SentTorqueHistory
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.watch import Watch, WINDOW

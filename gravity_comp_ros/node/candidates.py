@@ -1,0 +1,111 @@
+"""Candidate models of a fit job: the change of the model in use, and full fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError, FitError
+from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
+from gravity_comp_ros.estimation.payload_path import payload_path
+from gravity_comp_ros.estimation.requested_fit import requested_fit
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node.job_messages import FitJob
+
+# Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
+# the change of an old model requires a fraction of them (docs/node.md).
+MIN_FULL_FIT_SAMPLES = 100
+# Kind of a fit, as in replies and diagnostics.
+CHANGE, FULL_FIT = 'change of the old model', 'full fit'
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A candidate model, how it was fitted, and its full fit if it is one."""
+
+    how: str
+    model: GravityModel
+    fit: FullFit | None = None
+
+    @classmethod
+    def full(cls, fit: FullFit) -> Candidate:
+        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, fit)
+
+
+def candidates(job: FitJob, chain: GravityModel | None,
+               first: FullFit | None) -> Iterator[Candidate]:
+    """Yield the candidate models; `first` is the first full fit where it exists already."""
+    base, train = chain or job.base, job.rows.train
+    if base is not None and (base.energy is None or base.joints != train.names):
+        base = None
+    requested = requests(job.effects, train.names)
+    new_effects = [request.target for request in requested
+                   if base is None or not base.applied.has(request.effect.name, request.joint)]
+    if job.on_request and new_effects:
+        base = None
+        if len(train) < MIN_FULL_FIT_SAMPLES:
+            raise FitError(f'{len(train)} training samples; a model with '
+                           f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
+                           'moving slowly')
+    if base is None:
+        yield from _full_fits(job, first)
+        return
+    samples = replace(train, tau=train.tau - effect_torque(base, train))
+    yield Candidate(CHANGE, update(base, samples, geometry=base.geometry).model)
+    if len(train) >= MIN_FULL_FIT_SAMPLES:
+        # There is a result already, so a full fit may fail.
+        with suppress(FitError, DataError):
+            yield from _full_fits(job, first)
+
+
+def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
+    """
+    Yield models fitted to the samples alone, of the formulation of the job.
+
+    With `auto` these are the chain and, with its effects, the sparse potential.
+    """
+    first = first or full_fit(job)
+    yield Candidate.full(first)
+    if job.formulation == 'auto':
+        with suppress(FitError, DataError):
+            yield Candidate.full(fit_again(job.rows.train, first, options_of(job), 'potential'))
+
+
+def options_of(job: FitJob) -> FitOptions:
+    """Return the options of a full fit, with known axes if it uses them."""
+    formulation = 'chain' if job.formulation == 'auto' else job.formulation
+    known = formulation == 'chain' and job.geometry is not None \
+        and job.geometry.joints == job.rows.samples.names
+    return FitOptions(formulation, geometry=job.geometry if known else None)
+
+
+def full_fit(job: FitJob) -> FullFit:
+    """
+    Return a fit to the training samples alone, with the requested effects.
+
+    Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
+    gravity, and what holds the arm must not be assigned to another effect.
+
+    :raises FitError: if there are too few samples.
+    :raises DataError: if the samples do not excite a requested effect.
+    """
+    samples = job.rows.train
+    # Without a request the effects of the model in use are predicted again.
+    targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
+        else job.effects
+    requested = requests(targets, samples.names)
+    names = {request.effect.name for request in requested}
+    tested = [effect for effect in all_effects().values()
+              if not effect.resembles_gravity or effect.name in names]
+    result = requested_fit(samples, requested, options_of(job), tested)
+    if job.base is None or job.base.joints != result.model.joints:
+        return result
+    # Distances learned from earlier payloads stay valid.
+    return replace(result, model=replace(
+        result.model, payload_path=payload_path(job.base, result.model)))
