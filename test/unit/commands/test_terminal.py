@@ -16,7 +16,7 @@ def files(tmp_path_factory):
     """Return a recording of an arm with long names, and its model."""
     folder = tmp_path_factory.mktemp('wide')
     bag, model = str(folder / 'wide.mcap'), str(folder / 'arm.json')
-    assert main(['synth', '--noise', '0.1', '--duration', '30', '--joint-names', ','.join(JOINTS),
+    assert main(['synth', '--noise', '0.1', '--duration', '12', '--joint-names', ','.join(JOINTS),
                  '-o', bag]) == 0
     assert main(['fit', bag, '-o', model, '--formulation', 'per_joint']) == 0
     return bag, model

@@ -28,6 +28,7 @@ ORDERLESS = [name for name in NAMES if name not in {
     'coupled_friction', 'rigid_body_dynamics', 'base_tilt', 'payload_change', 'tool_force'}]
 each_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
 each_arm = pytest.mark.parametrize('arm', ARMS)
+small_arms = pytest.mark.parametrize('arm', ['pendulum', 'six_axis'])
 
 
 def cases(effect, motion):
@@ -82,7 +83,7 @@ def kinds(setting):
     return {re.sub(r'\d+$', 'k', name) for name in setting}
 
 
-@pytest.mark.parametrize('arm', ['pendulum', 'six_axis'])
+@small_arms
 @each_effect
 def test_columns_are_finite_shaped_and_named(effect, arm):
     motion = clean_motion(arm)
@@ -144,7 +145,7 @@ def test_coefficients_are_recovered(effect, arm):
         assert tested, 'collinear with gravity on every joint'
 
 
-@each_arm
+@small_arms
 @each_effect
 def test_coefficients_are_insignificant_without_the_effect(effect, arm):
     motion = clean_motion(arm)
