@@ -46,6 +46,6 @@ def evenly_spaced(t: FloatArray, order: int) -> BoolArray:
     steps = np.diff(t)
     if len(steps) < order:
         return np.zeros(0, dtype=bool)
-    windows = np.lib.stride_tricks.sliding_window_view(steps, order)
-    even = windows.max(axis=1) <= _MAX_STEP_RATIO * windows.min(axis=1)
+    windows = [steps[k:len(steps) - order + k + 1] for k in range(order)]
+    even = np.maximum.reduce(windows) <= _MAX_STEP_RATIO * np.minimum.reduce(windows)
     return np.asarray(even if even.mean() >= _MIN_EVEN_SHARE else np.ones(len(even), dtype=bool))

@@ -113,9 +113,11 @@ class ArmFit:
 
     @cached_property
     def plains(self) -> list[ArmState]:
-        """Fits of equal gains and a base at rest, the best one first."""
-        seeds = 1 if self.rotations is not None else 2
-        return sorted((self.run(self.start(seed)) for seed in range(seeds)), key=cost_of)
+        """Fits of equal gains and a base at rest, the best one first; a second one if needed."""
+        fits = [self.run(self.start())]
+        if self.rotations is None and not self.is_white(fits[0]):
+            fits.append(self.run(self.start(1)))
+        return sorted(fits, key=cost_of)
 
     @property
     def plain(self) -> ArmState:

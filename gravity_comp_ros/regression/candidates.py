@@ -50,8 +50,9 @@ class TermFactory:
               n_settings: int) -> Term:
         number = 0 if joint is None else joint
         columns = np.asarray(effect.columns(self.motion, number, setting))
-        used = self.rows.used(columns).reshape(-1, columns.shape[-1])
-        size = np.sqrt(np.einsum('mk,mk->k', used, used) / len(used))
+        used = self.rows.used(columns)
+        size = np.sqrt([np.vdot(used[..., k], used[..., k]) / used[..., k].size
+                        for k in range(used.shape[-1])])
         torque = float(self.scale.torque[number]) if joint is not None else self.scale.largest
         std = effect.prior_std(Sizes(torque, size))
         return Term(effect, joint, dict(setting), self.rows.mean(columns), np.asarray(std),

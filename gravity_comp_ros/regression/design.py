@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 
@@ -13,6 +13,8 @@ import numpy as np
 
 # Factor of a prior that keeps a parameter at its present value.
 FIXED = 1e-6
+# Number of candidates whose columns are summed at once, which fit into the processor's cache.
+_BATCH = 32
 
 
 class Design:
@@ -59,7 +61,7 @@ class Design:
 
     def weighted(self, j: int, term: Term) -> FloatArray:
         """Return the columns of a term on a joint, (K, R)."""
-        return np.ascontiguousarray(term.on(j).T) * self.root[j]
+        return np.asarray(term.on(j).T * self.root[j])
 
     def add(self, terms: Iterable[Term]) -> None:
         """Append the columns of terms that are not in the design yet."""
@@ -94,22 +96,48 @@ class Pool:
     def __init__(self, design: Design, joints: Sequence[int], terms: Sequence[Term]) -> None:
         self.design, self.joints, self.terms = design, tuple(joints), tuple(terms)
         self.start = np.cumsum([0, *(term.n_columns for term in terms)])
-        none = np.zeros((0, design.n_rows))
-        self._z = {j: np.concatenate([none, *(design.weighted(j, term) for term in terms)])
-                   for j in joints}
-        self.cross = {j: z @ design.y[j] for j, z in self._z.items()}
-        self._side = {j: np.zeros((len(z), 0)) for j, z in self._z.items()}
         sizes = np.diff(self.start)
         self._groups = {int(size): np.flatnonzero(sizes == size) for size in np.unique(sizes)}
-        self._own = {(j, size): _products(z, self.start[group, None] + np.arange(size))
-                     for j, z in self._z.items() for size, group in self._groups.items()}
+        count = int(self.start[-1])
+        self.cross = {j: np.empty(count) for j in joints}
+        self._side = {j: np.empty((count, 0)) for j in joints}
+        self._own = {(j, size): np.empty((len(group), size, size))
+                     for j in joints for size, group in self._groups.items()}
+        self._sum()
+
+    def _sum(self) -> None:
+        """Sum the products within the candidates, with the target and with the design."""
+        for j in self.joints:
+            x = np.concatenate([self.design.x[j], self.design.y[j][None]])
+            side = np.empty((len(self.cross[j]), len(x)))
+            for size, numbers, z in self._batches(j):
+                side[self._places(numbers, size)] = z @ x.T
+                shaped = z.reshape(-1, size, z.shape[1])
+                self._own[j, size][np.searchsorted(self._groups[size], numbers)] = (
+                    shaped @ shaped.swapaxes(1, 2))
+            self._side[j], self.cross[j] = side[:, :-1], side[:, -1].copy()
+
+    def _batches(self, j: int) -> Iterator[tuple[int, IntArray, FloatArray]]:
+        """Yield weighted columns (T K, R) of T candidates of K columns: K and their numbers."""
+        for size, group in self._groups.items():
+            for numbers in np.split(group, range(_BATCH, len(group), _BATCH)):
+                z = np.concatenate([self.terms[k].on(j).T for k in numbers])
+                yield size, numbers, np.multiply(z, self.design.root[j], out=z)
+
+    def _places(self, numbers: IntArray, size: int) -> IntArray:
+        """Return the columns of candidates of `size` columns."""
+        return np.asarray((self.start[numbers][:, None] + np.arange(size)).ravel())
 
     def side(self, j: int) -> FloatArray:
         """Return the products (C, K_j) of a joint's columns with those of the design."""
         known = self._side[j].shape[1]
         new = self.design.x[j][known:]
         if len(new):
-            self._side[j] = np.concatenate([self._side[j], self._z[j] @ new.T], axis=1)
+            side = np.concatenate([self._side[j], np.empty((len(self.cross[j]), len(new)))],
+                                  axis=1)
+            for size, numbers, z in self._batches(j):
+                side[self._places(numbers, size), known:] = z @ new.T
+            self._side[j] = side
         return self._side[j]
 
     def prior_std(self, size: int) -> FloatArray:
@@ -134,10 +162,3 @@ class Pool:
     def own(self, j: int, size: int) -> FloatArray:
         """Return the products (T, K, K) within each candidate of K columns (`groups`)."""
         return self._own[j, size]
-
-
-def _products(z: FloatArray, places: IntArray) -> FloatArray:
-    """Return the products (T, K, K) of rows (T, K) of z."""
-    if places.shape[1] == 1:
-        return (z[places[:, 0]] ** 2).sum(axis=1)[:, None, None]
-    return np.stack([z[own] @ z[own].T for own in places])

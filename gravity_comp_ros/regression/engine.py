@@ -145,7 +145,8 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     the uncertainty of a free angle contains both.
     """
     problem = fit.problem
-    other = gauss_newton(fit.on(fit.shared.at_near_angles().renewed()))[0]
+    near = fit.shared.at_near_angles()
+    other = fit if near is fit.shared else gauss_newton(fit.on(near.renewed()))[0]
     again = _search(other, effects, search.forced, search.log)
     again.run()
     other = gauss_newton(other.selected(again.posterior))[0].centred()

@@ -26,6 +26,9 @@ import numpy as np
 
 # Factor of the prior of the angles after a step that fails, and the smallest one that is tried.
 _NARROWER, _NARROWEST = 0.25, 1e-3
+# Share of the decrease at which it has converged, below which the next step is not made: a tenth
+# of a standard deviation.
+_NEGLIGIBLE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +96,7 @@ class Linear:
         """Return the objective at the angles of the point, minimal over all other coefficients."""
         posterior = self.posterior
         design = posterior.design.with_narrow(self.shared.n_angles)
-        fixed = solve(design, posterior.terms, precision)
-        return float(precision @ fixed.squares + (fixed.from_prior() ** 2).sum())
+        return _objective(solve(design, posterior.terms, precision))
 
     def selected(self, posterior: Posterior) -> Linear:
         """Return the solution with the terms of a posterior on the same columns."""
@@ -116,19 +118,28 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     """
     options, narrowed = fit.problem.options, 1.0
     for step in range(options.steps):
-        following = fit.moved(narrowed, renewed)
         if not fit.shared.n_angles:
-            return following, step + 1, True
+            return fit.moved(narrowed, renewed), step + 1, True
         precision = fit.posterior.precision
-        before, after = (each.objective(precision) for each in (fit, following))
+        before = fit.objective(precision)
+        enough = options.converged * before / fit.problem.y.size
+        if before - _objective(fit.posterior) < _NEGLIGIBLE * enough:
+            return fit, step, True
+        following = fit.moved(narrowed, renewed)
+        after = following.objective(precision)
         while after > before and narrowed > _NARROWEST:
             narrowed *= _NARROWER
             following = fit.moved(narrowed, renewed)
             after = following.objective(precision)
-        if before - after < options.converged * before / fit.problem.y.size:
+        if before - after < enough:
             return following if after < before else fit, step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False
+
+
+def _objective(posterior: Posterior) -> float:
+    """Return the objective of a linearised problem at the posterior's mean."""
+    return float(posterior.precision @ posterior.squares + (posterior.from_prior() ** 2).sum())
 
 
 def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect]) -> Linear:

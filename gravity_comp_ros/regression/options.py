@@ -20,7 +20,7 @@ class EngineOptions:
     - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
       for this time.
     - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
-      state; the error is 2e-5 of the torque.
+      state; the error is 4e-5 of the torque.
     - `block_seconds`, s: time over which the scores of a term are summed for their scatter; ten
       times the correlation time of the residual of a drive.
 
@@ -66,7 +66,7 @@ class EngineOptions:
     max_rows: int = 6000
     rest_angle: float = 5e-4
     rest_seconds: float = 10.0
-    cell_angle: float = 0.02
+    cell_angle: float = 0.03
     block_seconds: float = 2.0
     discrepancy: float = 1e-4
     law_error: float = 0.01

@@ -75,10 +75,10 @@ class Posterior:
         """Return the sum of squared residuals of each joint, (N,) in (N·m)^2."""
         result = np.empty(self.design.n_joints)
         for j in range(self.design.n_joints):
-            cols, beta = self.columns(j), self.beta[self.places(j)]
-            gram = self.design.gram[j][np.ix_(cols, cols)]
-            result[j] = (self.design.square[j] - 2.0 * beta @ self.design.cross[j][cols]
-                         + beta @ gram @ beta)
+            beta = np.zeros(len(self.design.cross[j]))
+            beta[self.columns(j)] = self.beta[self.places(j)]
+            result[j] = (self.design.square[j] - 2.0 * beta @ self.design.cross[j]
+                         + beta @ self.design.gram[j] @ beta)
         # Rounding of the difference of large sums.
         return np.maximum(result, 1e-14 * self.design.square)
 
@@ -136,11 +136,16 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     std = np.concatenate([design.prior_std, total_std(terms)])
     a, b = np.diag(std ** -2.0), np.zeros(len(std))
     b[:design.n_shared] = design.prior_mean * std[:design.n_shared] ** -2.0
-    draft = Posterior(design, terms, precision, b, a)
+    draft, p = Posterior(design, terms, precision, b, a), design.n_shared
     for j in range(design.n_joints):
         cols, places = draft.columns(j), draft.places(j)
-        a[np.ix_(places, places)] += precision[j] * design.gram[j][np.ix_(cols, cols)]
         b[places] += precision[j] * design.cross[j][cols]
+        a[:p, :p] += precision[j] * design.gram[j][:p, :p]
+        own = places[p:]
+        products = precision[j] * design.gram[j][cols[p:]]
+        a[own, :p] += products[:, :p]
+        a[:p, own] += products[:, :p].T
+        a[np.ix_(own, own)] += products[:, cols[p:]]
     size = 1.0 / np.sqrt(np.diag(a))
     scale = np.outer(size, size)
     factor = cho_factor(a * scale + 1e-13 * np.eye(len(a)), lower=True)

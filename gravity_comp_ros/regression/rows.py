@@ -51,11 +51,19 @@ class Rows:
 
 
 def mean_of(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
-    """Return the means (G, ...) of consecutive groups of values (M, ...)."""
+    """
+    Return the means (G, ...) of consecutive groups of values (M, ...).
+
+    In the memory they have the order (..., G): sums over rows are then fast.
+    """
+    columns = np.moveaxis(values, 0, -1)
     if len(first) == len(values):
-        return values
-    total = np.add.reduceat(values, first, axis=0)
-    return np.asarray(total / count.reshape(-1, *[1] * (values.ndim - 1)))
+        return np.moveaxis(np.ascontiguousarray(columns), -1, 0)
+    means = np.empty((*columns.shape[:-1], len(first)))
+    for index in np.ndindex(columns.shape[:-1]):
+        np.add.reduceat(columns[index], first, out=means[index])
+    means /= count
+    return np.moveaxis(means, -1, 0)
 
 
 def travel_of(q: FloatArray, first: IntArray) -> FloatArray:

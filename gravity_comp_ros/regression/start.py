@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
+from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
 from gravity_comp_ros.regression.linear import Linear, with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
@@ -28,7 +28,7 @@ _SHARES = (1.0, 0.5)
 # several chains.
 _CLEAN = 2
 # Number of rows on which the searches are compared.
-_ROWS = 250
+_ROWS = 400
 # Width in rad/s of the direction of generic friction.
 _WIDTH = 0.01
 # Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise,
@@ -48,25 +48,32 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
 
     :raises FitError: if there are no samples.
     """
-    few, fits, clean = _thinned(problem, _ROWS), [], 0
+    few = _thinned(problem, _ROWS)
+    roughs: list[ChainFit] = []
+    fits: list[Linear] = []
     for seed in range(_SEARCHES):
         poses = generic_poses(problem, _POSES, _SHARES[seed % len(_SHARES)])
         rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
-        fits.append(with_common_terms(few, UnknownLengths.of(rough.chain), effects))
-        clean += rough.clean
-        if clean == _CLEAN:
+        if not any(_are_same(rough, other, poses[0].q) for other in roughs):
+            fits.append(with_common_terms(few, UnknownLengths.of(rough.chain), effects))
+        roughs.append(rough)
+        if sum(each.clean for each in roughs) == _CLEAN:
             break
-    chain = _best_of(fits).chain
+    best = min(fits, key=_log_noise)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
-    return _best_of([with_common_terms(problem, UnknownLengths.of(each), effects)
-                     for each in (chain, chain.with_first_reversed())])
+    shared = UnknownLengths.of(_axes_of(best).chain.with_first_reversed())
+    return _axes_of(min(best, with_common_terms(few, shared, effects), key=_log_noise))
 
 
-def _best_of(fits: Sequence[Linear]) -> UnknownLengths:
-    """Return the axes of the fit with the smallest noise."""
-    best = min(fits, key=_log_noise).shared
-    assert isinstance(best, UnknownLengths)
-    return best
+def _are_same(one: ChainFit, other: ChainFit, q: FloatArray) -> bool:
+    """Return whether the gravity of two fits differs by less than the noise of the better one."""
+    change = np.sqrt(((one.chain.torque(q) - other.chain.torque(q)) ** 2).mean(axis=0))
+    return bool((change < np.minimum(one.noise.absolute, other.noise.absolute)).all())
+
+
+def _axes_of(fit: Linear) -> UnknownLengths:
+    assert isinstance(fit.shared, UnknownLengths)
+    return fit.shared
 
 
 def _thinned(problem: Problem, count: int) -> Problem:

@@ -16,8 +16,8 @@ from gravity_comp_ros.regression.rows import mean_of, Rows, travel_of
 from gravity_comp_ros.regression.shared import State
 import numpy as np
 
-# Number of states of a batch of columns, which limits the memory.
-_BATCH = 4096
+# Number of states of a batch of columns, which fit into the processor's cache.
+_BATCH = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,23 +30,27 @@ class States:
     row_count: IntArray
 
     def mean(self, columns: Callable[[State], FloatArray]) -> FloatArray:
-        """Return the means (R, ...) over rows of columns (B, ...) at states."""
+        """
+        Return the means (R, ...) over rows of columns (B, ...) at states.
+
+        In the memory they have the order (..., R).
+        """
         edges, parts, start = np.append(self.first, len(self.count)), [], 0
         while start < len(self.first):
             end = int(np.searchsorted(edges, edges[start] + _BATCH, side='right')) - 1
             end = min(max(end, start + 1), len(self.first))
             here = slice(int(edges[start]), int(edges[end]))
-            parts.append(self._mean(columns(self.state.select(here)), start, end, here))
+            parts.append(self._mean(np.moveaxis(columns(self.state.select(here)), 0, -1),
+                                    start, end, here))
             start = end
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return np.moveaxis(np.concatenate(parts, axis=-1), -1, 0)
 
     def _mean(self, values: FloatArray, start: int, end: int, here: slice) -> FloatArray:
-        if len(values) == end - start:
+        if values.shape[-1] == end - start:
             return values
-        shape = (-1, *[1] * (values.ndim - 1))
-        total = np.add.reduceat(values * self.count[here].reshape(shape),
-                                self.first[start:end] - here.start, axis=0)
-        return np.asarray(total / self.row_count[start:end].reshape(shape))
+        total = np.add.reduceat(values * self.count[here], self.first[start:end] - here.start,
+                                axis=-1)
+        return np.asarray(total / self.row_count[start:end])
 
 
 def states_of(rows: Rows, q: FloatArray, qd: FloatArray, qdd: FloatArray,

@@ -138,32 +138,31 @@ class UnknownLengths(Shared):
 
     def columns(self, state: State) -> FloatArray:
         n, m = self.chain.n_joints, len(state.q)
-        columns, turns = np.zeros((m, n, 13 * n - 3)), block_diag(*_turns(self.chain))
-        columns[:, :, :4 * n] = self.chain.jacobian(state.q).transpose(2, 1, 0)
-        columns[:, :, :2 * n] = columns[:, :, :2 * n] @ turns
+        columns, turns = np.zeros((n, 13 * n - 3, m)), block_diag(*_turns(self.chain)).T
+        columns[:, :4 * n] = self.chain.jacobian(state.q).swapaxes(0, 1)
+        columns[:, :2 * n] = turns @ columns[:, :2 * n]
         if not state.still:
-            columns[:, :, 4 * n:] = motion_columns(
-                Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd)
-            columns[:, :, :2 * n] += self._motion_by_tilts(state, turns)
-        return columns
+            columns[:, 4 * n:] = motion_columns(
+                Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd
+            ).transpose(1, 2, 0)
+            if self.lengths.any() or self.inertias.any():
+                columns[:, :2 * n] += ~self.is_right[:, None] * (
+                    turns @ self._motion_by_tilts(state))
+        return columns.transpose(2, 0, 1)
 
     def renewed(self) -> UnknownLengths:
         return replace(self, carried=self.chain.moments)
 
-    def _motion_by_tilts(self, state: State, turns: FloatArray) -> FloatArray:
+    def _motion_by_tilts(self, state: State) -> FloatArray:
         """
-        Return d torque of motion / d tilts (B, N, 2N), 0 for those that are exact.
+        Return d torque of motion / d tilts about the axes of the frames (N, 2N, B).
 
         Some tilts do not change gravity, such as that about the vertical of the second axis; only
         motion determines them.
-
-        :param turns: tilts about the axes of the frames (2N, 2N) per parameter.
         """
-        if not (self.lengths.any() or self.inertias.any()):
-            return np.zeros((*state.q.shape, self.n_angles))
-        by_tilts = motion_torque_by_tilts(Chain(self.chain.axes, self.carried), self.lengths,
-                                          self.inertias, state.q, state.qd, state.qdd)
-        return by_tilts @ (turns * ~self.is_right)
+        return motion_torque_by_tilts(
+            Chain(self.chain.axes, self.carried), self.lengths, self.inertias, state.q, state.qd,
+            state.qdd).transpose(1, 2, 0)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)

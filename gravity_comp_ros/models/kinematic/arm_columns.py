@@ -54,7 +54,7 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
         along = _dot(z[j], motion.links[j:])                    # (N - j, axis, B)
         inertias[j, j:] = _dot(along[:, None], torque[j:])
     inertias[~carries] = 0.0
-    return np.ascontiguousarray(columns.transpose(2, 0, 1))
+    return columns.transpose(2, 0, 1)
 
 
 def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArray,
@@ -82,7 +82,8 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
     by_c, by_w = _turned_moments(motion, inertias, arms, velocities, moving)
     lever = _cross(z, beyond)
     own_c, own_w = _times(by_c, z), _times(by_w, z)
-    result = np.zeros((n, 2, n, len(q)))
+    columns = np.zeros((n, n, 2, len(q)))
+    result = columns.transpose(1, 2, 0, 3)     # frame, axis, joint
     for k in range(1, n):                      # the base does not move
         e, omega, alpha = motion.frames[k, :2], motion.omega[k - 1], motion.alpha[k - 1]
         w = _cross(e, omega)
@@ -101,7 +102,7 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
         arm = _cross(z[carriers], position[k] - position[carriers])
         result[k, :, carriers] = (_dot(z[carriers], moment[:, None])
                                   + _dot(arm, force[:, None]))
-    return np.ascontiguousarray(result.reshape(2 * n, n, -1).transpose(2, 1, 0))
+    return columns.reshape(n, 2 * n, -1).transpose(2, 0, 1)
 
 
 def _turned_moments(motion: _Motion, inertias: FloatArray, arms: FloatArray,

@@ -247,12 +247,17 @@ def skew(v: FloatArray) -> FloatArray:
 
 def tilt(d: FloatArray) -> FloatArray:
     """Return exp([d_x, d_y, 0]) for d (K, 2) in rad, shape (K, 3, 3)."""
-    x, y = d[:, 0], d[:, 1]
+    x, y = d.T
     angle = np.hypot(x, y)
-    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
-    zero = np.zeros_like(x)
-    cross = np.moveaxis(np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]]), 2, 0)
-    return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
+    safe = np.maximum(angle, 1e-9)
+    # Rodrigues: sin a / a and (1 - cos a) / a^2.
+    first, second = np.sin(safe) / safe, 2.0 * (np.sin(0.5 * safe) / safe) ** 2
+    result = np.empty((len(d), 3, 3))
+    result[:, 0, 0], result[:, 1, 1] = 1.0 - second * y * y, 1.0 - second * x * x
+    result[:, 0, 1] = result[:, 1, 0] = second * x * y
+    result[:, 0, 2], result[:, 1, 2], result[:, 2, 2] = first * y, -first * x, np.cos(angle)
+    result[:, 2, :2] = -result[:, :2, 2]
+    return result
 
 
 def aligned(direction: FloatArray) -> FloatArray:

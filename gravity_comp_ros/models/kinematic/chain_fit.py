@@ -21,7 +21,7 @@ from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, in_frames_of_axes
 from gravity_comp_ros.models.kinematic.chain_solver import (
-    ChainProblem, COARSE, Nuisance, Solution, solve, SolveOptions)
+    ChainProblem, Nuisance, Solution, solve, SolveOptions)
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -30,7 +30,7 @@ import numpy as np
 # Number of samples for a coarse solution.
 _COARSE_SAMPLES = 200
 # A global minimum moves little when the weights change, so a few steps suffice.
-_NEAR = SolveOptions(max_steps=6, tolerance=1e-4)
+_NEAR = SolveOptions(max_steps=6)
 # Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
 # The best minimum is accepted after this number of further starts reached it, within this share of
@@ -77,7 +77,7 @@ def search(problem: ChainProblem, options: SearchOptions) -> SearchResult:
     best: Solution | None = None
     hits = 0
     for count in range(1, options.starts + 1):
-        tried = solve(few, next_axes(rng, problem.n_joints, count, best), options=COARSE)
+        tried = solve(few, next_axes(rng, problem.n_joints, count, best))
         if best is not None and tried.cost >= (1.0 - 1e-3) * best.cost:
             hits += tried.cost <= (1.0 + _SAME_MINIMUM) * best.cost
             if hits >= _HITS:

@@ -105,12 +105,8 @@ _SHRINK, _GROW, _TRIES = 0.2, 5.0, 8
 class SolveOptions:
     """Limits: `max_steps`, and the relative decrease of the cost that counts as converged."""
 
-    max_steps: int = 100
-    tolerance: float = 1e-6
-
-
-# For the first solution from a random start.
-COARSE = SolveOptions(max_steps=60, tolerance=1e-4)
+    max_steps: int = 60
+    tolerance: float = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
