@@ -4,30 +4,24 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 # Number of rows of the feature matrix per batch.
 _CHUNK = 4096
-# Maximum number of features; with more, a chain is differentiated numerically with this step in
-# rad, with an error of about 1e-9 of the torque.
-_MAX_FEATURES, _STEP = 1000, 1e-5
 
 
 def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
     """
     Return d gravity_n / d q_j in N·m/rad, shape (M, N, N) with n before j.
 
-    The derivative of a feature is again a feature (Yu 2022, Property 1), so this is exact. A chain
-    with very many features is differentiated by central differences.
+    The derivative of a feature is again a feature (Yu 2022, Property 1).
 
     :param q: poses (M, N) in rad.
     """
     n = model.n_joints
-    if model.chain is not None and model.energy is not None and (
-            len(model.energy.indices) > _MAX_FEATURES):
-        return _by_differences(model.chain, q)
+    if model.chain is not None:
+        return model.chain.gradient(q)
     parts = [torque.gradient(n, j) for torque in model.torques for j in range(n)]
     features = np.unique(np.concatenate([part.indices for part in parts]))
     weights = np.zeros((len(features), n * n))
@@ -38,11 +32,3 @@ def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
         rows = slice(start, start + _CHUNK)
         out[rows] = dictionary.columns(q[rows], features) @ weights
     return out.reshape(len(q), n, n)
-
-
-def _by_differences(chain: Chain, q: FloatArray) -> FloatArray:
-    n = q.shape[1]
-    gradient = np.empty((len(q), n, n))
-    for joint, step in enumerate(_STEP * np.eye(n)):
-        gradient[:, :, joint] = (chain.torque(q + step) - chain.torque(q - step)) / (2.0 * _STEP)
-    return gradient

@@ -185,6 +185,9 @@ class KnownAxes(Shared):
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)
 
+    def gradient(self, q: FloatArray) -> FloatArray:
+        return self.chain.gradient(q)
+
     def moved(self, parameters: FloatArray) -> KnownAxes:
         n = self.n_angles
         return replace(self, geometry=_turned(self.geometry, parameters[:n]),

@@ -167,6 +167,9 @@ class UnknownLengths(Shared):
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)
 
+    def gradient(self, q: FloatArray) -> FloatArray:
+        return self.chain.gradient(q)
+
     def moved(self, parameters: FloatArray) -> UnknownLengths:
         n = self.chain.n_joints
         tilts = np.clip(parameters[:2 * n], -_MAX_STEP, _MAX_STEP).reshape(n, 2, 1)

@@ -67,6 +67,12 @@ class Chain:
                  for start in range(0, max(len(q), 1), _AT_ONCE)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    def gradient(self, q: FloatArray) -> FloatArray:
+        """Return d tau_n / d q_j (M, N, N) in N·m/rad at poses q (M, N) in rad."""
+        parts = [ForwardKinematics(self.axes, q[start:start + _AT_ONCE]).gradient(self.moments)
+                 for start in range(0, max(len(q), 1), _AT_ONCE)]
+        return np.concatenate(parts, axis=2).transpose(2, 0, 1)
+
     def moved(self, step: FloatArray) -> Chain:
         """Return the chain after a step (4N,): axes d (N, 2) in rad, then moments (N, 2)."""
         tilts, change = step.reshape(2, self.n_joints, 2)
@@ -129,6 +135,23 @@ class ForwardKinematics:
         """Return the torque (M, N) of moments (N, 2) on these axes."""
         carried, z = self._carried(moments), self.frames[:, 2]
         return np.asarray((z[:, 0] * carried[:, 1] - z[:, 1] * carried[:, 0]).T)
+
+    def gradient(self, moments: FloatArray) -> FloatArray:
+        """
+        Return d tau_n / d q_j (N, N, M), symmetric, of moments (N, 2).
+
+        If joint j turns, all that joint n >= j carries rotates about z_j:
+        (e_z x z_j) . (z_n x S_n).
+        """
+        n, _, _, m = self.frames.shape
+        z, s = self.frames[:, 2], self._carried(moments)
+        lever_x = z[:, 1] * s[:, 2] - z[:, 2] * s[:, 1]
+        lever_y = z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2]
+        result = np.empty((n, n, m))
+        for j in range(n):
+            result[j:, j] = z[j, 0] * lever_y[j:] - z[j, 1] * lever_x[j:]
+            result[j, j:] = result[j:, j]
+        return result
 
     def moment_columns(self, along: int = 2, weights: FloatArray | None = None) -> FloatArray:
         """
