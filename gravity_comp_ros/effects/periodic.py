@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 # Range of periods per revolution: gravity has one, springs on cranks two or three.
 _LOWEST = 4
 _HIGHEST = 320
-# Minimum travel in rad, and minimum number of periods within it: a torque that hardly repeats is
-# not distinguishable from a spring.
+# Minimum travel in rad, and minimum number of periods within it: a torque with at most one extremum
+# is a spring or a cable. Whether a torque that does not repeat is one, the evidence decides.
 _MIN_TRAVEL = 0.1
-_MIN_PERIODS = 1.25
+_MIN_PERIODS = 0.5
 # Maximum number of harmonics of a period.
 _MAX_HARMONICS = 4
 
