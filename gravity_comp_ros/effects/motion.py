@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -11,6 +12,7 @@ from gravity_comp_ros.effects.motion_direction import direction, min_speeds, pat
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
+from numpy.typing import NDArray
 
 Gradient = Callable[[FloatArray], FloatArray]
 
@@ -36,7 +38,7 @@ class Motion:
     gravity_gradient: Gradient
     chain: Chain | None = None
     geometry: Geometry | None = None
-    memo: dict[object, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+    memo: dict[object, NDArray[Any]] = field(default_factory=dict, repr=False, compare=False)
     of_gravity: dict[object, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                                  compare=False)
 

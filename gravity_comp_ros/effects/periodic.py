@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 # Range of periods per revolution: gravity has one, springs on cranks two or three.
 _LOWEST = 4
 _HIGHEST = 320
-# Minimum travel in rad, and minimum number of periods within it: a torque with at most one extremum
-# is a spring or a cable. Whether a torque that does not repeat is one, the evidence decides.
+# Minimum travel in rad, and minimum number of periods within it: a torque with at most one
+# extremum is that of a spring or cable. The evidence decides on others that do not repeat.
 _MIN_TRAVEL = 0.1
 _MIN_PERIODS = 0.5
 # Maximum number of harmonics of a period.

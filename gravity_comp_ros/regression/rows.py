@@ -56,14 +56,14 @@ def mean_of(values: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
 
     In the memory they have the order (..., G): sums over rows are then fast.
     """
-    columns = np.moveaxis(values, 0, -1)
+    columns = values.transpose(*range(1, values.ndim), 0)
     if len(first) == len(values):
-        return np.moveaxis(np.ascontiguousarray(columns), -1, 0)
+        return np.ascontiguousarray(columns).transpose(-1, *range(values.ndim - 1))
     means = np.empty((*columns.shape[:-1], len(first)))
     for index in np.ndindex(columns.shape[:-1]):
         np.add.reduceat(columns[index], first, out=means[index])
     means /= count
-    return np.moveaxis(means, -1, 0)
+    return means.transpose(-1, *range(values.ndim - 1))
 
 
 def travel_of(q: FloatArray, first: IntArray) -> FloatArray:
