@@ -241,7 +241,11 @@ class _Work:
     def _start(self) -> Shared:
         if self.old is None or self.old.chain is None:
             return start_axes(self.problem, self.effects)
-        return self._prepared(UnknownLengths.of(self.old.chain))
+        known, n = dynamics_of(self.old), self.old.n_joints
+        if known is None or len(known) != 9 * n - 3:
+            return self._prepared(UnknownLengths.of(self.old.chain))
+        return UnknownLengths.of(self.old.chain, known[:3 * n - 3].reshape(n - 1, 3),
+                                 known[3 * n - 3:].reshape(n, 6))
 
     def _prepared(self, shared: Shared) -> Shared:
         """Return a start with its moments, on which the columns of some effects depend."""
@@ -325,6 +329,14 @@ class _Work:
                                   for setting in settings),
                                  key=lambda term: gain_of(first.posterior, term)))
         return tuple(terms)
+
+
+def dynamics_of(model: GravityModel) -> FloatArray | None:
+    """Return the parameters of motion of a model (`rigid_body_dynamics`); None without them."""
+    for effect in (*model.applied.effects, *model.fitted.effects):
+        if effect.name == 'rigid_body_dynamics':
+            return np.array([each.value for each in effect.coefficients.values()])
+    return None
 
 
 def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:

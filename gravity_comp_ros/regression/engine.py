@@ -88,10 +88,13 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     :param start: terms that are in the model at the beginning.
     :param forced: keys of terms that stay in the model.
     """
-    options, shared = problem.options, shared.renewed()
-    fit = Linear.at(problem, shared, problem.factory(shared), tuple(start), problem.weights)
-    for number in range(options.passes):
-        # The axes are estimated before effects that resemble a wrong axis are selected.
+    options, shared, terms = problem.options, shared.renewed(), tuple(start)
+    fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
+    if terms:
+        fit = gauss_newton(fit)[0]
+        fit = fit.weighted(_weights(fit))
+    # Without a start, axes are estimated before effects that resemble a wrong axis are selected.
+    for number in range(1 if terms else 0, options.passes):
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
         changed = search.run(with_exchanges=number > 0)

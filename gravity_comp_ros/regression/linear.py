@@ -117,22 +117,24 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     :param renewed: whether the noise is estimated again in each step.
     """
     options, narrowed = fit.problem.options, 1.0
+    # Otherwise columns of terms change with gravity in a step, and the objective a little by that.
+    is_linear = not any(term.effect.uses_gravity for term in fit.posterior.terms)
     for step in range(options.steps):
         if not fit.shared.n_angles:
             return fit.moved(narrowed, renewed), step + 1, True
         precision = fit.posterior.precision
         before = fit.objective(precision)
         enough = options.converged * before / fit.problem.y.size
-        if before - _objective(fit.posterior) < _NEGLIGIBLE * enough:
+        if is_linear and before - _objective(fit.posterior) < _NEGLIGIBLE * enough:
             return fit, step, True
         following = fit.moved(narrowed, renewed)
-        after = following.objective(precision)
-        while after > before and narrowed > _NARROWEST:
+        after, allowed = following.objective(precision), before + (0.0 if is_linear else enough)
+        while after > allowed and narrowed > _NARROWEST:
             narrowed *= _NARROWER
             following = fit.moved(narrowed, renewed)
             after = following.objective(precision)
         if before - after < enough:
-            return following if after < before else fit, step + 1, True
+            return following if after < allowed else fit, step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False
 

@@ -86,7 +86,7 @@ class Search:
                     self._improve() or with_exchanges and self._exchange()):
                 rounds += 1
             total += rounds
-            if not self._renew_noise() and not rounds:
+            if not self._renew_noise():
                 break
         return total > 0
 
