@@ -35,15 +35,20 @@ class States:
 
         In the memory they have the order (..., R).
         """
-        edges, parts, start = np.append(self.first, len(self.count)), [], 0
+        edges, start = np.append(self.first, len(self.count)), 0
+        result: FloatArray | None = None
         while start < len(self.first):
             end = int(np.searchsorted(edges, edges[start] + _BATCH, side='right')) - 1
             end = min(max(end, start + 1), len(self.first))
             here = slice(int(edges[start]), int(edges[end]))
-            parts.append(self._mean(np.moveaxis(columns(self.state.select(here)), 0, -1),
-                                    start, end, here))
+            values = self._mean(np.moveaxis(columns(self.state.select(here)), 0, -1),
+                                start, end, here)
+            if result is None:
+                result = np.empty((*values.shape[:-1], len(self.first)))
+            result[..., start:end] = values
             start = end
-        return np.moveaxis(np.concatenate(parts, axis=-1), -1, 0)
+        assert result is not None
+        return np.moveaxis(result, -1, 0)
 
     def _mean(self, values: FloatArray, start: int, end: int, here: slice) -> FloatArray:
         if values.shape[-1] == end - start:
