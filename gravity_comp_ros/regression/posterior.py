@@ -149,7 +149,8 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     size = 1.0 / np.sqrt(np.diag(a))
     scale = np.outer(size, size)
     factor = cho_factor(a * scale + 1e-13 * np.eye(len(a)), lower=True)
-    lower = np.tril(dpotri(factor[0], lower=True)[0])
+    # LAPACK refuses a matrix without rows, which an arm without gravity or friction has.
+    lower = np.tril(dpotri(factor[0], lower=True)[0]) if len(a) else a
     covariance = (lower + np.tril(lower, -1).T) * scale
     return Posterior(design, terms, precision, size * cho_solve(factor, size * b), covariance,
                      draft._places)
