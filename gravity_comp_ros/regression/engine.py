@@ -91,7 +91,10 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     options, shared, terms = problem.options, shared.renewed(), tuple(start)
     fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
     if terms:
-        fit = gauss_newton(fit)[0]
+        # Outliers and relative noise are those of a fit with its own noise.
+        search = _search(fit, (), frozenset(term.key for term in terms), log)
+        search.run(with_exchanges=False)
+        fit = gauss_newton(fit.selected(search.posterior))[0]
         fit = fit.weighted(_weights(fit))
     # Without a start, axes are estimated before effects that resemble a wrong axis are selected.
     for number in range(1 if terms else 0, options.passes):
