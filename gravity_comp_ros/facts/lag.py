@@ -13,8 +13,8 @@ import numpy as np
 # Time constants that are tried, s, and then factors on the best one, twice.
 _CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 _FACTORS = ((0.7, 0.85, 1.0, 1.2, 1.4), (0.9, 1.0, 1.1))
-# Angles over which friction may build up after a reversal, rad.
-_ANGLES = (0.003, 0.01, 0.03, 0.1)
+# Angles over which friction may build up after a reversal, rad: those of gears, and of belts.
+_ANGLES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
 # Number of columns of friction of each joint.
 _FRICTION = 3
 # Samples that are fitted, at most, and their minimum interval, s.
@@ -26,8 +26,8 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     Return the signals with the effort before a filter of the first order, and the fact.
 
     The gravity of the pose and the friction of the direction are fitted to the effort of each
-    joint, both behind a filter. The residual of most joints is much smaller at the same time
-    constant if the driver filters.
+    joint, both behind a filter. If the driver filters, the residual of the joints is much smaller
+    than with friction that builds up after a reversal (geometric mean).
     """
     step = max(1, int(np.ceil(_MIN_INTERVAL / max(_interval(signals), 1e-9))))
     part = signals.keep(np.arange(len(signals)) % step == 0)
@@ -37,20 +37,27 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     columns, joints = _columns(part, options)
     if len(joints) < 2:
         return signals, None
-    tried = {t: _residuals(part, columns, joints, t) for t in (0.0, *_CONSTANTS)}
-    best = min(_CONSTANTS, key=lambda t: float(np.log(tried[t]).sum()))
-    # Friction that builds up over an angle is late too, in another shape.
-    built_up = [_residuals(part, columns, joints, angle, over_angle=True) for angle in _ANGLES]
-    other = np.min([tried[0.0], *built_up], axis=0)
-    clear = tried[best] < options.better_lag * other
-    if 2 * clear.sum() <= len(joints) or clear.sum() < 2 or best < 2 * _interval(signals):
+
+    def cost(constant: float) -> float:
+        return float(np.log(_residuals(part, columns, joints, constant)).sum())
+
+    constant = min(_CONSTANTS, key=cost)
+    if constant < 2 * _interval(signals):
         return signals, None
-    constant = best
     for factors in _FACTORS:
-        constant = _minimum({constant * factor: float(np.log(_residuals(
-            part, columns, joints, constant * factor)).sum()) for factor in factors})
+        constant = _minimum({constant * factor: cost(constant * factor) for factor in factors})
+    # Friction that builds up over an angle, another one of each joint, is late in another shape.
+    way = np.abs(np.diff(part.q, axis=0))
+    other = np.min([_rest(part, np.concatenate([
+        columns[:, :, :-_FRICTION], _behind(columns[:, :, -_FRICTION:], way, angle)], axis=2),
+        joints) for angle in _ANGLES] + [_rest(part, columns, joints)], axis=0)
+    ratio = _residuals(part, columns, joints, constant) / other
+    # The driver has one filter for all joints.
+    if np.log(ratio).mean() >= np.log(options.better_lag):
+        return signals, None
+    clear = ratio < options.better_lag
     names = tuple(signals.names[n] for n, is_clear in zip(joints, clear) if is_clear)
-    ratios = dict(zip(names, (tried[best] / other)[clear].tolist()))
+    ratios = dict(zip(names, ratio[clear].tolist()))
     fact = Fact(
         Kind.LAG, names, f'effort follows the motion late on {", ".join(names)}, as behind a '
         f'low-pass filter of {constant:.2g} s', Action.CORRECTED, 'the filter is undone, for '
@@ -73,23 +80,24 @@ def _columns(signals: Signals, options: FactOptions) -> tuple[FloatArray, list[i
     return np.concatenate([shared, friction], axis=2), joints
 
 
-def _residuals(signals: Signals, columns: FloatArray, joints: list[int], constant: float,
-               over_angle: bool = False) -> FloatArray:
-    """
-    Return the mean squared residual of each joint with columns behind a filter.
+def _residuals(signals: Signals, columns: FloatArray, joints: list[int],
+               constant: float) -> FloatArray:
+    """Return the mean squared residual of each joint, columns behind a filter of `constant` s."""
+    way = np.diff(signals.t)[:, None]
+    return _rest(signals, _behind(columns, way, constant), joints)
 
-    :param constant: of the filter, in s; 0 for none.
-    :param over_angle: whether it is an angle in rad over which only friction builds up.
-    """
-    x = columns
-    if constant:
-        first = -_FRICTION if over_angle else 0
-        way = np.abs(np.diff(signals.q, axis=0)) if over_angle else np.diff(signals.t)[:, None]
-        share = (1.0 - np.exp(-way / constant))[:, :, None]
-        x = columns.copy()
-        behind, given = x[:, :, first:], columns[:, :, first:]
-        for row, part in enumerate(share, 1):
-            behind[row] = behind[row - 1] + part * (given[row] - behind[row - 1])
+
+def _behind(columns: FloatArray, way: FloatArray, constant: float) -> FloatArray:
+    """Return columns (M, N, C) behind a filter over the way (M - 1, N) from sample to sample."""
+    share = (1.0 - np.exp(-way / constant))[:, :, None]
+    behind = columns.copy()
+    for row, part in enumerate(share, 1):
+        behind[row] = behind[row - 1] + part * (columns[row] - behind[row - 1])
+    return behind
+
+
+def _rest(signals: Signals, x: FloatArray, joints: list[int]) -> FloatArray:
+    """Return the mean squared residual of the efforts of each joint, fitted by its columns."""
     rest = []
     for n in joints:
         solution = np.linalg.lstsq(x[:, n], signals.tau[:, n], rcond=1e-10)[0]

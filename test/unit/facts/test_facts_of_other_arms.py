@@ -1,11 +1,14 @@
 """One fault of each kind on a six-axis arm of 20 kg, at other sizes and rates than elsewhere."""
 
+from bench.real_robots.laws import gear_friction, Site
 from bench.shared.serial_arms import parallel_axis_arm
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
+from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 import pytest
 
@@ -143,6 +146,17 @@ def test_friction_that_builds_up_over_an_angle_is_no_filter(tmp_path):
         tau = gravity_torque(ARM, Q) + np.array([3.0, 4.0, 2.0, 0.8, 0.7, 0.4]) * built_up
         noise = 0.08 * np.random.default_rng(5).standard_normal(Q.shape)
         assert read(tmp_path, tau=tau + noise).report.facts == ()
+
+
+def test_friction_of_bristles_is_no_filter(tmp_path):
+    """LuGre friction with a Stribeck dip, which builds up over 0.1 to 1 mrad."""
+    rng, scale = np.random.default_rng(4), np.abs(TAU).max(axis=0)
+    motion = multisine(Q.min(axis=0), Q.max(axis=0), ARM.max_speed, 7,
+                       MultisineOptions(0.15, 90.0, 0.07, 4), 90.0, RATE)
+    laws = [gear_friction(Site(j, float(scale[j]), -1.0, 1.0, -3.0, 3.0), rng) for j in range(6)]
+    exact = synthesise(ARM, motion, SynthesisOptions(disturbances=tuple(laws)))
+    tau = exact.tau + 1e-3 * scale * rng.standard_normal(exact.tau.shape)
+    assert read(tmp_path, exact.q, exact.qd, tau, t=exact.t).report.facts == ()
 
 
 def test_efforts_of_the_other_sign_are_refused(tmp_path):
