@@ -26,6 +26,8 @@ class AcceptanceOptions:
     Limits of the checks; ratios have no unit, evidence is in nats.
 
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
+    - `max_worse`: standard deviations by which a model of more samples may have a larger error on
+      held-out samples: its expected error is smaller, and the figures of two equal ones differ.
     - `min_explained`: share of a joint's effort variance explained by pose below which the
       effort has no gravity, judged from `min_samples` samples and a range of `min_span` rad.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
@@ -50,6 +52,7 @@ class AcceptanceOptions:
     """
 
     max_rise: float = 1.2
+    max_worse: float = 2.0
     min_explained: float = 0.2
     min_samples: int = 100
     min_span: float = 0.5

@@ -67,8 +67,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     Return whether `new`, fitted to the training samples, predicts the others better than `old`.
 
     The compared figure is the RMSE relative to the smaller one of each joint, over all joints.
-    Where the figures are equal within one standard deviation, `new` is better only with more
-    samples.
+    With more samples `new` may be worse by `max_worse` standard deviations.
 
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
@@ -91,7 +90,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     moves = n_train >= OPTIONS.min_samples and bool(
         (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
-    tolerance = -1e-9 if old is None or not has_more_samples else ratio_std(
+    tolerance = -1e-9 if old is None or not has_more_samples else OPTIONS.max_worse * ratio_std(
         (error_new / level)[held_out], (error_old / level)[held_out], qd[held_out], block)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     worst = int(np.argmax(rise))
