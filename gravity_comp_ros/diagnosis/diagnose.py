@@ -135,7 +135,7 @@ class _Conclusion:
 def _white(estimated: Estimate) -> FloatArray:
     """Return the white noise (N,) of a sample, N·m."""
     problem = estimated.regression.problem
-    return problem.white_noise * np.sqrt(np.median(problem.rows.count))
+    return problem.white_noise * np.sqrt(np.median(problem.n_measured))
 
 
 def _summary(findings: list[Finding], before: float, after: float) -> str:

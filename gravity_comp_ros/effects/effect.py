@@ -19,7 +19,7 @@ from typing import get_type_hints
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
 import numpy as np
 
 Setting = Mapping[str, float]
@@ -157,6 +157,19 @@ class Effect(ABC):
         :param joint: its number, from 0.
         :param setting: an element of `settings` or `refine`.
         """
+
+    def torque(self, motion: Motion, joint: int, setting: Setting,
+               values: FloatArray) -> FloatArray:
+        """
+        Return the torque in N·m with coefficients (K,): (M,), or (M, N) for scope 'arm'.
+
+        :raises ModelMismatchError: if there are more or fewer columns.
+        """
+        columns = self.columns(motion, joint, setting)
+        if columns.shape[-1] != len(values):
+            raise ModelMismatchError(f'effect {self.name} has {columns.shape[-1]} columns and '
+                                     f'{len(values)} coefficients')
+        return np.asarray(columns @ values)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return the settings to compare on this motion; none if it is not testable."""

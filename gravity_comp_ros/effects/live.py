@@ -87,9 +87,9 @@ class _Term:
         """
         effect, joint = installed(applied), joint_number(model, applied)
         try:
-            columns = effect.columns(moment, joint, applied.setting)
-            return cls(effect, applied, joint,
-                       coefficients(applied, effect, moment, joint, columns.shape[-1]))
+            factors = coefficients(applied, effect, moment, joint)
+            effect.torque(moment, joint, applied.setting, factors)
+            return cls(effect, applied, joint, factors)
         except (ModelMismatchError, AttributeError, LookupError, ValueError) as problem:
             raise ModelMismatchError(
                 f'effect {applied.target} of the model was fitted by another version and is left '
@@ -97,7 +97,7 @@ class _Term:
 
     def add_to(self, total: FloatArray, moment: Motion) -> None:
         """Add the torque to that of all joints (N,), N·m."""
-        torque = self.effect.columns(moment, self.joint, self.applied.setting)[0] @ self.factors
+        torque = self.effect.torque(moment, self.joint, self.applied.setting, self.factors)[0]
         if self.effect.scope == 'arm':
             total += torque
         else:

@@ -68,8 +68,8 @@ def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: Jo
     motion, total = motion_of(model, samples, gravity), np.zeros_like(samples.q)
     for applied in effects:
         effect, joint = installed(applied), joint_number(model, applied)
-        columns = effect.columns(motion, joint, applied.setting)
-        torque = columns @ coefficients(applied, effect, motion, joint, columns.shape[-1])
+        torque = effect.torque(motion, joint, applied.setting,
+                               coefficients(applied, effect, motion, joint))
         if effect.scope == 'arm':
             total += torque
         else:
@@ -106,15 +106,15 @@ def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
     return 0 if applied.joint is None else model.joints.index(applied.joint)
 
 
-def coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint: int,
-                 n_columns: int) -> FloatArray:
+def coefficients(applied: AppliedEffect, effect: Effect, motion: Motion,
+                 joint: int) -> FloatArray:
     """
     Return the coefficients (K,) of an applied effect in the order of its columns.
 
     :raises ModelMismatchError: if the installed effect has others.
     """
     symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
-    if set(symbols) != set(applied.coefficients) or len(symbols) != n_columns:
+    if set(symbols) != set(applied.coefficients):
         raise ModelMismatchError(
             f'the model has {applied.target} with the coefficients '
             f'{", ".join(applied.coefficients)}, but the installed version has '

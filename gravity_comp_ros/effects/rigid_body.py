@@ -9,6 +9,8 @@ and Automation 6, 1990); without one in the lengths between the axes and the ine
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
@@ -46,18 +48,26 @@ class RigidBodyDynamics(Effect):
     is_shared = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        samples, parts = motion.samples, []
+        return np.concatenate(list(self._batches(motion)))
+
+    def torque(self, motion: Motion, joint: int, setting: Setting,
+               values: FloatArray) -> FloatArray:
+        # All columns of a long recording together take gigabytes.
+        return np.concatenate([columns @ values for columns in self._batches(motion)])
+
+    @staticmethod
+    def _batches(motion: Motion) -> Iterator[FloatArray]:
+        """Yield the columns (B, N, K) of consecutive samples."""
+        samples = motion.samples
         for start in range(0, max(samples.n_samples, 1), _BATCH):
             rows = slice(start, start + _BATCH)
             state = samples.q[rows], samples.qd[rows], motion.qdd[rows]
             if motion.geometry is not None:
-                parts.append(described_columns(motion.geometry, *state)
-                             - described_columns(motion.geometry, state[0], 0.0 * state[0],
-                                                 0.0 * state[0]))
+                yield described_columns(motion.geometry, *state) - described_columns(
+                    motion.geometry, state[0], 0.0 * state[0], 0.0 * state[0])
             else:
                 assert motion.chain is not None
-                parts.append(motion_columns(motion.chain, *state))
-        return np.concatenate(parts)
+                yield motion_columns(motion.chain, *state)
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         n = motion.samples.n_joints

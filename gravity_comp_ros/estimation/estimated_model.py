@@ -69,7 +69,7 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
     problem, joints = regression.problem, regression.problem.samples.names
     posterior = posterior or regression.posterior
     shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
-    used = problem.samples.select(problem.rows.samples)
+    used = problem.measured.select(problem.used)
     model = _gravity(shared, regression.covariance, joints, Coverage.of(used),
                      estimate.formulation)
     predicted: list[AppliedEffect] = []
@@ -88,7 +88,7 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
 def with_residuals(model: GravityModel, estimate: Estimate) -> GravityModel:
     """Return a model with the RMS of its prediction's error, and of the residual of all terms."""
     problem = estimate.regression.problem
-    samples, rows = problem.samples, problem.rows.samples
+    samples, rows = problem.measured, problem.used
     error = (samples.tau - predict_torque(model, samples))[rows]
     rest = error - fitted_torque(model, samples)[rows]
     return replace(model, noise=_rms(error), residual_std=_rms(rest))

@@ -108,7 +108,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
     """
     regression = estimate.regression
     problem = regression.problem
-    used = problem.samples.select(problem.rows.samples)
+    used = problem.measured.select(problem.used)
     dropped = tuple(name for name, still in zip(used.names, at_rest(used.q)) if still)
     known, tilt, zeros, described = model.geometry is not None, 0.0, {}, options.geometry
     if known and described is not None and model.chain is not None:
@@ -119,7 +119,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
         limits = _zero_angle_limits(estimate)
         zeros = {name: angle for name, angle in zeros.items() if abs(angle) > limits[name]}
     anywhere = _std_over_poses(model)
-    spoilt = outliers(samples_of_rows(problem, problem.y), problem.rows.count,
+    spoilt = outliers(samples_of_rows(problem, problem.y), problem.n_measured,
                       residual_of(regression))
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:

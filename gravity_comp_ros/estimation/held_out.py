@@ -77,24 +77,23 @@ def held_out_torques(estimate: Estimate,
     """
     regression = estimate.regression
     problem = regression.problem
-    samples, rows = problem.samples, problem.rows
+    samples, rows = problem.measured, problem.rows
     if rows.n_rows < options.min_rows:
-        raise DataError(f'{len(rows.samples)} samples are too few to evaluate effects; record at '
+        raise DataError(f'{len(problem.used)} samples are too few to evaluate effects; record at '
                         f'least a minute')
-    row_of = np.repeat(np.arange(rows.n_rows), rows.count)
-    fold = rows.fold[row_of]
-    gravity = np.zeros((len(row_of), samples.n_joints))
+    fold = rows.fold[problem.row_of]
+    gravity = np.zeros((len(fold), samples.n_joints))
     effects: dict[str, FloatArray] = {}
     everything = Switches([*(t.name for t in regression.terms), DYNAMICS])
     for k in np.unique(rows.fold):
         posterior = regression.without(rows.fold == k)
         model = model_of(estimate, everything, posterior, with_noise=False)
         here = fold == k
-        numbers = rows.samples[here]
+        numbers = problem.used[here]
         gravity[here] = model.predict(samples.q[numbers])
         whole = model.predict(samples.q)
         for effect in (*model.applied.effects, *model.fitted.effects):
             torque = torque_of(model, [effect], samples, whole)[numbers]
             effects.setdefault(effect.target, np.zeros_like(gravity))[here] = torque
-    return HeldOutTorques(samples.tau[rows.samples], gravity, effects, rows.block[row_of],
-                          samples.runs[rows.samples])
+    return HeldOutTorques(samples.tau[problem.used], gravity, effects,
+                          rows.block[problem.row_of], samples.runs[problem.used])

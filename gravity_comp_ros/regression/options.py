@@ -17,6 +17,9 @@ class EngineOptions:
     - `row_seconds`, s: rows are means over this time. Linear models survive means exactly, so
       that time and memory do not grow with the rate.
     - `max_rows`: with more, the means are over a longer time.
+    - `row_samples`: samples of a row at which the columns of effects are computed; at more a
+      recording is averaged first. Friction that reverses in a row changes its mean by 1 / (2 x
+      `row_samples`) of that friction at most.
     - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
       for this time.
     - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
@@ -64,6 +67,7 @@ class EngineOptions:
 
     row_seconds: float = 0.1
     max_rows: int = 6000
+    row_samples: int = 10
     rest_angle: float = 5e-4
     rest_seconds: float = 10.0
     cell_angle: float = 0.03

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.regression.candidates import TermFactory
+from gravity_comp_ros.regression.condensed import condensed
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import Rows, rows_of
 from gravity_comp_ros.regression.scale import Scale
@@ -20,8 +22,16 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Samples with their motion, rows and scales; the same for every linearisation."""
+    """
+    Samples with their motion, rows and scales; the same for every linearisation.
 
+    `samples` are those `measured`, or their means (`condensed`). `used` (U,) are the numbers of
+    the measured samples that are fitted, `row_of` (U,) the row of each.
+    """
+
+    measured: JointSamples
+    used: IntArray
+    row_of: IntArray
     samples: JointSamples
     motion: Motion
     rows: Rows
@@ -32,19 +42,34 @@ class Problem:
     terms: dict[object, Term] = field(default_factory=dict)  # those that do not depend on gravity
 
     @classmethod
-    def of(cls, samples: JointSamples, use: BoolArray | None = None,
+    def of(cls, measured: JointSamples, use: BoolArray | None = None,
            options: EngineOptions = EngineOptions()) -> Problem:
         """
-        Return the problem of samples.
+        Return the problem of measured samples.
 
         :param use: mask (M,) of the samples to fit; None for all.
         :raises FitError: if there are none.
         """
-        rows = rows_of(samples, options, use)
+        if use is None:
+            use = np.ones(len(measured), dtype=bool)
+        if not use.any():
+            raise FitError('no samples to fit')
+        means = condensed(measured, use, options)
+        samples, rows = means.samples, rows_of(means.samples, options, means.use)
+        row = np.full(len(samples), -1)
+        row[rows.samples] = np.repeat(np.arange(rows.n_rows), rows.count)
+        row = row[means.group]
+        used = np.flatnonzero(use & (row >= 0))
         motion = Motion.of(samples, np.zeros_like(samples.q), _no_gradient)
         states = states_of(rows, samples.q, samples.qd, motion.qdd, options.cell_angle)
-        return cls(samples, motion, rows, states, Scale.of(samples.select(rows.samples), options),
+        scale = Scale.of(samples.select(rows.samples), options)
+        return cls(measured, used, row[used], samples, motion, rows, states, scale,
                    rows.mean(samples.tau), options)
+
+    @property
+    def n_measured(self) -> IntArray:
+        """Return the number of measured samples of each row (R,)."""
+        return np.bincount(self.row_of, minlength=self.rows.n_rows)
 
     @property
     def weights(self) -> FloatArray:

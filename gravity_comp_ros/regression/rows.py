@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.regression.options import EngineOptions
@@ -82,9 +82,8 @@ def rows_of(samples: JointSamples, options: EngineOptions,
     used = np.arange(samples.n_samples) if use is None else np.flatnonzero(use)
     if not len(used):
         raise FitError('no samples to fit')
-    run, t = samples.runs[used], _time_in_run(samples)[used]
-    duration = sum(float(np.ptp(t[run == k])) for k in np.unique(run))
-    width = max(options.row_seconds, duration / options.max_rows)
+    run, t = samples.runs[used], run_time(samples)[used]
+    width = _width(run, t, options)
     # A sample on the edge of a row is in the same row whatever the rounding.
     cell = np.floor(t / width + 1e-6).astype(np.int64)
     new = (np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
@@ -95,6 +94,16 @@ def rows_of(samples: JointSamples, options: EngineOptions,
     return Rows(used, first, count, rows_run, time,
                 _numbered(rows_run, time // options.block_seconds),
                 _folds(rows_run, time))
+
+
+def row_width(samples: JointSamples, use: BoolArray, options: EngineOptions) -> float:
+    """Return the duration of a row in s, of samples of which a mask (M,) is fitted."""
+    return _width(samples.runs[use], run_time(samples)[use], options)
+
+
+def _width(run: IntArray, t: FloatArray, options: EngineOptions) -> float:
+    duration = sum(float(np.ptp(t[run == k])) for k in np.unique(run))
+    return max(options.row_seconds, duration / options.max_rows)
 
 
 def _without_rests(first: IntArray, q: FloatArray, run: IntArray, t: FloatArray,
@@ -115,13 +124,6 @@ def _without_rests(first: IntArray, q: FloatArray, run: IntArray, t: FloatArray,
                 and np.abs(q[here] - q[start]).max() <= options.rest_angle):
             kept.append(k)
     return first[kept]
-
-
-def _time_in_run(samples: JointSamples) -> FloatArray:
-    time = np.empty(samples.n_samples)
-    for run in run_slices(samples):
-        time[run] = samples.t[run] - samples.t[run.start]
-    return time
 
 
 def _numbered(run: IntArray, cell: FloatArray) -> IntArray:
