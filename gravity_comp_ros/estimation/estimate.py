@@ -287,16 +287,17 @@ class _Work:
 
         A forced term that the search does not find is added at its best setting.
         """
-        terms = tuple(start)
+        terms, is_selected = tuple(start), False
         if not terms and self.old is not None:
             terms = self._terms_of(shared, (*self.old.applied.effects, *self.old.fitted.effects))
+            is_selected = bool(terms)
         present = self.forced & {term.key for term in terms}
-        first = regress(self.problem, shared, self.effects, terms, present)
+        first = regress(self.problem, shared, self.effects, terms, present, is_selected)
         missing = self._forced_terms(first, self.forced - {term.key for term in first.terms})
         if not missing:
             return first
         return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
-                       self.forced)
+                       self.forced, is_selected=True)
 
     def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect]) -> tuple[Term, ...]:
         """Return terms of the effects of a model that are tested and testable here."""
@@ -316,7 +317,8 @@ class _Work:
         """Return the regression with given terms, with their columns on these samples, alone."""
         factory = self.problem.factory(shared)
         own = tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
-        return regress(self.problem, shared, (), own, frozenset(term.key for term in own))
+        return regress(self.problem, shared, (), own, frozenset(term.key for term in own),
+                       is_selected=True)
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects at the settings with the largest gains."""

@@ -209,7 +209,7 @@ class Arm:
             self.restart()
         if not isinstance(reading, CompleteReading) or not self._accepts_samples(now):
             return
-        self.delayed.add_velocity(reading.t, reading.qd)
+        self.delayed.add(reading)
         reason = self.gate.offer(reading.t, reading.q, reading.qd)
         if reason is None:
             self.delayed.hold(reading, self.sent.before(now))

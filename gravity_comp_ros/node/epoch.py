@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.acceleration import AccelerationOptions, RecentVelocity
 from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
@@ -94,26 +94,39 @@ class SlowSample:
     qdd: FloatArray | None = None
 
 
+# Speed below which a joint is at rest for its friction, rad/s.
+REST_SPEED = 0.01
+# Time over which the messages around a sample are averaged, s: that of a row of the regression.
+MEAN_OVER = 0.1
+
+
 class DelayedSamples:
     """
     Slow samples that wait for half a window of later messages.
 
-    An acceleration from earlier messages alone would be that of a moment before the sample.
+    An acceleration from earlier messages alone would be that of a moment before the sample. Where
+    no joint reverses, a sample is the mean of the messages around it: gravity, friction and
+    inertia of the mean motion are then the mean torque, with less noise than that of one message.
     """
 
     def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
-        self._delay = 0.5 * options.window
+        self._delay, self._span = 0.5 * options.window, 1.5 * options.window
         self._velocity = RecentVelocity(options)
         self._waiting: deque[SlowSample] = deque()
+        self._recent: deque[CompleteReading] = deque()
 
     def restart(self) -> None:
         """Drop all samples: the clock or the payload has changed."""
         self._velocity.restart()
         self._waiting.clear()
+        self._recent.clear()
 
-    def add_velocity(self, t: float, qd: FloatArray) -> None:
-        """Add the velocity (N,) in rad/s of a message at time t in s, slow or not."""
-        self._velocity.add(t, qd)
+    def add(self, reading: CompleteReading) -> None:
+        """Add a message, slow or not."""
+        self._velocity.add(reading.t, reading.qd)
+        self._recent.append(reading)
+        while self._recent[0].t < reading.t - self._span:
+            self._recent.popleft()
 
     def hold(self, reading: CompleteReading, sent: FloatArray) -> None:
         """Keep a slow sample."""
@@ -125,8 +138,21 @@ class DelayedSamples:
         while self._waiting and t >= self._waiting[0].reading.t + self._delay:
             sample = self._waiting.popleft()
             sample.qdd = self._velocity.acceleration(sample.reading.t)
+            sample.reading = self._mean(sample.reading)
             ready.append(sample)
         return ready
+
+    def _mean(self, reading: CompleteReading) -> CompleteReading:
+        """Return the mean of the messages around a reading, itself if a joint reverses there."""
+        near = [other for other in self._recent
+                if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
+        qd = np.array([other.qd for other in near])
+        forth, back = (qd > REST_SPEED).any(axis=0), (qd < -REST_SPEED).any(axis=0)
+        if len(near) < 2 or (forth & back).any():
+            return reading
+        return replace(reading, t=float(np.mean([other.t for other in near])),
+                       q=np.mean([other.q for other in near], axis=0), qd=qd.mean(axis=0),
+                       tau=np.mean([other.tau for other in near], axis=0))
 
 
 # One block of samples in this many is held out from fits.

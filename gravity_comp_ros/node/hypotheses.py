@@ -25,6 +25,7 @@ from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TY
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.job_messages import PayloadLimits
 import numpy as np
 
@@ -44,8 +45,6 @@ _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
 _MAX_STEPS, _CONVERGED = 10, 1e-3
 # Speed over which friction changes its sign where the model has no law of it by speed, rad/s.
 _WIDTH = 0.01
-# Speed below which a joint is at rest for its friction, rad/s.
-REST_SPEED = 0.01
 
 
 def moving(qd: FloatArray) -> BoolArray:

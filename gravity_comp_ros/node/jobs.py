@@ -37,7 +37,8 @@ from gravity_comp_ros.node.acceptance import reference_noise
 from gravity_comp_ros.node.candidates import Candidate, candidates, full_fit, options_of
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.comparison import compare, not_output, Prediction
-from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms, REST_SPEED
+from gravity_comp_ros.node.epoch import REST_SPEED
+from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms
 from gravity_comp_ros.node.job_messages import (
     AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadLimits, PayloadResult)
 from gravity_comp_ros.planning.plan import plan

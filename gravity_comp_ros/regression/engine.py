@@ -10,7 +10,7 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
-from gravity_comp_ros.regression.gains import gain, score_of
+from gravity_comp_ros.regression.gains import gain, gain_of, score_of
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
 from gravity_comp_ros.regression.measured_motion import variance_by_motion
@@ -21,7 +21,7 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Alternative, Search
 from gravity_comp_ros.regression.shared import Shared
-from gravity_comp_ros.regression.term import Key, Term
+from gravity_comp_ros.regression.term import Key, Term, with_children_of
 import numpy as np
 from scipy.special import softmax
 
@@ -79,6 +79,7 @@ class Regression:
 
 def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             start: Iterable[Term] = (), forced: frozenset[Key] = frozenset(),
+            is_selected: bool = False,
             log: Callable[[str], None] = lambda text: None) -> Regression:
     """
     Return the regression of a problem.
@@ -87,6 +88,8 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     :param effects: the effects to test.
     :param start: terms that are in the model at the beginning.
     :param forced: keys of terms that stay in the model.
+    :param is_selected: whether the start was selected among all effects. Otherwise the axes are
+        estimated before effects that resemble a wrong axis are selected.
     """
     options, shared, terms = problem.options, shared.renewed(), tuple(start)
     fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
@@ -96,8 +99,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         search.run(with_exchanges=False)
         fit = gauss_newton(fit.selected(search.posterior))[0]
         fit = fit.weighted(_weights(fit))
-    # Without a start, axes are estimated before effects that resemble a wrong axis are selected.
-    for number in range(1 if terms else 0, options.passes):
+    for number in range(int(is_selected), options.passes):
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
         changed = search.run(with_exchanges=number > 0)
@@ -109,11 +111,9 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     exact = _with_exact_angles(fit)
     fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
         exact.centred(), search, effects)
+    fit = _without_weak(fit, search)
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
-    posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
-        fit.posterior, problem.scale, options))
-    published = solve(posterior.design, posterior.terms, precision_of(
-        posterior, problem.scale, options, correlation_times(posterior)))
+    published = _published(fit)
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
@@ -127,6 +127,37 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
                        for key, others in ambiguous.items()}, gains, stds,
                       {key: s.identified for key, s in scores.items()}, covariance, steps,
                       converged)
+
+
+def _published(fit: Linear) -> Posterior:
+    """Return the posterior at the noise of the residual, whose rows are autocorrelated."""
+    scale, options = fit.problem.scale, fit.problem.options
+    posterior = solve(fit.posterior.design, fit.posterior.terms,
+                      precision_of(fit.posterior, scale, options))
+    return solve(posterior.design, posterior.terms, precision_of(
+        posterior, scale, options, correlation_times(posterior)))
+
+
+def _without_weak(fit: Linear, search: Search) -> Linear:
+    """
+    Return the fit without terms that the published noise does not confirm; the search likewise.
+
+    The search has the noise of single rows. An offset and a tilt of the base that are determined
+    by their difference alone may otherwise remain, large and with opposite signs.
+    """
+    posterior = _published(fit)
+    while gains := [(gain_of(posterior.without((term,)), term), k)
+                    for k, term in enumerate(posterior.terms) if term.key not in search.forced]:
+        value, weakest = min(gains)
+        if value >= fit.problem.options.min_gain:
+            break
+        posterior = solve(posterior.design, with_children_of(
+            posterior.terms, posterior.terms[weakest]), posterior.precision)
+    if len(posterior.terms) == len(fit.posterior.terms):
+        return fit
+    keys = {term.key for term in posterior.terms}
+    search.select([term for term in search.terms if term.key in keys])
+    return gauss_newton(fit.selected(posterior))[0].centred()
 
 
 def _with_exact_angles(fit: Linear) -> Linear:

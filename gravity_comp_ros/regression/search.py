@@ -90,6 +90,10 @@ class Search:
                 break
         return total > 0
 
+    def select(self, terms: Iterable[Term]) -> None:
+        """Take these terms."""
+        self.posterior = self._solved(tuple(terms))
+
     def _renew_noise(self) -> bool:
         """Estimate the noise from the present residual; return whether it changed."""
         precision = precision_of(self.posterior, self.scale, self.options)

@@ -6,7 +6,7 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
-from gravity_comp_ros.node.epoch import DelayedSamples
+from gravity_comp_ros.node.epoch import DelayedSamples, MEAN_OVER, REST_SPEED
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -48,16 +48,21 @@ def live():
         each.learner.close()
 
 
-def test_samples_of_the_node_are_those_of_the_recording(live):
+def test_samples_of_the_node_are_means_of_the_recording(live):
     node, samples = live(auto_fit=False), recorded(60, 20.0)
     play(node, samples)
     learned, whole = node.arm.epoch.rows().samples, with_accelerations(samples, samples)
     # The last sample has no messages after it.
     assert len(learned) == len(slow_samples(samples).samples) - 1
-    expected = whole.select(np.searchsorted(samples.t, learned.t - 1.0 - 1e-6))
-    np.testing.assert_allclose(learned.t - 1.0, expected.t, atol=1e-9)
-    np.testing.assert_array_equal(learned.tau, expected.tau)
-    np.testing.assert_allclose(learned.qdd[1:], expected.qdd[1:], atol=3e-4)
+    for k in range(1, len(learned)):
+        t = learned.t[k] - 1.0
+        near = whole.select(np.abs(whole.t - t) <= 0.5 * MEAN_OVER + 1e-6)
+        reverses = ((near.qd > REST_SPEED).any(axis=0) & (near.qd < -REST_SPEED).any(axis=0)).any()
+        middle = whole.select(np.abs(whole.t - t) < 1e-6)
+        expected = middle if reverses else near
+        np.testing.assert_allclose(learned.tau[k], expected.tau.mean(axis=0))
+        np.testing.assert_allclose(learned.q[k], expected.q.mean(axis=0))
+        np.testing.assert_allclose(learned.qdd[k], middle.qdd[0], atol=3e-4)
     # The first sample has messages on one side only, so its acceleration is unknown.
     assert not learned.qdd[0].any()
 
@@ -80,15 +85,38 @@ def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     play(node, samples.select(np.arange(6)), 1.0)
     assert learned and len(node.arm.epoch) == before
     waiting = node.arm.delayed.due(1e9)
-    assert [sample.reading.t for sample in waiting] == [pytest.approx(1.08)]
+    assert [sample.reading.t for sample in waiting] == [pytest.approx(1.09)]
     delayed = DelayedSamples()
     zero = np.zeros(7)
-    delayed.add_velocity(0.0, zero)
-    delayed.hold(CompleteReading(0.0, zero, zero, zero), np.zeros((1, 7)))
+    reading = CompleteReading(0.0, zero, zero, zero)
+    delayed.add(reading)
+    delayed.hold(reading, np.zeros((1, 7)))
     assert not delayed.due(0.1)
     sample, = delayed.due(0.2)
     # A single message has no slope.
     assert sample.qdd is None and not delayed.due(0.3)
+
+
+@pytest.mark.parametrize('reverses', [False, True])
+def test_a_sample_is_the_mean_of_the_messages_around_it(reverses):
+    """Not where a joint reverses: the mean of friction is not that of the mean motion."""
+    delayed, middle = DelayedSamples(), 0.5
+    for k in range(101):
+        t = 0.01 * k
+        qd = np.array([0.1, 2.0 * (t - middle) if reverses else 0.0])
+        reading = CompleteReading(t, np.array([t, 0.0]), qd, np.array([t * t, 1.0]))
+        delayed.add(reading)
+        if k == 50:
+            delayed.hold(reading, np.zeros((1, 2)))
+        waiting = delayed.due(t)
+        if waiting:
+            break
+    sample, = waiting
+    assert sample.reading.t == pytest.approx(middle)
+    near = 0.01 * np.arange(45, 56)
+    mean = middle ** 2 if reverses else np.mean(near ** 2)
+    np.testing.assert_allclose(sample.reading.tau, [mean, 1.0])
+    np.testing.assert_allclose(sample.reading.q, [middle, 0.0])
 
 
 @pytest.mark.campaign
