@@ -314,9 +314,16 @@ class _Work:
         return tuple(terms)
 
     def regress_terms(self, shared: Shared, terms: Iterable[Term]) -> Regression:
-        """Return the regression with given terms, with their columns on these samples, alone."""
+        """
+        Return the regression with given terms alone, with their columns on these samples.
+
+        Those that are not testable here, such as a payload without a chain, are left out.
+        """
         factory = self.problem.factory(shared)
-        own = tuple(factory.term(term.effect, term.joint, term.setting) for term in terms)
+        own = [factory.term(term.effect, term.joint, term.setting) for term in terms
+               if term.effect.untestable(factory.motion, term.joint_number) is None]
+        keys = frozenset(term.key for term in own)
+        own = [term for term in own if not term.parents or term.parents & keys]
         return regress(self.problem, shared, (), own, frozenset(term.key for term in own),
                        is_selected=True)
 
