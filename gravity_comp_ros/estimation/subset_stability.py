@@ -26,6 +26,12 @@ _POSES = 300
 _MAX_SHARE, _MAX_NOISE = 0.1, 3.0
 
 
+def last_part(samples: JointSamples) -> JointSamples:
+    """Return the last samples, which must show what the whole shows."""
+    m = len(samples)
+    return samples.select(np.arange(m) >= m - round(_LAST * m))
+
+
 def convergence_objection(model: GravityModel, train: JointSamples, noise: FloatArray,
                           fit_again: Callable[[JointSamples], GravityModel]) -> str | None:
     """

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, NUMBERS, WORDS
+from gravity_comp_ros.estimation.subset_stability import last_part
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, Kind
 from gravity_comp_ros.facts.judge import judge
@@ -29,7 +31,9 @@ def judged(job: FitJob) -> tuple[FitJob, Check]:
     """
     Return a job without samples that are no measurements, and the check that it can be learned.
 
-    The text of the check has the facts.
+    The text of the check has the facts. A fact about the arm that the last samples do not show is
+    no fault of the effort: in little motion several arms explain it, and the model has not
+    converged.
     """
     samples = job.rows.samples
     none = np.zeros(samples.n_joints, dtype=bool)
@@ -37,21 +41,33 @@ def judged(job: FitJob) -> tuple[FitJob, Check]:
                       np.arange(len(samples)), none)
     accept = accepted_kinds(job.accept)
     judgement = judge(signals, np.ones(samples.n_joints), none, True, accept | _ELSEWHERE)
-    facts = [fact for fact in judgement.facts
-             if fact.action in (Action.REFUSED, Action.LEFT_OUT)]
     kept = np.zeros(len(samples), dtype=bool)
     kept[judgement.signals.rows] = True
     rows = job.rows.select(kept)
+    seen = [fact for fact in judgement.facts
+            if fact.action in (Action.REFUSED, Action.LEFT_OUT)]
+    of_arm = _facts_of_arm(job, rows.samples)
+    refusals, structural = (
+        [fact for fact in facts if fact.action is Action.REFUSED and fact.kind not in accept]
+        for facts in (seen, of_arm))
+    if structural:
+        last = {(fact.kind, fact.joints) for fact in _facts_of_arm(job, last_part(rows.samples))}
+        refusals += [fact for fact in structural if (fact.kind, fact.joints) in last]
+    if structural and not refusals:
+        return replace(job, rows=rows), Check(checks.CONVERGED, 1.0, 0.5, text=(
+            f'{structural[0].evidence}, but the last samples do not show it: keep moving slowly'))
+    text = '; '.join(map(_sentence, refusals or [*seen, *of_arm]))
+    return replace(job, rows=rows), Check(checks.NO_FACT, float(len(refusals)), 0.0, text=text)
+
+
+def _facts_of_arm(job: FitJob, samples: JointSamples) -> list[Fact]:
+    """Return the facts that one arm for all joints shows."""
     geometry = job.geometry if job.geometry and job.geometry.joints == samples.names else None
     order = joint_order(samples.names)
-    facts += torque_facts(
-        rows.samples, None if geometry is None else geometry.rotations,
+    return list(torque_facts(
+        samples, None if geometry is None else geometry.rotations,
         by_name=geometry is None and order.joints == samples.names
-        and order.source in (NUMBERS, WORDS))
-    refusals = [fact for fact in facts if fact.action is Action.REFUSED
-                and fact.kind not in accept]
-    text = '; '.join(map(_sentence, refusals or facts))
-    return replace(job, rows=rows), Check(checks.NO_FACT, float(len(refusals)), 0.0, text=text)
+        and order.source in (NUMBERS, WORDS)))
 
 
 def _sentence(fact: Fact) -> str:
