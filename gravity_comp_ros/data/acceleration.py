@@ -7,7 +7,6 @@ sample and within one run, so that it is not shifted in time.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
@@ -82,40 +81,22 @@ def is_resolved(samples: JointSamples) -> bool:
     return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
 
 
-class RecentVelocity:
+def acceleration_at(t: float, times: FloatArray, qd: FloatArray,
+                    options: AccelerationOptions) -> FloatArray | None:
     """
-    Velocities of the last messages, for accelerations while samples arrive.
+    Return the acceleration (N,) in rad/s^2 at the time t in s, from the speeds of messages.
 
-    The cubic is that of `with_accelerations`, without interpolation on a regular grid.
+    The cubic is that of `with_accelerations`, without interpolation on a regular grid. None if
+    the messages on either side do not resolve quick starts and stops.
+
+    :param times: rising times (M,) of the messages in s, and their speeds qd (M, N) in rad/s.
     """
-
-    def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
-        self._half = 0.5 * options.window
-        # Messages after a sample arrive while it waits for them.
-        self._span = 1.5 * options.window
-        self._recent: deque[tuple[float, FloatArray]] = deque()
-
-    def restart(self) -> None:
-        """Forget all velocities."""
-        self._recent.clear()
-
-    def add(self, t: float, qd: FloatArray) -> None:
-        """Add a velocity (N,) in rad/s at time t in s, later than those before."""
-        self._recent.append((t, qd))
-        while self._recent[0][0] < t - self._span:
-            self._recent.popleft()
-
-    def acceleration(self, t: float) -> FloatArray | None:
-        """
-        Return the acceleration (N,) in rad/s^2 at the time t in s.
-
-        None if the messages on either side do not resolve quick starts and stops.
-        """
-        near = [entry for entry in self._recent if abs(entry[0] - t) <= self._half + 1e-9]
-        times = (np.array([time for time, _ in near]) - t) / self._half
-        has_both_sides = len(near) >= 4 and times[0] < -0.5 and times[-1] > 0.5
-        if not has_both_sides or np.median(np.diff(times)) * self._half > _MAX_INTERVAL:
-            return None
-        powers = np.vander(times, 4, increasing=True)
-        cubic = np.linalg.lstsq(powers, np.array([qd for _, qd in near]), rcond=None)[0]
-        return np.asarray(cubic[1] / self._half)
+    half = 0.5 * options.window
+    near = np.abs(times - t) <= half + 1e-9
+    x = (times[near] - t) / half
+    has_both_sides = len(x) >= 4 and x[0] < -0.5 and x[-1] > 0.5
+    if not has_both_sides or np.median(np.diff(x)) * half > _MAX_INTERVAL:
+        return None
+    powers = np.vander(x, 4, increasing=True)
+    cubic = np.linalg.lstsq(powers, qd[near], rcond=None)[0]
+    return np.asarray(cubic[1] / half)

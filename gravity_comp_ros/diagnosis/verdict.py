@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND, Verdict
 from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, DYNAMICS, has_dynamics, is_absorbed, motion_parameters, target_of, values_of)
+    alternatives_of, has_dynamics, is_absorbed, motion_parameters, target_of, values_of)
 from gravity_comp_ros.estimation.held_out import HeldOutTorques
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.regression.engine import Regression

@@ -168,7 +168,7 @@ class Effect(ABC):
         columns = self.columns(motion, joint, setting)
         if columns.shape[-1] != len(values):
             raise ModelMismatchError(f'effect {self.name} has {columns.shape[-1]} columns and '
-                                     f'{len(values)} coefficients')
+                                     f'{len(values)} coefficients. Remove it and add it again')
         return np.asarray(columns @ values)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:

@@ -18,6 +18,7 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.arm_columns import described_columns, motion_columns
 import numpy as np
 
+DYNAMICS = 'rigid_body_dynamics'
 _BATCH = 4096
 # Minimum acceleration in rad/s^2 of a testable motion.
 _MIN_ACCELERATION = 1e-3
@@ -26,7 +27,7 @@ _MIN_ACCELERATION = 1e-3
 class RigidBodyDynamics(Effect):
     """The columns are those of motion of the arm's shared part."""
 
-    name = 'rigid_body_dynamics'
+    name = DYNAMICS
     title = 'Rigid-body dynamics'
     family = 'dynamics'
     equation = ('tau = sum_k (Y_k(q, qd, qdd) - Y_k(q, 0, 0)) p_k with a robot description, else '

@@ -16,6 +16,7 @@ from typing import Any
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
@@ -241,7 +242,7 @@ class _Work:
     def _start(self) -> Shared:
         if self.old is None or self.old.chain is None:
             return start_axes(self.problem, self.effects)
-        known, n = dynamics_of(self.old), self.old.n_joints
+        known, n = _dynamics_of(self.old), self.old.n_joints
         if known is None or len(known) != 9 * n - 3:
             return self._prepared(UnknownLengths.of(self.old.chain))
         return UnknownLengths.of(self.old.chain, known[:3 * n - 3].reshape(n - 1, 3),
@@ -340,10 +341,10 @@ class _Work:
         return tuple(terms)
 
 
-def dynamics_of(model: GravityModel) -> FloatArray | None:
+def _dynamics_of(model: GravityModel) -> FloatArray | None:
     """Return the parameters of motion of a model (`rigid_body_dynamics`); None without them."""
     for effect in (*model.applied.effects, *model.fitted.effects):
-        if effect.name == 'rigid_body_dynamics':
+        if effect.name == DYNAMICS:
             return np.array([each.value for each in effect.coefficients.values()])
     return None
 

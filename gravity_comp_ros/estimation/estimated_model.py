@@ -10,6 +10,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficients
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -24,7 +25,6 @@ from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
-DYNAMICS = 'rigid_body_dynamics'
 # Half-width of a 95 % interval in standard deviations.
 _Z95 = 1.96
 

@@ -13,9 +13,10 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import (
     Estimate, estimate, estimate_again, FitOptions, Progress)
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.regression.term import Key

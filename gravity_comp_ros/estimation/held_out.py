@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.predict import torque_of
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS, model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 import numpy as np
 
 

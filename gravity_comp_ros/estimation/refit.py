@@ -16,10 +16,11 @@ from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, DYNAMICS, is_absorbed, model_of, Switches, target_of)
+    alternatives_of, is_absorbed, model_of, Switches, target_of)
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.evaluation.compare import p_of_decrease

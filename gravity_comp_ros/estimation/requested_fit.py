@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.request import Request
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS
 from gravity_comp_ros.estimation.fit import FitResult, key_of, result_of
 
 

@@ -40,14 +40,13 @@ def convergence_objection(model: GravityModel, train: JointSamples, noise: Float
     :param noise: of each joint (N,), N·m.
     :param fit_again: the fit that gave `model` from `train`.
     """
-    m, number = len(train), np.arange(len(train))
+    m = len(train)
     q = np.random.default_rng(0).uniform(train.q.min(axis=0), train.q.max(axis=0),
                                          (_POSES, train.n_joints))
     torque = model.predict(q)
     allowed = _MAX_SHARE * float(np.sqrt((torque ** 2).mean(axis=0)).max()) + _MAX_NOISE * noise
-    for left_out, subset in (('last', number < round(_FIRST * m)),
-                             ('first', number >= m - round(_LAST * m))):
-        part = train.select(subset)
+    for left_out, part in (('last', train.select(np.arange(m) < round(_FIRST * m))),
+                           ('first', last_part(train))):
         try:
             other = fit_again(part).predict(q)
         except (FitError, DataError) as problem:

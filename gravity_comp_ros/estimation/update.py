@@ -16,10 +16,10 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.effects.predict import fitted_torque, motion_of
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.estimation.estimated_model import DYNAMICS
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.acceleration import AccelerationOptions, RecentVelocity
+from gravity_comp_ros.data.acceleration import acceleration_at, AccelerationOptions
 from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.node.messages import CompleteReading
@@ -110,22 +110,20 @@ class DelayedSamples:
     """
 
     def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
-        self._delay, self._span = 0.5 * options.window, 1.5 * options.window
-        self._velocity = RecentVelocity(options)
+        self._options, self._delay = options, 0.5 * options.window
         self._waiting: deque[SlowSample] = deque()
         self._recent: deque[CompleteReading] = deque()
 
     def restart(self) -> None:
         """Drop all samples: the clock or the payload has changed."""
-        self._velocity.restart()
         self._waiting.clear()
         self._recent.clear()
 
     def add(self, reading: CompleteReading) -> None:
         """Add a message, slow or not."""
-        self._velocity.add(reading.t, reading.qd)
         self._recent.append(reading)
-        while self._recent[0].t < reading.t - self._span:
+        # Messages after a sample arrive while it waits for them.
+        while self._recent[0].t < reading.t - 1.5 * self._options.window:
             self._recent.popleft()
 
     def hold(self, reading: CompleteReading, sent: FloatArray) -> None:
@@ -137,22 +135,24 @@ class DelayedSamples:
         ready = []
         while self._waiting and t >= self._waiting[0].reading.t + self._delay:
             sample = self._waiting.popleft()
-            sample.qdd = self._velocity.acceleration(sample.reading.t)
-            sample.reading = self._mean(sample.reading)
+            recent = list(self._recent)
+            times = np.array([reading.t for reading in recent])
+            sample.qdd = acceleration_at(sample.reading.t, times, np.array(
+                [reading.qd for reading in recent]), self._options)
+            sample.reading = _mean(sample.reading, [recent[k] for k in np.flatnonzero(
+                np.abs(times - sample.reading.t) <= 0.5 * MEAN_OVER + 1e-6)])
             ready.append(sample)
         return ready
 
-    def _mean(self, reading: CompleteReading) -> CompleteReading:
-        """Return the mean of the messages around a reading, itself if a joint reverses there."""
-        near = [other for other in self._recent
-                if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
-        qd = np.array([other.qd for other in near])
-        forth, back = (qd > REST_SPEED).any(axis=0), (qd < -REST_SPEED).any(axis=0)
-        if len(near) < 2 or (forth & back).any():
-            return reading
-        return replace(reading, t=float(np.mean([other.t for other in near])),
-                       q=np.mean([other.q for other in near], axis=0), qd=qd.mean(axis=0),
-                       tau=np.mean([other.tau for other in near], axis=0))
+
+def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> CompleteReading:
+    """Return the mean of the messages around a reading, itself if a joint reverses there."""
+    qd = np.array([other.qd for other in near])
+    if len(near) < 2 or ((qd > REST_SPEED).any(axis=0) & (qd < -REST_SPEED).any(axis=0)).any():
+        return reading
+    return replace(reading, t=float(np.mean([other.t for other in near])),
+                   q=np.mean([other.q for other in near], axis=0), qd=qd.mean(axis=0),
+                   tau=np.mean([other.tau for other in near], axis=0))
 
 
 # One block of samples in this many is held out from fits.

@@ -111,9 +111,8 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     exact = _with_exact_angles(fit)
     fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
         exact.centred(), search, effects)
-    fit = _without_weak(fit, search)
+    fit, published = _without_weak(fit, search)
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
-    published = _published(fit)
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
@@ -138,14 +137,15 @@ def _published(fit: Linear) -> Posterior:
         posterior, scale, options, correlation_times(posterior)))
 
 
-def _without_weak(fit: Linear, search: Search) -> Linear:
+def _without_weak(fit: Linear, search: Search) -> tuple[Linear, Posterior]:
     """
-    Return the fit without terms that the published noise does not confirm; the search likewise.
+    Return the fit without terms that its published noise does not confirm, and its `_published`.
 
-    The search has the noise of single rows. An offset and a tilt of the base that are determined
-    by their difference alone may otherwise remain, large and with opposite signs.
+    The search, which then has the same terms, has the noise of single rows. An offset and a tilt
+    of the base that are determined by their difference alone may otherwise remain, large and with
+    opposite signs.
     """
-    posterior = _published(fit)
+    posterior = published = _published(fit)
     while gains := [(gain_of(posterior.without((term,)), term), k)
                     for k, term in enumerate(posterior.terms) if term.key not in search.forced]:
         value, weakest = min(gains)
@@ -153,11 +153,12 @@ def _without_weak(fit: Linear, search: Search) -> Linear:
             break
         posterior = solve(posterior.design, with_children_of(
             posterior.terms, posterior.terms[weakest]), posterior.precision)
-    if len(posterior.terms) == len(fit.posterior.terms):
-        return fit
+    if posterior is published:
+        return fit, published
     keys = {term.key for term in posterior.terms}
     search.select([term for term in search.terms if term.key in keys])
-    return gauss_newton(fit.selected(posterior))[0].centred()
+    fit = gauss_newton(fit.selected(posterior))[0].centred()
+    return fit, _published(fit)
 
 
 def _with_exact_angles(fit: Linear) -> Linear:
