@@ -102,6 +102,9 @@ def test_a_payload_is_learned_published_saved_and_rolled_back(bags, iiwa_model_f
         texts = sorted(f.result().message for f in (first, second))
         assert any('is running already' in text for text in texts), texts
         assert set_parameter(probe, 'auto_fit', False).successful
+        # An automatic fit that runs already would replace the model after it is saved.
+        probe.report('learning')
+        probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 60)
         saved = probe.call('save_model')
         assert saved.success and str(path) in saved.message
         for messages in (probe.torques, probe.commands, probe.predictions, probe.residuals):
