@@ -11,6 +11,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.errors import BagError, DataError
+from gravity_comp_ros.estimation.joint_gains import GainOptions
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
 from gravity_comp_ros.facts.fact import as_noted, Fact, refused
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -33,13 +34,16 @@ def arm_facts(recording: Recording, arm: KnownArm, options: ReadOptions,
     return _with_accepted(facts, options)
 
 
-def model_facts(recording: Recording, options: ReadOptions, model: GravityModel) -> list[Fact]:
+def model_facts(recording: Recording, options: ReadOptions, model: GravityModel,
+                limits: GainOptions = GainOptions()) -> list[Fact]:
     """
     Return the facts that axes, gains or the vertical differ from those of a model.
 
     :param options: those that the recording was read with.
+    :param limits: of gains.
     """
-    facts = torque_facts(recording.samples, None, model, _whole_arm(recording, options))
+    facts = torque_facts(recording.samples, None, model, _whole_arm(recording, options),
+                         limits=limits)
     return _with_accepted(facts, options)
 
 

@@ -14,6 +14,7 @@ from gravity_comp_ros.commands import arguments, next_step, reading, refitting, 
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.joint_gains import OF_UPDATE
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.export.payload_lines import in_frame, millimetres, Payload, payload_of
@@ -54,7 +55,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
         arm = None if args.flange is None else _arm(args, model)
-        check_facts(model_facts(recording, arguments.read_options(args), model),
+        check_facts(model_facts(recording, arguments.read_options(args), model, OF_UPDATE),
                     why='A payload changes no axis, no gain and no vertical')
         result, axes = update_model(model, recording, axes)
         estimate = result.report.payload

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
+from zlib import crc32
 
 from gravity_comp_ros.data.joint_names import rename_hint
 from gravity_comp_ros.errors import DataError, ModelMismatchError
@@ -28,8 +30,9 @@ class JointSamples:
     non-decreasing order from 0; `run_labels` are the names of the runs. Samples of a run are in
     order of time. `starts` has for each run the time on a common clock, in s, at which its t is
     0; it is empty without a known clock. `qdd` (M, N) in rad/s^2 are accelerations at the rate of
-    the recording from which the samples were selected, None where they are unknown. Arrays are
-    finite and read-only.
+    the recording from which the samples were selected, None where they are unknown.
+    `fingerprints` has a number for each run that names the recording, whatever its clock; it is
+    empty if they are unknown. Arrays are finite and read-only.
 
     :raises DataError: if shapes disagree, a value is not finite, names repeat, or time does
         not increase within a run.
@@ -44,6 +47,7 @@ class JointSamples:
     run_labels: tuple[str, ...]
     starts: tuple[float, ...] = ()
     qdd: FloatArray | None = None
+    fingerprints: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         names = tuple(str(name) for name in self.names)
@@ -60,6 +64,9 @@ class JointSamples:
                             or not np.isfinite(self.starts).all()):
             raise DataError(f'samples: starts must be one finite time for each of '
                             f'{self.n_runs} runs, or none')
+        if self.fingerprints and len(self.fingerprints) != self.n_runs:
+            raise DataError(f'samples: fingerprints must be one for each of {self.n_runs} runs, '
+                            f'or none')
 
     def _arrays(self) -> tuple[str, ...]:
         """Return the names of the arrays of numbers."""
@@ -100,12 +107,12 @@ class JointSamples:
 
         :param start: the time on a clock in s at which t is 0, if one is known.
         """
-        t = np.asarray(t, dtype=np.float64)
-        return cls(tuple(names), t, np.asarray(q, dtype=np.float64),
-                   np.asarray(qd, dtype=np.float64), np.asarray(tau, dtype=np.float64),
+        t, q, tau = (np.asarray(x, dtype=np.float64) for x in (t, q, tau))
+        number = crc32(np.ascontiguousarray(tau).data, crc32(np.ascontiguousarray(q).data))
+        return cls(tuple(names), t, q, np.asarray(qd, dtype=np.float64), tau,
                    np.zeros(t.shape, dtype=np.int64), (label,),
                    () if start is None else (start,),
-                   None if qdd is None else np.asarray(qdd, dtype=np.float64))
+                   None if qdd is None else np.asarray(qdd, dtype=np.float64), (number,))
 
     @classmethod
     def single_sample(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:
@@ -117,7 +124,7 @@ class JointSamples:
         samples = object.__new__(cls)
         samples.__dict__.update(names=names, t=_ONE_TIME, q=q[None], qd=qd[None], runs=_ONE_RUN,
                                 tau=np.zeros((1, len(q))), run_labels=('single',), starts=(),
-                                qdd=None)
+                                qdd=None, fingerprints=())
         return samples
 
     @property
@@ -144,7 +151,7 @@ class JointSamples:
         keep = np.asarray(keep)
         return JointSamples(self.names, self.t[keep], self.q[keep], self.qd[keep],
                             self.tau[keep], self.runs[keep], self.run_labels, self.starts,
-                            None if self.qdd is None else self.qdd[keep])
+                            None if self.qdd is None else self.qdd[keep], self.fingerprints)
 
     def joints(self, names: Sequence[str]) -> JointSamples:
         """
@@ -162,7 +169,8 @@ class JointSamples:
         order = [self.names.index(name) for name in names]
         return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
                             self.tau[:, order], self.runs, self.run_labels, self.starts,
-                            None if self.qdd is None else self.qdd[:, order])
+                            None if self.qdd is None else self.qdd[:, order],
+                            self.fingerprints)
 
     def run(self, number: int) -> JointSamples:
         """Return the samples of one run, as a set with that single run."""
@@ -170,7 +178,8 @@ class JointSamples:
         return JointSamples(self.names, self.t[rows], self.q[rows], self.qd[rows],
                             self.tau[rows], np.zeros(int(rows.sum()), dtype=np.int64),
                             (self.run_labels[number],), self.starts[number:number + 1],
-                            None if self.qdd is None else self.qdd[rows])
+                            None if self.qdd is None else self.qdd[rows],
+                            self.fingerprints[number:number + 1])
 
     def each_run(self) -> Iterator[JointSamples]:
         """Yield every run in order, empty ones included."""
@@ -207,13 +216,19 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
         _joined([p.qd for p in parts]), _joined([p.tau for p in parts]),
         _joined([p.runs + k for p, k in zip(parts, first_run)]),
         tuple(label for p in parts for label in p.run_labels),
-        tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else (),
-        _joined(accelerations) if len(accelerations) == len(parts) else None)
+        _of_all([p.starts for p in parts]),
+        _joined(accelerations) if len(accelerations) == len(parts) else None,
+        _of_all([p.fingerprints for p in parts]))
 
 
 def evenly_picked(count: int, max_count: int) -> IntArray:
     """Return the numbers of at most `max_count` of `count` samples, evenly spaced from 0."""
     return np.arange(0, count, -(-max(count, 1) // max_count))
+
+
+def _of_all(parts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Return the values of all runs, none if those of a part are unknown."""
+    return tuple(value for part in parts for value in part) if all(parts) else ()
 
 
 def _joined(parts: list[NDArray]) -> NDArray:

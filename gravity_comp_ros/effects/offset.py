@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.runs import session_time
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import has_clock, origin_of, since
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
 # Difference in s below which stamps are of the same start.
@@ -21,21 +22,21 @@ _MIN_TIME, _TIMES = 0.1, 4
 
 class RecordingEffect(Effect):
     """
-    An effect with one value, or with one for each recording if stamps name them.
+    An effect with one value, or with one for each recording.
 
-    The settings are the starts of the recordings; `deviating` names the value in the text of its
-    deviations d_k.
+    The settings are the starts of the recordings, or their fingerprints without a common clock;
+    `deviating` names the value in the text of its deviations d_k.
     """
 
-    setting_units = {'start_k': 's'}
+    setting_units = {'start_k': 's', 'recording_k': ''}
     deviating: str
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return one value, and one for each recording."""
-        starts, clock = motion.samples.starts, has_clock(motion.samples)
-        if len(starts) < 2 or not clock:
+        name, recordings = _names(motion.samples, has_clock(motion.samples))
+        if len(set(recordings)) < max(2, motion.samples.n_runs):
             return [{}]
-        return [{}, {f'start_{k + 1}': start for k, start in enumerate(starts)}]
+        return [{}, {f'{name}_{k + 1}': float(x) for k, x in enumerate(recordings)}]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         unit = self.coefficients[0].unit
@@ -46,13 +47,18 @@ class RecordingEffect(Effect):
     @staticmethod
     def factors(motion: Motion, setting: Setting) -> FloatArray:
         """Return the factors (M, K) of a mean, and of the deviations of all but the last."""
-        samples, starts = motion.samples, np.array(list(setting.values()))
-        columns = np.ones((samples.n_samples, max(1, len(starts))))
-        if len(starts):
-            own = np.array(samples.starts or (0.0,) * samples.n_runs)[samples.runs]
-            here = np.abs(own[:, None] - starts) < _SAME_START
+        samples, recordings = motion.samples, np.array(list(setting.values()))
+        columns = np.ones((samples.n_samples, max(1, len(recordings))))
+        own = _names(samples, 'start_1' in setting)[1]
+        if len(recordings) and own:
+            here = np.abs(np.array(own)[samples.runs, None] - recordings) < _SAME_START
             columns[:, 1:] = here[:, :-1].astype(np.float64) - here[:, -1:]
         return columns
+
+
+def _names(samples: JointSamples, clock: bool) -> tuple[str, tuple[float, ...]]:
+    """Return the kind of names of recordings, and the name of each run: start or fingerprint."""
+    return ('start', samples.starts) if clock else ('recording', samples.fingerprints)
 
 
 class TorqueOffset(RecordingEffect):
@@ -60,10 +66,10 @@ class TorqueOffset(RecordingEffect):
     The column is 1, and there are others if the offset differs between recordings.
 
     A sensor that is zeroed at each start has another offset in each recording. Setting `start_k`
-    is the start of recording k on the clock, in s. Coefficient d_k is the deviation of its offset
+    is the start of recording k on the clock in s, or `recording_k` its fingerprint if there is no
+    common clock. Coefficient d_k is the deviation of its offset
     from the mean b of the R recordings, and the last deviation is minus the sum of the others. In
-    another recording, b is predicted. Both settings are compared where the stamps name the
-    recordings.
+    another recording, b is predicted. Both settings are compared.
     """
 
     name = 'torque_offset'
@@ -90,6 +96,17 @@ class TorqueOffset(RecordingEffect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return self.factors(motion, setting)
+
+
+def offset_std(model: GravityModel) -> FloatArray:
+    """Return the standard deviation (N,) of offsets between recordings in a model, N·m."""
+    std = np.zeros(model.n_joints)
+    for effect in (*model.applied.effects, *model.fitted.effects):
+        own = np.array([c.value for name, c in effect.coefficients.items() if name != 'b'])
+        if effect.name == TorqueOffset.name and effect.joint is not None and own.size:
+            # The deviations sum to 0.
+            std[model.joints.index(effect.joint)] = np.append(own, -own.sum()).std(ddof=1)
+    return std
 
 
 class TorqueGain(RecordingEffect):

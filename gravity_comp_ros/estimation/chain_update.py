@@ -66,22 +66,38 @@ class NewSamples:
     """
     Poses `q` (M, N) in rad, torques `tau` (M, N) and their noise `sigma` (N,) in N·m.
 
-    `robust_weights` (M, N) are weights of squared residuals, below 1 for outliers.
+    `robust_weights` (M, N) are weights of squared residuals, below 1 for outliers. `offset_std`,
+    (N,) or 0 in N·m, is the standard deviation of an offset of these samples.
     """
 
     q: FloatArray
     tau: FloatArray
     sigma: FloatArray
     robust_weights: FloatArray
+    offset_std: FloatArray | float = 0.0
 
     @property
     def row_weights(self) -> FloatArray:
         """Return one over the standard deviation of each torque, (M, N) in 1/(N·m)."""
         return np.asarray(np.sqrt(self.robust_weights) / self.sigma)
 
+    def in_noise(self, torque: FloatArray) -> FloatArray:
+        """
+        Return torques (..., N, M) in units of the noise, of which the offset is a part.
+
+        Its share of each row makes the rows independent, so that squares are those of noise.
+        """
+        weight = self.row_weights.T
+        size = np.linalg.norm(weight, axis=-1, keepdims=True)
+        along = weight / np.maximum(size, 1e-300)
+        std = np.broadcast_to(self.offset_std, self.sigma.shape)[:, None]
+        share = 1.0 - 1.0 / np.sqrt(1.0 + (std * size) ** 2)
+        rows = torque * weight
+        return np.asarray(rows - share * (rows * along).sum(axis=-1, keepdims=True) * along)
+
     def residual(self, chain: Chain) -> FloatArray:
         """Return the residual of a chain in units of the noise, shape (N M,)."""
-        return np.asarray(((self.tau - chain.torque(self.q)) * self.row_weights).T.ravel())
+        return self.in_noise((self.tau - chain.torque(self.q)).T).ravel()
 
     def max_residual(self, chain: Chain) -> float:
         """Return the largest residual of a chain among samples with weight, in N·m."""
@@ -90,8 +106,8 @@ class NewSamples:
 
     def columns(self, chain: Chain) -> FloatArray:
         """Return d torque / d step, in units of the noise, shape (4N, N M)."""
-        jacobian = chain.jacobian(self.q) * self.row_weights.T
-        return np.asarray(jacobian.reshape(len(jacobian), -1))
+        jacobian = self.in_noise(chain.jacobian(self.q))
+        return jacobian.reshape(len(jacobian), -1)
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
+from gravity_comp_ros.effects.offset import TorqueGain
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.estimation.arm_fit import ArmFit, cost_of
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
+
+# Samples whose friction is compared with that of an earlier model.
+_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,8 @@ class GainOptions:
     Limits of gains that disagree.
 
     - `min_ratio`: smaller differences are the effect `torque_gain`; other units and ratings differ
-      by more.
+      by more. An update has no such effect (`OF_UPDATE`): of one joint a tenth is an error like a
+      payload of a tenth of the arm.
     - `sigmas`: standard deviations by which the logarithm of a gain differs from 0.
     - `max_residual`: share of a joint's effort (without friction) that an arm with these gains
       may leave, and `max_reference` of the joint with the largest effort; more is another effect.
@@ -76,13 +83,14 @@ class JointGains:
 
         Joints without an identified gain have that of their friction and inertia in the model.
         """
-        known = (self.std < np.log(options.min_ratio)) & (self.residual < options.max_residual)
-        change, rest, _ = _changes(model, samples)
+        known = (self.std < np.log(GainOptions.min_ratio)) & (self.residual < options.max_residual)
+        change, rest = _changes(model, samples)
         best = int(np.argmin(np.where(known, np.abs(change), np.inf)))
+        own = self.log - _log_gains(model)
         std = np.where(known, np.hypot(self.std, self.std[best]), options.friction)
         std[best] = 0.0
         return replace(self, reference=best, std=std,
-                       log=np.where(known, self.log - self.log[best], change - change[best]),
+                       log=np.where(known, own - own[best], change - change[best]),
                        residual=np.where(known, self.residual, rest),
                        by_friction=frozenset(np.flatnonzero(~known).tolist()))
 
@@ -93,9 +101,10 @@ class JointGains:
         clear = ((np.abs(self.log) > np.log(options.min_ratio))
                  & (np.abs(self.log) > options.sigmas * self.std)
                  & (self.residual < options.max_residual))
-        if not clear.any() or self.residual[self.reference] > options.max_reference:
-            return []
         joints = [int(n) for n in np.flatnonzero(clear)]
+        if (not set(joints) - self.by_friction
+                or self.residual[self.reference] > options.max_reference):
+            return []
         ratios = {self.names[n]: float(np.exp(self.log[n])) for n in joints}
         scales = ','.join(f'{name}={1.0 / ratio:.3g}' for name, ratio in ratios.items())
         agree = [name for n, name in enumerate(self.names) if n != self.reference
@@ -117,19 +126,27 @@ class JointGains:
                 f'(95 %: {low:.3g} to {high:.3g}{how})')
 
 
-def _changes(model: GravityModel, samples: JointSamples
-             ) -> tuple[FloatArray, FloatArray, FloatArray]:
+OF_UPDATE = GainOptions(min_ratio=1.1)
+
+
+def _log_gains(model: GravityModel) -> FloatArray:
+    """Return the logarithms (N,) of the gains that the effects of a model have."""
+    log = np.zeros(model.n_joints)
+    for effect in (*model.applied.effects, *model.fitted.effects):
+        if effect.name == TorqueGain.name and effect.joint is not None:
+            log[model.joints.index(effect.joint)] = np.log1p(effect.coefficients['k'].value)
+    return log
+
+
+def _changes(model: GravityModel, samples: JointSamples) -> tuple[FloatArray, FloatArray]:
     """
     Return the logarithms (N,) of the gains of the efforts relative to the torque of a model.
 
-    Also the share (N,) of a joint's effort that this gain does not explain, and the share (N,)
-    that another gain of gravity alone does not.
+    Also the share (N,) of a joint's effort that this gain does not explain.
     """
     before = predict_torque(model, samples) + fitted_torque(model, samples)
-    friction = before - model.predict(samples.q)
     slope, rest = _proportional(before, samples.tau)
-    return (np.log(np.maximum(slope, 1e-9)), rest / _spread(samples.tau),
-            _proportional(before - friction, samples.tau - friction)[1] / _spread(samples.tau))
+    return np.log(np.maximum(slope, 1e-9)), rest / _spread(samples.tau)
 
 
 def _proportional(torque: FloatArray, effort: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -148,12 +165,23 @@ def common_gain(model: GravityModel, samples: JointSamples,
     """
     Return the fact that the efforts of all joints have one other gain than in an earlier model.
 
-    Friction must have it too, more clearly than it has none: a body changes gravity alone.
+    It is that of friction, while gravity is free: a body changes gravity alone.
     """
-    change, rest, with_body = _changes(model, samples)
-    explained = rest < options.max_residual
-    better = np.log(np.maximum(with_body, 1e-9) / np.maximum(rest, 1e-9))[explained].sum()
-    if 2 * explained.sum() < max(len(change), 3) or better < np.log(options.min_ratio):
+    samples = samples.select(evenly_picked(len(samples), _SAMPLES))
+    gravity = model.predict(samples.q)
+    friction = predict_torque(model, samples) + fitted_torque(model, samples) - gravity
+    columns = gravity.T[None] if model.chain is None else ForwardKinematics(
+        model.chain.axes, samples.q).moment_columns()
+    effort = samples.tau.copy()
+    for n in range(samples.n_joints):
+        own = np.column_stack([np.ones(len(samples)), columns[:, n].T])
+        both = np.column_stack([friction[:, n], effort[:, n]])
+        both -= own @ lstsq(own, both)
+        friction[:, n], effort[:, n] = both.T
+    slope, rest = _proportional(friction, effort)
+    change, explained = np.log(np.maximum(slope, 1e-9)), rest < options.max_residual * _spread(
+        effort)
+    if 2 * explained.sum() < max(len(change), 3):
         return []
     common = float(np.median(change[explained]))
     if (abs(common) < np.log(options.min_ratio)

@@ -15,6 +15,7 @@ from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of
+from gravity_comp_ros.effects.offset import offset_std
 from gravity_comp_ros.effects.predict import fitted_torque, motion_of
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
@@ -156,7 +157,7 @@ def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
                  reversal: FloatArray) -> NewSamples:
     """Return the samples with robust weights, times those of friction near reversals (M, N)."""
     return NewSamples(samples.q, samples.tau, sigma,
-                      reversal * payload_change_weights(model, samples))
+                      reversal * payload_change_weights(model, samples), offset_std(model))
 
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
@@ -241,7 +242,7 @@ def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
            options: UpdateOptions) -> FloatArray:
     """Return the noise std (N,) of each joint, from training and the new residual together."""
-    residual = np.sqrt(new.robust_weights) * (new.tau - fitted.predict(new.q))
+    residual = new.sigma * new.in_noise((new.tau - fitted.predict(new.q)).T).T
     times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
     inflation = np.where(times < _MAX_WHITE_TIME, 1.0, times)
     squares = inflation * (residual ** 2).sum(axis=0)

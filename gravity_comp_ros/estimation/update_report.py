@@ -71,7 +71,8 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
         warnings.append('a rigid body on the last link does not explain the change; mass and '
                         'centre of mass are only the nearest approximation')
 
-    worse = [name for name, is_worse in zip(old.joints, rmse > before + sigma) if is_worse]
+    worse = [name for name, is_worse in zip(
+        old.joints, rmse > before + old.noise_with_nuisance) if is_worse]
     if worse:
         warnings.append(f'no change of masses explains the recording: the error of '
                         f'{", ".join(worse)} is larger than before the update; it may be of '

@@ -100,11 +100,13 @@ def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
     count = len(old.indices)
     covariance = np.zeros((count, count)) if model.uncertainty is None \
         else model.uncertainty.covariance
-    columns = EnergyDesign(new.q, new.row_weights).columns(old.indices)
+    columns = EnergyDesign(new.q, np.ones(new.tau.shape)).columns(old.indices).T.reshape(
+        count, *new.tau.T.shape)
     residual = new.tau - model.predict(new.q)
     size = float(np.abs(residual[new.robust_weights > 0.0]).max())
-    change = average_change(ChangeProblem(columns.T, (residual * new.row_weights).T.ravel(),
-                                          covariance, np.arange(count), size))
+    change = average_change(ChangeProblem(
+        new.in_noise(columns).reshape(count, -1), new.in_noise(residual.T).ravel(), covariance,
+        np.arange(count), size))
     energy = Expansion(old.indices, old.weights + change.mean)
     changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
                for k in change.support}

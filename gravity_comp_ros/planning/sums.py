@@ -59,7 +59,8 @@ class PlannedMotion:
             old.names, np.concatenate([t for t, _ in parts]), q, qd, np.zeros_like(q),
             np.repeat(number, [len(t) for t, _ in parts]),
             (*old.run_labels, *(f'planned {k}' for k in number)),
-            (*old.starts, *[end + _PAUSE] * len(paths)) if old.starts else (), qdd)
+            (*old.starts, *[end + _PAUSE] * len(paths)) if old.starts else (), qdd,
+            (*old.fingerprints, *range(len(paths))) if old.fingerprints else ())
         return self._motion(samples)
 
     def joined(self, path: Path) -> Motion:

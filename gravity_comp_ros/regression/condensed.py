@@ -48,7 +48,7 @@ def condensed(measured: JointSamples, use: BoolArray, options: EngineOptions) ->
     samples = JointSamples(
         measured.names, mean(measured.t), mean(measured.q), mean(measured.qd),
         mean(measured.tau), measured.runs[first], measured.run_labels, measured.starts,
-        None if measured.qdd is None else mean(measured.qdd))
+        None if measured.qdd is None else mean(measured.qdd), measured.fingerprints)
     share = np.add.reduceat(use.astype(np.float64), first) / count
     return Condensed(samples, share > 0.5 if (share > 0.5).any() else share > 0.0,
                      np.cumsum(new) - 1)
