@@ -111,7 +111,7 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
     Return a recording's diagnosis, its time, and the error of a fit with the true effects.
 
-    The candidates of that fit are the effects of the case, and inertia and Coriolis torque.
+    The candidates of that fit are the effects of the case, and dynamics.
     """
     samples = recordings(task.case, task.seed, task.rate)
     start = monotonic()

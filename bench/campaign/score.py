@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.cases.cases import Case, Pair, Truth
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 
 
 # Verdicts that are findings; the others report an unresolved effect.
 ACCEPTED = ('established', 'likely')
 # Effects of every simulated recording, since links have inertia; naming them is never false.
-ALWAYS_THERE = frozenset(('inertia', 'coriolis', 'rigid_body_dynamics'))
+ALWAYS_THERE = frozenset((DYNAMICS,))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ import sys
 import time
 from typing import Any
 
+from bench.campaign.score import ALWAYS_THERE
 from bench.planning.baselines import (
     fourier, MORE_SECONDS, played, random_near, random_slow, random_wide)
 from bench.planning.scenes import KINDS, known_axes, Scene
@@ -44,7 +45,6 @@ import numpy as np
 
 # Duration of a short plan, s.
 SHORT_SECONDS = 7.0
-_ALWAYS_PRESENT = ('inertia', 'coriolis', 'rigid_body_dynamics')
 
 
 def main() -> int:
@@ -185,7 +185,7 @@ def without_widths(expectations: tuple[Expectation, ...]) -> list[dict[str, Any]
 def accepted(diagnosis: Diagnosis) -> list[str]:
     """Return the established and likely effects by name and joint."""
     return [f'{f.effect}:{f.joint}' for f in diagnosis.findings
-            if f.verdict in FOUND and f.effect not in _ALWAYS_PRESENT]
+            if f.verdict in FOUND and f.effect not in ALWAYS_THERE]
 
 
 def judged(diagnosis: Diagnosis, scene: Scene) -> str:
@@ -193,7 +193,7 @@ def judged(diagnosis: Diagnosis, scene: Scene) -> str:
     truth = scene.truth
     name = scene.arm_model.joints[scene.joint]
     accepted_here = {str(f.effect) for f in diagnosis.findings if f.verdict in FOUND
-                     and f.joint in (name, None) and f.effect is not None} - set(_ALWAYS_PRESENT)
+                     and f.joint in (name, None) and f.effect is not None} - ALWAYS_THERE
     correct = {truth.effect, *scene.kind.equivalent}
     wrong = accepted_here - correct - set(scene.kind.allowed)
     if wrong:

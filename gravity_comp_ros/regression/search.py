@@ -267,7 +267,8 @@ class Search:
             for gain, other in self._ranking(without, pool, rest, minimum):
                 if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
                     chosen[other.key] = gain, other
-        return self._replacing(term, [other for _, other in chosen.values()])
+        return self._replacing(term, [self._refined(without, other)[0]
+                                      for _, other in chosen.values()])
 
     def excluded_alternatives(self, term: Term) -> list[Alternative]:
         """Return the untestable effects of its joint that could replace a term, likewise."""

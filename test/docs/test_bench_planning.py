@@ -9,6 +9,7 @@ from bench.planning.table import calibration, resolved
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.planning import PlanOptions
 from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.simulation.synthesise import synthesise
@@ -58,7 +59,7 @@ def test_recordings_and_verdicts(effect):
     # The hidden effect is on this joint only; the others have noise of 0.1 N·m.
     assert added[JOINT] > 0.11 and np.delete(added, JOINT) == pytest.approx(0.1, rel=0.1)
     for findings, verdict in (
-            ((finding(name, effect, 'likely'), finding(name, 'inertia', 'established')), 'right'),
+            ((finding(name, effect, 'likely'), finding(None, DYNAMICS, 'established')), 'right'),
             ((finding(name, effect, 'ambiguous'),), 'open'), ((), 'open'),
             ((finding(name, effect, 'likely'), finding(name, 'joint_spring', 'likely')),
              'wrong: joint_spring'),

@@ -143,7 +143,7 @@ def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, m
     findings = (finding('coulomb_friction', 'established', to_add=('coulomb_friction:shoulder',)),
                 finding('torque_offset', 'ambiguous', ('joint_spring',),
                         to_add=('torque_offset:shoulder', 'joint_spring:shoulder')),
-                finding('inertia', 'weak'), finding(None, 'unexplained'))
+                finding('viscous_friction', 'weak'), finding(None, 'unexplained'))
     show_next_steps(args, Diagnosis(findings, {}))
     output = capsys.readouterr().out
     commands = [shlex.split(line)[1:] for line in output.splitlines()

@@ -6,6 +6,7 @@ from importlib import import_module
 from bench.cases.case_list import case, ROLES
 from bench.cases.cases import ARMS, recordings
 from bench.cases.drawn import drawn_case
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 import numpy as np
 import pytest
 
@@ -59,9 +60,9 @@ OFFSET = finding('torque_offset', verdict='untestable')
 
 @pytest.mark.parametrize('name, findings, right', [
     # Effects that a case allows are no false alarms.
-    ('coulomb_large', [COULOMB, finding('presliding_hysteresis'), finding('inertia', ELBOW),
-                       finding('coriolis')], True),
-    ('nothing_white', [finding('inertia')], True),
+    ('coulomb_large', [COULOMB, finding('presliding_hysteresis'), finding(DYNAMICS, None)],
+     True),
+    ('nothing_white', [finding(DYNAMICS, None)], True),
     ('nothing_white', [finding('viscous_friction', verdict='likely')], False),
     # An ambiguous finding counts if the truth is among its alternatives.
     ('coulomb_large', [tied('coulomb_friction')], True),
