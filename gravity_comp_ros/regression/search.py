@@ -290,10 +290,18 @@ class Search:
         return sorted(results, key=lambda each: -each.log_evidence)
 
     def _with_refined(self, terms: Terms, new: Term) -> Terms:
-        """Return terms with the settings of a new one, and of others on its joint, refined."""
+        """
+        Return terms with the settings of a new one, and of others on its joint, refined.
+
+        The law of friction that was selected with the replaced term may be another one.
+        """
         for term in terms:
             if term.joint == new.joint and term.key not in self.forced:
-                best, _ = self._refined(self._solved(terms).without((term,)), term)
+                without, pool = self._solved(terms).without((term,)), self._pool_of(term)
+                same = [k for k, c in enumerate(pool.terms) if c.key == term.key]
+                _, other = next(iter(Ranking(without, pool, same, -np.inf)), (0.0, term))
+                best, _ = max((self._refined(without, start) for start in (term, other)),
+                              key=lambda each: each[1])
                 terms = tuple(best if t is term else t for t in terms)
         return terms
 
