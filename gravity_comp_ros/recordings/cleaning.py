@@ -47,6 +47,7 @@ class Cleaning:
         self.where, self.joints, self.notes, self.facts = where, joints, notes, facts
         self.options, self.accept = options, accepted_kinds(options.accept)
         self.dropped = Counter(columns.dropped)
+        columns.put_in_order(_MAX_STEPS)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
         present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)

@@ -77,6 +77,22 @@ class Columns:
         self._log_ns.frombytes(np.minimum(batch.log_ns[good], _MAX_NS).astype('i8').tobytes())
         self._stamp_ns.frombytes(stamps[good].tobytes())
 
+    def put_in_order(self, max_steps: int) -> None:
+        """
+        Sort the messages by log time if it goes back more than `max_steps` times.
+
+        The file has them in any order then. A clock that is set back goes back once.
+        """
+        if np.count_nonzero(np.diff(self.log_ns) < 0) <= max_steps:
+            return
+        order = np.argsort(self.log_ns, kind='stable')
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        self._log_ns, self._stamp_ns = (
+            array('q', each[order].tobytes()) for each in (self.log_ns, self.stamp_ns))
+        for layout in self._layouts.values():
+            layout.rows = array('q', place[np.array(layout.rows)].tobytes())
+
     def _defect(self, block: Block) -> str | None:
         size, names = len(block.names), self._renamed(block.names)
         if names not in self._layouts and len(set(names)) < size:

@@ -43,33 +43,17 @@ class _Chunk:
 def topic_batches(stream: BinaryIO, indexes: Sequence[ChunkIndex], known: set[int],
                   channels: set[int]) -> Iterator[Batch]:
     """
-    Yield the messages of channels `channels`, chunk by chunk, in order of log time.
-
-    Chunks that overlap in time are sorted together. Messages of equal time stay in file order.
+    Yield the messages of channels `channels`, chunk by chunk, in file order.
 
     :param known: all channels of the file; a message on another channel indicates damage.
     :raises ChunkError: if a chunk is damaged.
     """
     selected = [index for index in indexes if not index.message_index_offsets
                 or channels & set(index.message_index_offsets)]
-    for group in _overlapping(selected):
-        parts = [_select(_read(stream, index, known), channels) for index in group]
-        if any(len(part) for part in parts):
-            yield _sorted(parts)
-
-
-def _overlapping(indexes: Sequence[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
-    """Yield groups of chunks that overlap in time, each in file order."""
-    group: list[ChunkIndex] = []
-    end = -1
-    for index in sorted(indexes, key=lambda i: (i.message_start_time, i.chunk_start_offset)):
-        if group and index.message_start_time > end:
-            yield sorted(group, key=lambda i: i.chunk_start_offset)
-            group = []
-        group.append(index)
-        end = max(end, index.message_end_time) if len(group) > 1 else index.message_end_time
-    if group:
-        yield sorted(group, key=lambda i: i.chunk_start_offset)
+    for index in sorted(selected, key=lambda each: each.chunk_start_offset):
+        batch = _select(_read(stream, index, known), channels)
+        if len(batch):
+            yield batch
 
 
 def _read(stream: BinaryIO, index: ChunkIndex, known: set[int]) -> _Chunk:
@@ -183,22 +167,6 @@ def _select(chunk: _Chunk, channels: set[int]) -> Batch:
     if keep.all():
         return Batch(chunk.data, start, chunk.length, chunk.log_ns)
     return Batch(chunk.data, start[keep], chunk.length[keep], chunk.log_ns[keep])
-
-
-def _sorted(parts: list[Batch]) -> Batch:
-    if len(parts) == 1:
-        joined = parts[0]
-    else:
-        sizes = np.array([len(part.data) for part in parts])
-        joined = Batch(
-            np.concatenate([part.data for part in parts]),
-            np.concatenate([p.start + b for p, b in zip(parts, np.cumsum(sizes) - sizes)]),
-            np.concatenate([part.length for part in parts]),
-            np.concatenate([part.log_ns for part in parts]))
-    if (joined.log_ns[1:] >= joined.log_ns[:-1]).all():
-        return joined
-    order = np.argsort(joined.log_ns, kind='stable')
-    return Batch(joined.data, joined.start[order], joined.length[order], joined.log_ns[order])
 
 
 def _field(data: Bytes, offset: Places, width: int) -> np.ndarray:

@@ -62,7 +62,7 @@ class McapStorage(Storage):
         """Yield the messages of a topic of a file without an index of chunks."""
         try:
             _check_chunks(self._file)
-            for _, _, message in self._reader.iter_messages(topic):
+            for _, _, message in self._reader.iter_messages(topic, log_time_order=False):
                 yield message.log_time, message.data
         except Exception as error:
             raise self._damaged(error) from None

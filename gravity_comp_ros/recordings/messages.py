@@ -20,7 +20,7 @@ _BATCH_SIZE = 4096
 @dataclass(frozen=True)
 class Batch:
     """
-    M messages in order of log time: message m is `data[start[m]:start[m] + length[m]]`.
+    M messages in file order: message m is `data[start[m]:start[m] + length[m]]`.
 
     `log_ns` (M,) is the log time in ns. Bytes of `data` between the messages belong to other
     topics.
@@ -84,14 +84,16 @@ class Storage(ABC):
     @abstractmethod
     def batches(self, topic: str) -> Iterator[Batch]:
         """
-        Yield the messages of a topic in batches, in order of log time.
+        Yield the messages of a topic in batches, in the order of the file.
+
+        It is that of their arrival, also where the clock of the recorder was set back.
 
         :raises BagError: if the file is damaged.
         """
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """
-        Yield log time in ns and bytes of every message of a topic, in order of log time.
+        Yield log time in ns and bytes of every message of a topic, in the order of the file.
 
         :raises BagError: if the file is damaged.
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+import shlex
 import sqlite3
 from typing import Any
 from urllib.parse import quote
@@ -55,25 +56,22 @@ class SqliteStorage(Storage):
         return batched(self._rows(topic))
 
     def _rows(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield log time in ns and bytes of every message of a topic, in order of time."""
-        latest = (-_END, 0)
+        """Yield log time in ns and bytes of every message of a topic, in order of arrival."""
+        latest = 0
         try:
-            for row in self._base.execute(
-                    f'{_SELECT} ORDER BY messages.timestamp, messages.id', (topic,)):
-                stamp, data, number = _checked(row)
+            for stamp, data, number in self._numbered(topic, 0, _END - 1):
                 yield stamp, data
-                latest = stamp, number
+                latest = number
             return
         except sqlite3.Error as reason:
             error = reason
-        # The index of times is damaged too, or the messages are in damaged pages.
         rows = self._readable(topic)
         if not rows:
             raise self._unreadable(error) from None
         self._notes.append(f'{self._path.name} is damaged ({error}): the {len(rows)} readable '
                            f'messages of {topic} are used')
-        for stamp, data, number in sorted(rows, key=lambda row: (row[0], row[2])):
-            if (stamp, number) > latest:
+        for stamp, data, number in sorted(rows, key=lambda row: row[2]):
+            if number > latest:
                 yield stamp, data
 
     def _readable(self, topic: str) -> list[tuple[int, bytes, int]]:
@@ -132,7 +130,10 @@ class SqliteStorage(Storage):
             return self._read_topics()
         except (sqlite3.Error, BagError):
             self._base.close()
-            raise self._unreadable(error) from None
+            raise BagError(
+                f'{self._path} cannot be read: the page of its tables is destroyed ({error}); '
+                f'copy the file again from the recorder, or save the rows of the other pages '
+                f'with `sqlite3 {shlex.quote(str(self._path))} .recover`') from None
 
     def _count(self, topic: int) -> int:
         """Return the number of messages of a topic; 1 if a damaged file does not give it."""

@@ -117,6 +117,13 @@ def test_the_rest_of_a_damaged_db3_is_read(tmp_path, has_index):
     check(whole[:(count * 6 // 10) * page], 500, 700)
 
 
+def test_a_db3_without_its_schema_names_a_tool(db3):
+    whole = bytearray(db3.read_bytes())
+    whole[100:4096] = b'\xff' * 3996
+    db3.write_bytes(whole)
+    assert f'`sqlite3 {db3} .recover`' in refusal(db3)
+
+
 def test_flipped_bytes_of_a_db3_never_crash(db3):
     whole = db3.read_bytes()
     rng = np.random.default_rng(0)

@@ -169,10 +169,15 @@ def test_a_clock_that_is_set_back_goes_on(tmp_path, first):
     for number, row in enumerate(rows):
         if number >= first:
             row[1]['stamp_ns'] -= 400_000_000
-    recording = read_bag(recorded(tmp_path, rows))
-    np.testing.assert_allclose(recording.samples.t, np.arange(200) / 50.0, atol=1e-9)
-    (note,) = recording.report.file_notes
-    assert f'the clock was set back by 0.4 s after {(first - 1) / 50:.4g} s' in note
+    # The clock of the driver, and that of the recorder too.
+    both = [(row[1]['stamp_ns'], *row[1:]) for row in rows]
+    for each in (recorded(tmp_path, rows), recorded(tmp_path / 'both', both),
+                 write_folder(tmp_path / 'mcap', {'/joint_states': both}, 'mcap')):
+        recording = read_bag(each)
+        np.testing.assert_allclose(recording.samples.t, np.arange(200) / 50.0, atol=1e-9)
+        np.testing.assert_array_equal(recording.samples.q, motion(200)[1])
+        (note,) = recording.report.file_notes
+        assert f'the clock was set back by 0.4 s after {(first - 1) / 50:.4g} s' in note
     # The time of recording is used if the stamps go back in a loop.
     for number, row in enumerate(rows):
         row[1]['stamp_ns'] = rows[number % 20][0]
