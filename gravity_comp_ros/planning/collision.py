@@ -95,10 +95,11 @@ def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
     missing = [joint for joint in joints if not model.existJointName(joint)]
     if missing:
         raise CollisionsUnchecked(f'the description has no moving joint {", ".join(missing)}')
-    _add_pairs(model, geometry)
+    geometry.addAllCollisionPairs()
     moving = tuple(model.joints[model.getJointId(joint)] for joint in joints)
     check = SelfCollision(model, geometry, moving, pin.neutral(model), ())
-    return _without_overlaps(check, recorded[evenly_picked(len(recorded), _MAX_RECORDED)])
+    return replace(check, overlapping=_remove_pairs(
+        check, recorded[evenly_picked(len(recorded), _MAX_RECORDED)]))
 
 
 def collision_check(urdf: Path | None, joints: Sequence[str],
@@ -119,33 +120,25 @@ def collision_check(urdf: Path | None, joints: Sequence[str],
                    f'{urdf.name}{excluded}')
 
 
-def _add_pairs(model: Any, geometry: Any) -> None:
-    """Add all pairs of links except those on one joint and neighbours."""
+def _remove_pairs(check: SelfCollision, recorded: FloatArray) -> tuple[str, ...]:
+    """Remove neighbours, and pairs that touch in recorded poses (M, N); return these."""
     import pinocchio as pin
-    parents = [obj.parentJoint for obj in geometry.geometryObjects]
-    for a, one in enumerate(parents):
-        for b in range(a + 1, len(parents)):
-            other = parents[b]
-            if one != other and model.parents[other] != one and model.parents[one] != other:
-                geometry.addCollisionPair(pin.CollisionPair(a, b))
-
-
-def _without_overlaps(check: SelfCollision, recorded: FloatArray) -> SelfCollision:
-    """Return the check without the pairs that touch in recorded poses (M, N)."""
-    import pinocchio as pin
-    data, geometry_data = check.model.createData(), _geometry_data(check.geometry)
+    model, geometry = check.model, check.geometry
+    for pair in list(geometry.collisionPairs):
+        one, other = (geometry.geometryObjects[k].parentJoint for k in (pair.first, pair.second))
+        if model.parents[other] == one or model.parents[one] == other:
+            geometry.removeCollisionPair(pair)
+    data, geometry_data, pairs = model.createData(), _geometry_data(geometry), list(
+        geometry.collisionPairs)
     touching: set[int] = set()
     for pose in recorded:
-        pin.computeCollisions(check.model, data, check.geometry, geometry_data,
-                              check.configuration(pose), False)
+        pin.computeCollisions(model, data, geometry, geometry_data, check.configuration(pose),
+                              False)
         touching.update(k for k, result in enumerate(geometry_data.collisionResults)
                         if result.isCollision())
-    pairs = list(check.geometry.collisionPairs)
-    overlapping = [pairs[k] for k in sorted(touching)]
-    names = tuple(_pair_name(check.geometry, pair) for pair in overlapping)
-    for pair in overlapping:
-        check.geometry.removeCollisionPair(pair)
-    return replace(check, overlapping=names)
+    for k in touching:
+        geometry.removeCollisionPair(pairs[k])
+    return tuple(_pair_name(geometry, pairs[k]) for k in sorted(touching))
 
 
 def _geometry_data(geometry: Any) -> Any:

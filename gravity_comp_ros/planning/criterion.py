@@ -24,13 +24,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.planning.sums import Sums
+from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import shares_left
 from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.special import log_ndtr
 
 Terms = tuple[Term, ...]
@@ -45,65 +46,175 @@ _POSES = 300
 _MIN_OF_TORQUE, _MIN_OF_NOISE = 0.01, 0.5
 
 
+@dataclass(frozen=True)
+class Chance:
+    """
+    Chance that a target is resolved, with medians in nats of its gain and its separation.
+
+    `closest` is the alternative with the least separation on average, None if there is none.
+    """
+
+    chance: float
+    gain: float
+    separation: float
+    closest: Term | None
+
+
 @dataclass(frozen=True, eq=False)
 class Question:
-    """
-    A target's term, the terms of its `base`, and alternatives that replace it.
-
-    If the recordings contain the term, `mean` (K,) and `moment` (K, K), the second moments of its
-    coefficients, are those of the present estimate (`is_measured`), else those of the prior.
-    """
+    """A target's term, the terms of its `base`, and alternatives that replace it."""
 
     target: Target
     term: Term
     base: Terms
-    alternatives: tuple[Term, ...]
-    mean: FloatArray
-    moment: FloatArray
-    is_measured: bool
+    alternatives: Terms
+    sums: Sums
+
+    @cached_property
+    def is_measured(self) -> bool:
+        """Return whether the recordings contain the term."""
+        regression, (*_, evidence) = self.sums.regression, self._now
+        gain = evidence - _solved(self.sums, self.base, self.sums.recorded, self.sums.score)[2]
+        return (self.term.key not in regression.candidates.untestable
+                and float(gain) >= regression.problem.options.min_gain)
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Return the estimate (K,) of a measured size, else its prior standard deviations."""
+        mean: FloatArray = self._now[0][-self.term.n_columns:]
+        return mean if self.is_measured else self.term.prior_std
+
+    def utility(self, marginal: FloatArray) -> FloatArray:
+        """Return the utility (C,) of sums of the terms, the shared part eliminated, (C, T, T)."""
+        options, first = self.sums.regression.problem.options, self.sums.n_shared
+        models = [self.sums.at([term]) - first for term in (self.term, *self.alternatives)]
+        kept = np.concatenate(models)
+        information = eliminated(marginal, self.sums.at(self.base) - first, kept,
+                                 self.sums.std[first:])
+        ends = np.cumsum([len(model) for model in models])
+        gain, *others = (self._expected(information, np.arange(end - len(model), end),
+                                        self.sums.std[first:][model])
+                         for model, end in zip(models, ends))
+        smallest = np.min([gain, *(gain - other for other in others)], axis=0)
+        needed = options.min_gain + options.margin - self.term.log_odds
+        return np.asarray(np.log1p(np.maximum(smallest, 0.0) / needed))
+
+    def _expected(self, information: FloatArray, here: IntArray, std: FloatArray) -> FloatArray:
+        """Return the expected log evidence (C,) of coefficients if the target is present."""
+        own = information[:, here[:, None], here] * np.outer(std, std)
+        side = information[:, here, :self.term.n_columns] * std[:, None]
+        score = own + side @ self._moment @ side.transpose(0, 2, 1)
+        whole = own + np.eye(len(here))
+        explained = np.trace(np.linalg.solve(whole, score), axis1=1, axis2=2)
+        return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(whole)[1])
+
+    @cached_property
+    def _moment(self) -> FloatArray:
+        """Return the second moments (K, K) of the size."""
+        if not self.is_measured:
+            return np.diag(self.size ** 2)
+        k = self.term.n_columns
+        return np.outer(self.size, self.size) + self._now[1][-k:, -k:]
+
+    def identified(self, a: FloatArray) -> float:
+        """Return the share (RMS) of the best coefficient that others leave at sums (L, L)."""
+        own, base = self.sums.at([self.term]), self.sums.places(self.base)
+        information = eliminated(a[None], base, own, self.sums.std)[0]
+        return float(shares_left(information, np.diag(a)[own]).max())
+
+    def std(self, a: FloatArray) -> FloatArray:
+        """Return the standard deviations (K,) of the coefficients at sums (L, L)."""
+        _, covariance, _ = _solved(self.sums, self._with_term, a, self.sums.score)
+        return np.sqrt(np.diag(covariance)[-self.term.n_columns:])
+
+    def untestable(self, motion: Motion, a: FloatArray) -> str:
+        """Return why a motion of sums (L, L) does not identify the target, '' if it does."""
+        reason, share = self.term.effect.untestable(
+            motion, self.term.joint_number), self.identified(a)
+        if not reason and share < self.sums.regression.problem.options.min_identified:
+            return f'the other terms absorb all but {share:.1%} of its torque'
+        return reason or ''
+
+    def after(self, added: FloatArray) -> Chance:
+        """Return the chance with the recordings and a motion of sums (L, L)."""
+        sums, options = self.sums, self.sums.regression.problem.options
+        a, b = sums.recorded + added, self._drawn(added)
+        own, without, *others = (_solved(sums, terms, a, b)[2] for terms in (
+            self._with_term, self.base, *((*self.base, t) for t in self.alternatives)))
+        gain, separations = own - without, [own - other for other in others]
+        separation = np.min([gain, *separations], axis=0)
+        closest = min(zip(separations, self.alternatives), key=lambda each: each[0].mean(),
+                      default=(gain, None))
+        return Chance(float(((gain >= options.min_gain) & (separation >= options.margin)).mean()),
+                      float(np.median(gain)), float(np.median(separation)),
+                      closest[1] if closest[0].mean() < gain.mean() else None)
+
+    def _drawn(self, added: FloatArray) -> FloatArray:
+        """Return drawn products (D, L) of the columns with the torque."""
+        sums, rng, places = self.sums, np.random.default_rng(0), self.sums.places(self._with_term)
+        drawn = rng.standard_normal((_DRAWS, len(places)))
+        if self.is_measured:
+            mean, covariance, _ = self._now
+            drawn = mean + drawn @ _root(covariance).T
+            start, products = sums.score, added
+        else:
+            drawn[:, :-self.term.n_columns] = 0.0
+            drawn[:, -self.term.n_columns:] *= self.term.prior_std
+            if self.term.effect.why_not_negative:
+                drawn = np.abs(drawn)
+            start, products = 0.0 * sums.score, sums.recorded + added
+        noise = rng.standard_normal((_DRAWS, len(start))) @ _root(products).T
+        return np.asarray(start + drawn @ products[places] + noise)
+
+    @property
+    def _with_term(self) -> Terms:
+        return (*self.base, self.term)
+
+    @cached_property
+    def _now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return _solved(self.sums, self._with_term, self.sums.recorded, self.sums.score)
 
 
 @dataclass(frozen=True, eq=False)
-class GravityQuestion:
+class Gravity:
     """
     Standard deviation of the gravity torque over the recorded poses (V-optimality).
 
     `joints` are the uncertain ones, the largest first; `mean_square` (N, P, P) the means over the
-    poses of the outer products of the derivatives of a joint's gravity by the shared parameters.
+    poses of the outer products of the derivatives of a joint's gravity by the shared parameters;
+    `now` (N,) the present standard deviations in N·m.
     """
 
-    joints: tuple[int, ...]
+    sums: Sums
     mean_square: FloatArray
-    places: IntArray
-    std: FloatArray
+    now: FloatArray
+    joints: tuple[int, ...]
 
     @classmethod
-    def of(cls, sums: Sums, all_joints: bool) -> GravityQuestion | None:
+    def of(cls, regression: Regression, all_joints: bool) -> Gravity | None:
         """Return the question of a regression; None if no joint is uncertain."""
-        regression = sums.planned.regression
         problem = regression.problem
         q = problem.samples.q[evenly_picked(problem.samples.n_samples, _POSES)]
         columns = regression.shared.columns(State(q, 0.0 * q, 0.0 * q))
         square = np.einsum('pni,pnj->nij', columns, columns) / len(q)
-        p = columns.shape[2]
-        std = _gravity_std(regression.posterior.covariance[None, :p, :p], square)[0]
+        sums = Sums(regression, regression.terms, 0.0)
+        std = cls(sums, square, np.zeros(0), ()).std(sums.recorded[None])[0]
         limit = np.maximum(_MIN_OF_TORQUE * problem.scale.torque,
                            _MIN_OF_NOISE * regression.noise)
         joints = [int(n) for n in np.argsort(-std) if all_joints or std[n] > limit[n]]
-        return cls(tuple(joints), square, sums.with_shared(regression.terms),
-                   std) if joints else None
+        return cls(sums, square, std, tuple(joints)) if joints else None
 
-    def std_after(self, sums: Sums, a: FloatArray) -> FloatArray:
-        """Return the standard deviations (C, N) in N·m with sums (C, L, L)."""
-        here, p = self.places, self.mean_square.shape[1]
-        precision = a[:, here[:, None], here] + np.diag(sums.std[here] ** -2.0)
-        covariance = np.asarray(np.linalg.inv(precision)[:, :p, :p], dtype=np.float64)
-        return _gravity_std(covariance, self.mean_square)
+    def std(self, a: FloatArray) -> FloatArray:
+        """Return the standard deviations (C, N) in N·m at sums (C, L, L)."""
+        here, p = self.sums.places(self.sums.regression.terms), self.sums.n_shared
+        precision = a[:, here[:, None], here] + np.diag(self.sums.std[here] ** -2.0)
+        variance = np.einsum('cij,nji->cn', np.linalg.inv(precision)[:, :p, :p],
+                             self.mean_square, optimize=True)
+        return np.asarray(np.sqrt(np.maximum(variance, 1e-24)))
 
-
-def _gravity_std(covariance: FloatArray, mean_square: FloatArray) -> FloatArray:
-    variance = np.einsum('cij,nji->cn', covariance, mean_square, optimize=True)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+    def utility(self, a: FloatArray) -> FloatArray:
+        """Return the utility (C,) of sums (C, L, L)."""
+        return np.asarray(-np.log(self.std(a)[:, list(self.joints)]).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,196 +223,57 @@ class Criterion:
 
     sums: Sums
     questions: tuple[Question, ...]
-    gravity: GravityQuestion | None
-
-    @cached_property
-    def _open(self) -> IntArray:
-        """Return the coefficients that differ between the models that are compared."""
-        terms = dict.fromkeys(t for q in self.questions
-                              for t in (q.term, *q.alternatives))
-        return self.sums.places(tuple(terms))
-
-    @cached_property
-    def _common(self) -> IntArray:
-        """Return the coefficients of all models but the open ones."""
-        terms = dict.fromkeys(t for q in self.questions for t in q.base)
-        places = self.sums.with_shared(tuple(terms))
-        return places[~np.isin(places, self._open)]
+    gravity: Gravity | None
 
     def utilities(self, a: FloatArray) -> FloatArray:
         """Return the utilities (C, Q) of sums (C, L, L)."""
         return np.concatenate([self._utilities(a[k:k + _BATCH])
-                               for k in range(0, len(a), _BATCH)])
+                               for k in range(0, max(len(a), 1), _BATCH)])
 
     def _utilities(self, a: FloatArray) -> FloatArray:
+        shared, terms = np.split(np.arange(a.shape[1]), [self.sums.n_shared])
         utilities = []
         if self.questions:
-            marginal = _eliminated(a, self._common, self._open, self.sums.std)
-            number = np.full(len(self.sums.std), -1)
-            number[self._open] = np.arange(len(self._open))
-            utilities = [np.log1p(np.maximum(self._separation(marginal, number, q), 0.0)
-                                  / self._needed(q)) for q in self.questions]
+            marginal = eliminated(a, shared, terms, self.sums.std)
+            utilities = [question.utility(marginal) for question in self.questions]
         if self.gravity is not None:
-            joints = list(self.gravity.joints)
-            std = self.gravity.std_after(self.sums, a)[:, joints]
-            ratio = self.gravity.std[joints] / np.maximum(std, 1e-12)
-            utilities.append(np.log(ratio).mean(axis=1))
+            utilities.append(self.gravity.utility(a))
         return np.stack(utilities, axis=1)
 
-    def _needed(self, question: Question) -> float:
-        """Return the nats that resolve a target."""
-        options = self.sums.planned.regression.problem.options
-        return options.min_gain + options.margin - question.term.log_odds
 
-    def _separation(self, marginal: FloatArray, number: IntArray,
-                    question: Question) -> FloatArray:
-        """Return the expected nats (C,) of a target over its closest alternative."""
-        places, std = self.sums.places, self.sums.std[self._open]
-        own = number[places((question.term,))]
-        base = number[places(tuple(t for t in question.base if number[self.sums.at[t][0]] >= 0))]
-        others = [number[places((other,))] for other in question.alternatives]
-        kept = np.concatenate([own, *others])
-        information, size = _eliminated(marginal, base, kept, std), std[kept]
-        target = np.arange(len(own))
-        gain = smallest = _expected_evidence(information, target, target, question.moment, size)
-        start = len(own)
-        for other in others:
-            here = np.arange(start, start + len(other))
-            smallest = np.minimum(smallest, gain - _expected_evidence(
-                information, here, target, question.moment, size))
-            start += len(other)
-        return smallest
-
-
-def _expected_evidence(information: FloatArray, here: IntArray, target: IntArray,
-                       moment: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the expected log evidence (C,) of coefficients if the target is present."""
-    size = std[here]
-    own = information[:, here[:, None], here] * np.outer(size, size)
-    side = information[:, here[:, None], target] * size[:, None]
-    score = own + side @ moment @ side.transpose(0, 2, 1)
-    whole = own + np.eye(len(here))
-    explained = np.trace(np.linalg.solve(whole, score), axis1=1, axis2=2)
-    return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(whole)[1])
-
-
-def _eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -> FloatArray:
+def eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -> FloatArray:
     """Return the Schur complement (C, K, K) on `kept` with `gone` of their prior eliminated."""
-    own = a[:, kept[:, None], kept]
-    if not len(gone):
-        return np.asarray(own)
-    size = std[gone]
+    own, size = a[:, kept[:, None], kept], std[gone]
     # In units of the prior the matrix is at least 1.
     whole = a[:, gone[:, None], gone] * np.outer(size, size) + np.eye(len(gone))
     side = a[:, gone[:, None], kept] * size[:, None]
     return np.asarray(own - side.transpose(0, 2, 1) @ np.linalg.solve(whole, side))
 
 
-def identified(sums: Sums, question: Question, a: FloatArray) -> float:
-    """Return the share that all other columns leave of a term's best coefficient (RMS)."""
-    own, base = sums.at[question.term], sums.with_shared(question.base)
-    information = _eliminated(a[None], base, own, sums.std)[0]
-    return float(shares_left(information, np.diag(a)[own]).max())
+def _solved(sums: Sums, terms: Terms, a: FloatArray, b: FloatArray
+            ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """
+    Return posterior mean (…, K), covariance (K, K) and log evidence (…,) of a model.
 
-
-def coefficients(sums: Sums, places: IntArray, a: FloatArray, b: FloatArray
-                 ) -> tuple[FloatArray, FloatArray]:
-    """Return posterior mean (K,) and covariance (K, K) of coefficients from sums (L, L), (L,)."""
+    :param terms: those of the model, after the shared part.
+    :param a: sums (L, L). :param b: scores (…, L).
+    """
+    places = sums.places(terms)
     size = sums.std[places]
-    whole = a[np.ix_(places, places)] * np.outer(size, size) + np.eye(len(places))
-    covariance = np.asarray(np.linalg.inv(whole), dtype=np.float64)
-    return size * (covariance @ (size * b[places])), covariance * np.outer(size, size)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Gain and separation (D,) in nats of drawn results; `closest` is an alternative, or None."""
-
-    gain: FloatArray
-    separation: FloatArray
-    closest: Term | None
-
-    def chance(self, min_gain: float, margin: float) -> float:
-        """Return the share of the results that resolve the target."""
-        return float(((self.gain >= min_gain) & (self.separation >= margin)).mean())
-
-
-def evidence_after(sums: Sums, question: Question, added: FloatArray) -> Evidence:
-    """
-    Return the evidence of a target with the recordings and a motion.
-
-    :param added: the sums (L, L) of the motion.
-    """
-    a = sums.recorded + added
-    b = _drawn_scores(sums, question, added)
-    base = question.base
-    own = _log_evidence(sums, (*base, question.term), a, b)
-    gain = own - _log_evidence(sums, base, a, b)
-    others = [_log_evidence(sums, (*base, other), a, b) for other in question.alternatives]
-    if not others:
-        return Evidence(gain, gain, None)
-    best = int(np.argmax([other.mean() for other in others]))
-    separation = own - np.max(others, axis=0)
-    closest = question.alternatives[best] if separation.mean() < gain.mean() else None
-    return Evidence(gain, np.minimum(separation, gain), closest)
-
-
-def _drawn_scores(sums: Sums, question: Question, added: FloatArray) -> FloatArray:
-    """Return drawn products (D, L) of the columns with the torque."""
-    rng, term = np.random.default_rng(0), question.term
-    places = sums.with_shared((*question.base, term))
-    own = np.arange(len(places) - term.n_columns, len(places))
-    drawn = np.zeros((_DRAWS, len(places)))
-    if question.is_measured:
-        mean, covariance = coefficients(sums, places, sums.recorded, sums.score)
-        drawn = mean + rng.standard_normal(drawn.shape) @ _root(covariance).T
-        size = _allowed(term, drawn[:, own])
-        shift = (size - drawn[:, own]) @ np.linalg.solve(
-            covariance[np.ix_(own, own)], covariance[own])
-        drawn, start, products = drawn + shift, sums.score, added
-    else:
-        drawn[:, own] = _allowed(term, term.prior_std * rng.standard_normal(
-            (_DRAWS, len(own))))
-        start, products = np.zeros_like(sums.score), sums.recorded + added
-    noise = rng.standard_normal((_DRAWS, len(start))) @ _root(products).T
-    return np.asarray(start + drawn @ products[places] + noise)
-
-
-def _allowed(term: Term, size: FloatArray) -> FloatArray:
-    return np.abs(size) if term.effect.why_not_negative else size
+    scale = np.outer(size, size)
+    covariance = np.linalg.inv(a[np.ix_(places, places)] * scale + np.eye(len(places)))
+    score = b[..., places] * size
+    mean = np.asarray(score @ covariance)
+    evidence = (0.5 * (score * mean).sum(axis=-1) + 0.5 * np.linalg.slogdet(covariance)[1]
+                + sum(term.log_odds for term in terms))
+    # Priors of positive coefficients are cut at 0 (`gains.log_share_allowed`).
+    cut = np.flatnonzero(sums.positive[places])
+    evidence = evidence + (log_ndtr(mean[..., cut] / np.sqrt(np.diag(covariance)[cut]))
+                           + np.log(2.0)).sum(axis=-1)
+    return mean * size, np.asarray(covariance * scale), np.asarray(evidence)
 
 
 def _root(matrix: FloatArray) -> FloatArray:
     """Return a factor F of a positive semi-definite matrix, F F'."""
     values, vectors = np.linalg.eigh(matrix)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _log_evidence(sums: Sums, terms: tuple[Term, ...], a: FloatArray, b: FloatArray
-                  ) -> FloatArray:
-    """Return the log evidence (D,) of terms with sums (L, L) and scores (D, L)."""
-    places = sums.with_shared(terms)
-    size = sums.std[places]
-    factor = cholesky(a[np.ix_(places, places)] * np.outer(size, size) + np.eye(len(places)),
-                      lower=True)
-    white = solve_triangular(factor, (b[:, places] * size).T, lower=True)
-    result = (0.5 * (white ** 2).sum(axis=0) - np.log(np.diag(factor)).sum()
-              + sum(term.log_odds for term in terms))
-    return np.asarray(result + _log_share_allowed(terms, factor, white))
-
-
-def _log_share_allowed(terms: tuple[Term, ...], factor: FloatArray, white: FloatArray
-                       ) -> FloatArray:
-    """Return the log evidence (D,) that priors of positive coefficients add (`gains`)."""
-    signed: list[IntArray] = []
-    start = len(factor) - sum(term.n_columns for term in terms)
-    for term in terms:
-        if term.effect.why_not_negative:
-            signed.append(np.arange(start, start + term.n_columns))
-        start += term.n_columns
-    if not signed:
-        return np.zeros(white.shape[1])
-    here = np.concatenate(signed)
-    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)[:, here]
-    ratio = (inverse.T @ white) / np.sqrt((inverse ** 2).sum(axis=0))[:, None]
-    return np.asarray((log_ndtr(ratio) + np.log(2.0)).sum(axis=0))

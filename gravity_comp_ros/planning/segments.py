@@ -1,8 +1,8 @@
 """
-Segments of motion that start and end at rest, within limits of speed, acceleration and jerk.
+Straight lines in joint space that start and end at rest.
 
-The speed of a straight line rises over T_r as V (1 - cos(pi t / T_r)) / 2, is constant, and falls
-symmetrically. The acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²).
+The speed rises over T_r as V (1 - cos(pi t / T_r)) / 2, is constant, and falls symmetrically. The
+acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
-_Path = tuple[FloatArray, FloatArray, FloatArray]
-"""q, qd and qdd, each (M, N), at times from 0 to the duration of a segment."""
+_States = tuple[FloatArray, FloatArray, FloatArray]
+"""q, qd and qdd, each (M, N)."""
 
 
 @dataclass(frozen=True)
@@ -26,89 +26,70 @@ class Limits:
     acceleration: float
     jerk: float
 
-    def slower(self, speed: float) -> Limits:
-        return Limits(min(self.speed, speed), self.acceleration, self.jerk)
-
-
-@dataclass(frozen=True, eq=False)
-class Hold:
-    """Rest at a pose."""
-
-    pose: FloatArray
-    duration: float
-
-    @property
-    def end(self) -> FloatArray:
-        return self.pose
-
-    def at(self, t: FloatArray) -> _Path:
-        q = np.broadcast_to(self.pose, (len(t), len(self.pose))).copy()
-        return q, np.zeros_like(q), np.zeros_like(q)
+    def slower(self, share: float) -> Limits:
+        return Limits(share * self.speed, self.acceleration, self.jerk)
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A straight line in joint space from `start` to `end`."""
+    """A line from `start` to `end`, which differ."""
 
     start: FloatArray
     end: FloatArray
     limits: Limits
 
     @cached_property
-    def _profile(self) -> tuple[float, float, float]:
-        """Return V in 1/s, T_r and the time of constant speed in s, for a line of length 1."""
+    def _profile(self) -> tuple[float, float]:
+        """Return V in 1/s and T_r in s for a line of length 1."""
         length = float(np.abs(self.end - self.start).max())
-        if length < 1e-12:
-            return 0.0, 0.0, 0.0
         speed, bend, jerk = (limit / length for limit in (
             self.limits.speed, self.limits.acceleration, self.limits.jerk))
         # Both ramps together cover V T_r, at most the whole line.
         top = min(speed, np.sqrt(2.0 * bend / np.pi), (np.sqrt(2.0 * jerk) / np.pi) ** (2.0 / 3.0))
         ramp = max(np.pi * top / (2.0 * bend), np.pi * np.sqrt(top / (2.0 * jerk)))
-        return float(top), float(ramp), float(max(0.0, 1.0 - top * ramp) / top)
+        return float(top), float(ramp)
 
     @property
     def duration(self) -> float:
-        return 2.0 * self._profile[1] + self._profile[2]
+        top, ramp = self._profile
+        return ramp + max(1.0 / top, ramp)
 
-    def at(self, t: FloatArray) -> _Path:
-        top, ramp, cruise = self._profile
-        move = self.end - self.start
-        if not top:
-            return Hold(self.end, 0.0).at(t)
-        t = np.clip(t, 0.0, self.duration)
+    def at(self, t: FloatArray) -> _States:
+        """Return the states at times (M,) from 0 to the duration."""
+        top, ramp = self._profile
         # The second half mirrors the first.
         late = t > 0.5 * self.duration
         x = np.where(late, self.duration - t, t)
-        in_ramp = x < ramp
         phase = np.pi * np.minimum(x, ramp) / ramp
-        s = np.where(in_ramp, 0.5 * top * (x - ramp / np.pi * np.sin(phase)),
-                     0.5 * top * ramp + top * (x - ramp))
-        v = np.where(in_ramp, 0.5 * top * (1.0 - np.cos(phase)), top)
-        a = np.where(in_ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
+        s = top * (x - 0.5 * np.minimum(x, ramp) - 0.5 * ramp / np.pi * np.sin(phase))
+        v = 0.5 * top * (1.0 - np.cos(phase))
+        a = np.where(x < ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
         s, a = np.where(late, 1.0 - s, s), np.where(late, -a, a)
+        move = self.end - self.start
         return self.start + s[:, None] * move, v[:, None] * move, a[:, None] * move
 
 
-Segment = Hold | Line
+def through(poses: Sequence[FloatArray], limits: Limits) -> tuple[Line, ...]:
+    """Return the lines from each pose to the next one; none between equal poses."""
+    return tuple(Line(a, b, limits) for a, b in zip(poses, poses[1:])
+                 if np.abs(b - a).max() > 1e-9)
 
 
-def sampled(segments: Sequence[Segment], rate: float) -> tuple[FloatArray, _Path]:
+def duration(lines: Sequence[Line]) -> float:
+    """Return the duration of lines one after another, s."""
+    return sum(line.duration for line in lines)
+
+
+def sampled(lines: Sequence[Line], rate: float) -> tuple[FloatArray, _States]:
     """
-    Return times (M,) in s and q, qd, qdd (M, N) of segments one after another.
+    Return times (M,) in s and q, qd, qdd (M, N) of lines one after another.
 
     Samples are 1 / rate apart; the last one is at the end, at rest.
     """
-    ends = np.cumsum([segment.duration for segment in segments])
-    count = int(np.ceil(ends[-1] * rate - 1e-9)) + 1
-    t = np.arange(count) / rate
-    number = np.minimum(np.searchsorted(ends, t, side='right'), len(segments) - 1)
-    n = len(segments[0].end)
-    q, qd, qdd = (np.empty((count, n)) for _ in range(3))
-    for k, segment in enumerate(segments):
-        here = number == k
-        if here.any():
-            start = ends[k] - segment.duration
-            q[here], qd[here], qdd[here] = segment.at(
-                np.minimum(t[here] - start, segment.duration))
+    ends = np.cumsum([line.duration for line in lines])
+    t = np.arange(int(np.ceil(ends[-1] * rate - 1e-9)) + 1) / rate
+    number = np.minimum(np.searchsorted(ends, t, side='right'), len(lines) - 1)
+    parts = [line.at(np.minimum(t[number == k] - end + line.duration, line.duration))
+             for k, (line, end) in enumerate(zip(lines, ends))]
+    q, qd, qdd = (np.concatenate(values) for values in zip(*parts))
     return t, (q, qd, qdd)

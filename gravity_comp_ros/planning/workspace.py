@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.planning.options import PlanOptions
 import numpy as np
@@ -42,61 +43,44 @@ class Workspace:
     start: FloatArray
     obstacles: Obstacles | None = None
 
-    @property
-    def n_joints(self) -> int:
-        return len(self.low)
-
-    def admits(self, q: FloatArray) -> bool:
-        """Return whether all poses q (M, N) are admissible."""
-        q = np.atleast_2d(q)
-        if (q < self.low - _ROUNDING).any() or (q > self.high + _ROUNDING).any():
-            return False
-        return not np.isfinite(self.reach) or bool(
-            (self.distance(q) <= self.reach + _ROUNDING).all())
-
-    def distance(self, q: FloatArray) -> FloatArray:
-        """Return the distance of each pose (M, N) from the nearest recorded one, (M,) in rad."""
-        return np.asarray(self._tree.query(q, p=np.inf)[0])
+    def inside(self, q: FloatArray, margin: float = 0.0) -> BoolArray:
+        """Return a mask (M,) of admissible poses q (M, N), with a margin in rad."""
+        inside = ((q >= self.low - _ROUNDING) & (q <= self.high + _ROUNDING)).all(axis=1)
+        if np.isfinite(self.reach):
+            # The distance to the nearest recorded pose changes no faster than the pose itself.
+            inside &= self._tree.query(q, p=np.inf)[0] <= self.reach + _ROUNDING - margin
+        return np.asarray(inside)
 
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.poses)
 
+    def admits(self, q: FloatArray) -> bool:
+        """Return whether all poses q (M, N) are admissible."""
+        return bool(self.inside(q).all())
+
     def admits_line(self, a: FloatArray, b: FloatArray) -> bool:
-        """Return whether the straight line between two poses is admissible."""
+        """Return whether the straight line between two poses is admissible and clear."""
         count = 2 + int(np.abs(b - a).max() / _STEP)
         line = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
-        return self.admits(line) and self._near(line) and self.is_clear(line)
+        return bool(self.inside(line, 0.5 * _STEP).all()) and self.is_clear([a, b])
 
-    def is_clear(self, path: FloatArray) -> bool:
-        """Return whether a path (M, N) is free of collisions; True without a check."""
+    def is_clear(self, poses: Sequence[FloatArray]) -> bool:
+        """Return whether the lines through poses are free of collisions; True without a check."""
         if self.obstacles is None:
             return True
-        moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
+        moved = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
         length = np.concatenate([[0.0], np.cumsum(moved)])
         points = np.linspace(0.0, length[-1], 2 + int(length[-1] / _STEP))
         return not self.obstacles.hits(np.column_stack([np.interp(points, length, q)
-                                                        for q in path.T]))
-
-    def _near(self, line: FloatArray) -> bool:
-        """
-        Return whether a line with points `_STEP` apart is within reach, between them as well.
-
-        The distance to the nearest recorded pose changes no faster than the pose itself.
-        """
-        return not np.isfinite(self.reach) or bool(
-            (self.distance(line) <= self.reach - 0.5 * _STEP).all())
+                                                        for q in np.transpose(poses)]))
 
     def extent(self, pose: FloatArray, direction: FloatArray, limit: float) -> float:
         """Return the length, at most `limit`, of the admissible line from a pose, rad."""
-        steps = np.arange(1, 1 + int(limit / _STEP)) * _STEP
-        line = pose + steps[:, None] * direction
-        inside = ((line >= self.low - _ROUNDING) & (line <= self.high + _ROUNDING)).all(axis=1)
-        if np.isfinite(self.reach) and len(line):
-            inside &= self.distance(line) <= self.reach - 0.5 * _STEP
-        if not len(steps):
-            return 0.0
-        return float(steps[-1] if inside.all() else np.argmin(inside) * _STEP)
+        steps = np.arange(1 + int(limit / _STEP)) * _STEP
+        inside = self.inside(pose + steps[:, None] * direction, 0.5 * _STEP)
+        inside[0] = True
+        return float(steps[-1] if inside.all() else steps[np.argmin(inside) - 1])
 
 
 def workspace(samples: JointSamples, options: PlanOptions,
@@ -122,10 +106,10 @@ def workspace(samples: JointSamples, options: PlanOptions,
         raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
                           f'{start.size}')
     space = Workspace(low, high, poses, options.reach, start, obstacles)
-    if not space.admits(start):
+    if not space.admits(start[None]):
         raise OptionError('plan: the start pose is not admissible: it lies outside the position '
                           'limits or too far from every recorded pose')
-    if not space.is_clear(start[None]):
+    if not space.is_clear([start]):
         raise OptionError('plan: at the start pose the arm hits itself, by the collision geometry '
                           'of the description')
     return space

@@ -9,11 +9,10 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import (
-    _log_evidence, coefficients, Criterion, evidence_after, identified)
+from gravity_comp_ros.planning.criterion import _solved, Criterion
 from gravity_comp_ros.planning.questions import open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
-from gravity_comp_ros.planning.sums import PlannedMotion, Sums
+from gravity_comp_ros.planning.sums import row_seconds, Sums
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.posterior import solve
@@ -43,8 +42,7 @@ def back_and_forth(*turns):
 
 def asked(target, path):
     """Return sums and question of a target with a path as the probe."""
-    planned = PlannedMotion(estimated().regression)
-    sums, (question,), _ = questions_of(planned, [target], path, 15.0, None)
+    sums, (question,), _ = questions_of(estimated().regression, [target], path, 15.0)
     return sums, question
 
 
@@ -79,7 +77,7 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
     expected = np.zeros_like(sums.recorded)
     for j in range(3):
         here = [k for k, term in enumerate(terms) if j in term.joints(3)]
-        places = sums.with_shared([sums.terms[k] for k in here])
+        places = sums.places([sums.terms[k] for k in here])
         chosen = design.selected(j, [terms[k] for k in here])
         expected[np.ix_(places, places)] += sums.weights[j] * design.gram[j][
             np.ix_(chosen, chosen)]
@@ -89,7 +87,7 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
     error = (sums.added([path])[0] - expected) / np.outer(size, size)
     # Accelerations of a recording are smoothed at starts and stops, those of a plan are exact.
     # They change the columns of tilts and lengths, not those of moments.
-    gravity = np.r_[6:12, sums.places(sums.terms)]
+    gravity = np.r_[6:12, sums.at(sums.terms)]
     assert np.abs(error[np.ix_(gravity, gravity)]).max() < 0.02
     assert np.abs(error).max() < 0.15
 
@@ -98,7 +96,7 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
 def test_the_evidence_of_the_recordings_is_that_of_the_engine(effect):
     sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
     design = estimated().regression.posterior.design
-    evidence = [_log_evidence(sums, terms, sums.recorded, sums.score[None])[0] for terms in (
+    evidence = [_solved(sums, terms, sums.recorded, sums.score)[2] for terms in (
         (*question.base, question.term), question.base)]
     engine = [solve(design, terms, sums.weights).log_evidence for terms in (
         (*question.base, question.term), question.base)]
@@ -111,7 +109,10 @@ def test_the_utility_is_the_mean_evidence_of_drawn_results():
     added = sums.added([path])
     alone = replace(question, alternatives=())
     utility = Criterion(sums, (alone,), None).utilities(sums.recorded + added)[0, 0]
-    drawn = evidence_after(sums, alone, added[0]).gain - question.term.log_odds
+    a, b = sums.recorded + added[0], alone._drawn(added[0])
+    own, base = (_solved(sums, terms, a, b)[2] for terms in (
+        (*question.base, question.term), question.base))
+    drawn = own - base - question.term.log_odds
     options = estimated().regression.problem.options
     mean = (options.min_gain + options.margin - question.term.log_odds) * np.expm1(utility)
     assert mean == pytest.approx(drawn.mean(), abs=4.0 * drawn.std() / np.sqrt(len(drawn)))
@@ -125,12 +126,11 @@ def test_more_motion_identifies_more():
     sums, question = asked(Target('coulomb_friction', 'elbow'), path)
     added = sums.added([path, path + path])
     after = [sums.recorded, *(sums.recorded + added)]
-    shares = [identified(sums, question, a) for a in after]
+    shares = [question.identified(a) for a in after]
     assert shares[0] < 0.15 < min(shares[1:])
-    places = sums.with_shared((*question.base, question.term))
-    stds = [np.sqrt(coefficients(sums, places, a, sums.score)[1][-1, -1]) for a in after]
+    stds = [question.std(a)[0] for a in after]
     assert stds[2] < stds[1] < 0.5 * stds[0]
-    chances = [evidence_after(sums, question, a).chance(3.0, 3.0) for a in added]
+    chances = [question.after(a).chance for a in added]
     assert 0.7 < chances[0] <= chances[1] + 0.05
 
 
@@ -210,9 +210,10 @@ def test_a_joint_that_cannot_move():
 
 
 def test_the_weights_contain_the_discrepancy_of_the_planned_rows():
-    planned = PlannedMotion(estimated().regression)
-    problem, posterior = planned.regression.problem, planned.regression.posterior
-    sums = Sums(planned, (), 20.0)
+    regression = estimated().regression
+    problem, posterior = regression.problem, regression.posterior
+    sums = Sums(regression, (), 20.0)
+    assert row_seconds(regression) == pytest.approx(0.1)
     error = (problem.options.discrepancy * problem.scale.torque) ** 2 * 200
     np.testing.assert_allclose(1.0 / sums.weights, 1.0 / posterior.precision + error, rtol=0.01)
-    assert (planned.regression.noise < NOISE).all()
+    assert (regression.noise < NOISE).all()

@@ -4,9 +4,8 @@ from bench.shared.planning_arm import model, NAMES, one_way
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.criterion import GravityQuestion
+from gravity_comp_ros.planning.criterion import Gravity
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.planning.sums import PlannedMotion, Sums
 import numpy as np
 import pytest
 
@@ -20,11 +19,10 @@ def estimated():
 
 def test_the_uncertainty_is_that_of_the_model(estimated):
     old = one_way(0, span=0.3)
-    planned = PlannedMotion(estimated.regression)
-    question = GravityQuestion.of(Sums(planned, estimated.regression.terms, 20.0), True)
+    question = Gravity.of(estimated.regression, True)
     std = model_of(estimated, Switches()).predict_std(old.q)
-    np.testing.assert_allclose(question.std, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
-    assert question.joints == tuple(np.argsort(-question.std))
+    np.testing.assert_allclose(question.now, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
+    assert question.joints == tuple(np.argsort(-question.now))
 
 
 def test_a_plan_reduces_the_uncertainty(estimated):
@@ -36,12 +34,9 @@ def test_a_plan_reduces_the_uncertainty(estimated):
     assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
 
 
-def test_the_uncertainty_after_is_that_of_the_posterior(estimated):
-    regression = estimated.regression
-    sums = Sums(PlannedMotion(regression), regression.terms, 1e-9)
-    question = GravityQuestion.of(sums, True)
+def test_more_motion_reduces_the_uncertainty(estimated):
+    question = Gravity.of(estimated.regression, True)
     # Without a motion it is the published posterior.
-    after = question.std_after(sums, sums.recorded[None])[0]
-    np.testing.assert_allclose(after, question.std, rtol=1e-6)
-    more = question.std_after(sums, 4.0 * sums.recorded[None])[0]
-    assert (more < 0.75 * after).all()
+    now, after = question.std(question.sums.recorded * np.array([1.0, 4.0])[:, None, None])
+    np.testing.assert_allclose(now, question.now, rtol=1e-6)
+    assert (after < 0.75 * now).all()

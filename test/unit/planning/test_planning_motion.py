@@ -4,7 +4,7 @@ from bench.shared.planning_arm import model, NAMES, one_way, uncertain_model
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.candidates import of_all_joints
+from gravity_comp_ros.planning.candidates import tours
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.workspace import workspace
@@ -85,10 +85,10 @@ def test_tours_of_all_joints_keep_their_limits(seed, duration, speed, reach):
     old = one_way(seed, duration=20.0, rate=20.0)
     space = workspace(old, PlanOptions(duration, reach=reach))
     limits = Limits(speed, 1.0, 10.0)
-    for part in of_all_joints(space, limits, duration):
+    for part in tours(space, limits, duration):
         assert part.joints == (0, 1, 2) and part.duration <= duration * (1 + 1e-9)
-        check_limits(part.segments, limits, 500.0)
-        _, (q, _, _) = sampled(part.segments, 100.0)
+        check_limits(part.lines, limits, 500.0)
+        _, (q, _, _) = sampled(part.lines, 100.0)
         assert space.admits(q)
         np.testing.assert_allclose(q[[0, -1]], [space.start, space.start], atol=1e-9)
 
