@@ -13,7 +13,8 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
-from gravity_comp_ros.commands.terminal import answer, progress, safe, show, table
+from gravity_comp_ros.commands.terminal import (
+    answer, progress, safe, show, show_command, table)
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -87,6 +88,10 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
             recordings[0][0], inverted)})
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
+    if not any(report.effort_scale for report, _ in recordings):
+        show('The unit of effort cannot be checked by a recording alone: N·cm or mN·m of this size '
+             'look like N·m of a heavier arm. To compare with the masses of a description:')
+        show_command(next_step.command('check', args, '--urdf', str(args.urdf or 'robot.urdf')))
 
 
 def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:

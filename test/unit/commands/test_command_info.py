@@ -32,6 +32,12 @@ def test_words(slow, capsys):
     assert 'the poses of 7 moving joints span 5 directions' in ' '.join(text.split())
 
 
+def test_how_to_check_the_unit_of_effort_that_is_not_given(slow, capsys):
+    command = f'gravity_comp check {slow} --urdf robot.urdf'
+    assert command in info(capsys, slow)
+    assert command not in info(capsys, slow, '--effort-scale', 'iiwa_joint_1=2')
+
+
 def test_json_has_every_recording(slow, tmp_path, capsys):
     fast = tmp_path / 'fast.mcap'
     main(['synth', '--motion', 'eq15', '-o', str(fast)])
