@@ -258,17 +258,23 @@ class Search:
         return False
 
     def alternatives(self, term: Term) -> list[Alternative]:
-        """Return other terms on any joint that could replace one, the most probable first."""
+        """
+        Return other terms on any joint that could replace one, the most probable first.
+
+        Each effect has its best setting, refined from the best ones at kappa = 1: before that it
+        leaves an error that repeats with the motion.
+        """
         without = self.posterior.without((term,))
         rest = with_children_of(self.terms, term)
-        minimum = max(self.options.min_gain, _COMPARABLE * gain_of(without, term))
+        minimum = max(self.options.min_gain, _COMPARABLE * gain_of(without, term, 1.0))
         chosen: dict[Key, tuple[float, Term]] = {}
         for pool in self.pools:
-            for gain, other in self._ranking(without, pool, rest, minimum):
-                if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
-                    chosen[other.key] = gain, other
-        return self._replacing(term, [self._refined(without, other)[0]
-                                      for _, other in chosen.values()])
+            for other in self._ranking(without, pool, rest, minimum).best_settings():
+                if other.key != term.key:
+                    refined, gain = self._refined(without, other)
+                    if gain > chosen.get(other.key, (-np.inf,))[0]:
+                        chosen[other.key] = gain, refined
+        return self._replacing(term, [other for _, other in chosen.values()])
 
     def excluded_alternatives(self, term: Term) -> list[Alternative]:
         """Return the untestable effects of its joint that could replace a term, likewise."""
