@@ -1,9 +1,10 @@
 """A session of the workbench whose jobs run in this process."""
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.workbench.jobs import Failed, Finished, JobRunner
+from gravity_comp_ros.workbench.jobs import JobRunner
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Start
+from gravity_comp_ros.worker.worker_process import Done, Failed
 
 
 class InProcess:
@@ -25,11 +26,11 @@ class InProcess:
         job, self.job = self.job, None
         if job is None:
             return []
-        self.done.append(type(job).__name__)
+        self.done.append(job.step.name)
         try:
-            return [Finished(job, self._runner.work(job, lambda stage, share: None))]
+            return [(job, Done(self._runner.work(job, lambda stage, share: None)))]
         except GravityCompError as problem:
-            return [Failed(job, str(problem))]
+            return [(job, Failed(str(problem)))]
 
 
 def session_of(*paths, place=None, **start):
@@ -46,6 +47,6 @@ def worked(session, until=None):
     :param until: name of the first job that is not done any more.
     """
     session.start()
-    while session.worker.job is not None and type(session.worker.job).__name__ != until:
+    while session.worker.job is not None and session.worker.job.step.name != until:
         session.poll()
     return session

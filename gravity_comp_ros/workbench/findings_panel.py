@@ -16,7 +16,7 @@ from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.jobs import Add as AddJob
+from gravity_comp_ros.workbench.jobs import Step
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 
@@ -115,7 +115,8 @@ def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]
     findings, diagnosis = results.findings(), results.session.diagnosis
     if not findings and diagnosis is not None:
         return [widgets.html(markup.paragraph(wording.verdict(diagnosis)))]
-    adding = isinstance(results.session.worker.job, AddJob)
+    job = results.session.worker.job
+    adding = job is not None and job.step is Step.ADD
     rows = [_row(number, finding, target, add, adding, plans)
             for number, (finding, target) in enumerate(findings)]
     elements = [widgets.html('<p class="finding quiet">Held-out errors are relative to the range '

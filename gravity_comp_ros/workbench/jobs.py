@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts, model_facts
 from gravity_comp_ros.api.axes import AxesOptions
@@ -31,7 +31,7 @@ from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport, Recording a
 from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 from gravity_comp_ros.worker.worker_process import (
-    command, Done, Failed as NotDone, Lost, Progress, WorkerProcess)
+    command, Done, Failed, Lost, Progress, WorkerProcess)
 import numpy as np
 
 
@@ -76,50 +76,36 @@ class ReadResult:
     left_out: tuple[str, ...] = ()
 
 
+class Step(StrEnum):
+    """Kinds of jobs, as the page describes a running one."""
+
+    READ = 'Reading'
+    LEARN = 'Learning gravity'
+    DIAGNOSE = 'Diagnosing'
+    ADD = 'Adding'
+    PLAN = 'Planning the next recording'
+
+
 @dataclass(frozen=True)
-class Learn:
+class Job:
     """
-    Fit gravity to the chosen samples.
+    A step, the recordings that it reads, and the choice among them; the last steps have a model.
 
-    `ordered` tells whether the joints are given in the order of the arm.
+    `effects` are those to add, in the notation of `gravity_comp add`, or those that a planned
+    motion resolves (None: all open findings of the `diagnosis`).
     """
 
+    step: Step
     read: Read
-    choice: Choice
-    ordered: bool = True
-
-
-@dataclass(frozen=True)
-class Diagnose:
-    """Diagnose the chosen runs with a model."""
-
-    read: Read
-    choice: Choice
-    model: GravityModel
-
-
-@dataclass(frozen=True)
-class Add:
-    """Add effects, in the notation of `gravity_comp add`, and refit."""
-
-    read: Read
-    choice: Choice
-    model: GravityModel
-    effects: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class PlanMotion:
-    """Plan a motion that resolves effects, or all open findings of a diagnosis (None)."""
-
-    read: Read
-    choice: Choice
-    model: GravityModel
-    diagnosis: Diagnosis | None
+    choice: Choice = Choice()
+    model: GravityModel | None = None
     effects: tuple[str, ...] | None = None
+    diagnosis: Diagnosis | None = None
+
+    def __str__(self) -> str:
+        return ' '.join([self.step, *[', '.join(self.effects or ())] * (self.step is Step.ADD)])
 
 
-Job = Read | Learn | Diagnose | Add | PlanMotion
 Answer = ReadResult | Learned | Diagnosis | Refit | MotionPlan
 
 
@@ -135,25 +121,24 @@ class JobRunner:
 
         :raises GravityCompError: if it fails, with the reason in one line.
         """
-        read = self._samples(job if isinstance(job, Read) else job.read, progress)
-        if isinstance(job, Read):
+        read = self._samples(job.read, progress)
+        if job.step is Step.READ:
             return read
         recording = job.choice.recording(read.samples, read.reports)
         for report in recording.reports:
             check_facts(report.facts, where=report.path.name)
-        if isinstance(job, (Diagnose, Add)):
-            check_facts(model_facts(recording, job.read.options, job.model))
-        if isinstance(job, Learn):
+        model = job.model
+        if model is None:
             return _learned(recording, job, progress)
-        if isinstance(job, Diagnose):
-            return diagnose(recording.samples, job.model, progress=progress)
-        if isinstance(job, PlanMotion):
-            targets = None if job.effects is None else named_targets(job.effects,
-                                                                     job.model.joints)
-            return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
+        if job.step is Step.PLAN:
+            targets = None if job.effects is None else named_targets(job.effects, model.joints)
+            return plan(recording.samples, model, targets, diagnosis=job.diagnosis,
                         progress=progress)
+        check_facts(model_facts(recording, job.read.options, model))
+        if job.step is Step.DIAGNOSE:
+            return diagnose(recording.samples, model, progress=progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
-        return add_to_model(job.model, recording, job.effects, speeds, progress)
+        return add_to_model(model, recording, job.effects or (), speeds, progress)
 
     def _samples(self, job: Read, progress: ProgressCallback) -> ReadResult:
         if self._known is not None and job.gives_same_samples(self._known[0]):
@@ -194,9 +179,9 @@ def _judged(recordings: Sequence[BagRecording], arm: KnownArm,
     return tuple(reports)
 
 
-def _learned(recording: Recording, job: Learn, progress: ProgressCallback) -> Learned:
+def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Learned:
     """Return the result of `gravity_comp fit --joints`."""
-    result = learn(recording, job.choice.learning(job.ordered), progress=progress)
+    result = learn(recording, job.choice.learning(job.read.ordered), progress=progress)
     # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
     result = replace(result, recording=replace(recording, samples=none))
@@ -208,35 +193,8 @@ def _learned(recording: Recording, job: Learn, progress: ProgressCallback) -> Le
         result.result, model=replace(result.model, provenance=provenance)))
 
 
-def described(job: Job) -> str:
-    """Return a description of a running job."""
-    names: dict[type[Any], str] = {Read: 'Reading', Learn: 'Learning gravity',
-                                   Diagnose: 'Diagnosing',
-                                   PlanMotion: 'Planning the next recording'}
-    return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else names[type(job)]
-
-
 PROCESS_ENDED = 'the worker process ended unexpectedly (out of memory?)'
 _NICENESS = 5
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A job and its answer."""
-
-    job: Job
-    answer: Answer
-
-
-@dataclass(frozen=True)
-class Failed:
-    """A job without an answer, and the reason in one line."""
-
-    job: Job
-    reason: str
-
-
-Event = Progress | Finished | Failed
 
 
 def job_runner() -> Work:
@@ -250,7 +208,7 @@ class Worker:
     def __init__(self) -> None:
         self.job: Job | None = None
         self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
-        self._failed: list[Event] = []
+        self._problem = ''
 
     @property
     def pid(self) -> int | None:
@@ -258,38 +216,35 @@ class Worker:
         return self._process.pid
 
     def start(self, job: Job) -> None:
-        """Start a job; `poll` returns its events."""
-        self.job = job
+        """Start a job; `poll` returns its messages."""
+        self.job, self._problem = job, ''
         try:
             if self.pid is None:
                 self._process.start()
+            self._process.send(job)
         except OSError as problem:
             # Not enough memory, or too many processes.
-            self.job, reason = None, problem.strerror or 'unknown'
-            self._failed.append(Failed(job, f'no worker process can be started: {reason}'))
-            return
-        self._process.send(job)
+            self._problem = f'no worker process can be started: {problem.strerror or "unknown"}'
 
     def cancel(self) -> None:
-        """End the running job without an event."""
+        """End the running job without a message."""
         if self.job is not None:
             self.rest()
 
     def rest(self) -> None:
         """End the process; the next job starts a new one."""
-        self.job, self._failed = None, []
+        self.job, self._problem = None, ''
         self._process.end()
 
-    def poll(self) -> list[Event]:
-        """Return the events since the last call."""
-        events, self._failed = self._failed, []
-        for message in self._process.messages():
-            job = self.job
-            if isinstance(message, Progress):
-                events.append(message)
-            elif job is not None and isinstance(message, (Done, NotDone, Lost)):
-                self.job = None
-                events.append(Finished(job, message.answer) if isinstance(message, Done) else
-                              Failed(job, message.reason if isinstance(message, NotDone)
-                                     else PROCESS_ENDED))
-        return events
+    def poll(self) -> list[tuple[Job, Progress | Done | Failed]]:
+        """Return the messages since the last call, each with its job."""
+        messages = [Failed(PROCESS_ENDED) if isinstance(message, Lost) else message
+                    for message in self._process.messages()]
+        messages += [Failed(self._problem)] * bool(self._problem)
+        pairs = []
+        for message in messages:
+            if self.job is not None and isinstance(message, (Progress, Done, Failed)):
+                pairs.append((self.job, message))
+                if not isinstance(message, Progress):
+                    self.job, self._problem = None, ''
+        return pairs

@@ -9,7 +9,6 @@ from gravity_comp_ros.facts.fact import Action
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.access import ARGUMENT
-from gravity_comp_ros.workbench.jobs import described
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.store import Entry
 
@@ -72,7 +71,7 @@ def status_html(results: Results) -> str:
     if job is not None:
         stage = f': {event.stage}' if event else ''
         share = f' <progress max="1" value="{event.share:.2f}"></progress>' if event else ''
-        return f'<p id="doing">{markup.text(described(job) + stage)} …{share}</p>{below}'
+        return f'<p id="doing">{markup.text(str(job) + stage)} …{share}</p>{below}'
     if session.error:
         return f'<p id="trouble" class="warning">{markup.text(session.error)}</p>{below}'
     return f'<p id="idle" class="quiet">{markup.text(session.done or "Ready")}</p>{below}'

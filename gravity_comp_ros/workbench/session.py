@@ -21,11 +21,10 @@ from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import (
-    Add, described, Diagnose, Failed, Finished, Job, Learn, PlanMotion, Read, ReadResult, Worker)
+from gravity_comp_ros.workbench.jobs import Answer, Job, Read, ReadResult, Step, Worker
 from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, Start, warnings_of_fit
 from gravity_comp_ros.workbench.store import Saved
-from gravity_comp_ros.worker.worker_process import Progress
+from gravity_comp_ros.worker.worker_process import Failed, Progress
 
 
 class Session:
@@ -58,7 +57,7 @@ class Session:
         self.progress: Progress | None = None
         self.version = 0
         self.page: object | None = None
-        self._plan: tuple[PlanMotion, MotionPlan] | None = None
+        self._plan: tuple[Job, MotionPlan] | None = None
 
     @property
     def stage(self) -> Stage | None:
@@ -97,16 +96,16 @@ class Session:
         if job is not None:
             self.worker.start(job)
 
-    def next_job(self) -> Read | Learn | Diagnose | None:
+    def next_job(self) -> Job | None:
         """Return the next job: read the recordings, fit a model, or diagnose it."""
         if self.given and not self.choice.joints:
             self.choice = replace(self.choice, joints=self.given[0].model.joints)
         if self.read_as is None or not self.is_read:
-            return self._reading()
+            return Job(Step.READ, self._reading())
         if self.choice.runs and self.to_learn:
-            return Learn(self.read_as, self.choice, self.ordered)
+            return Job(Step.LEARN, self.read_as, self.choice)
         if self.choice.runs and self.stage is not None and self.diagnosis is None:
-            return Diagnose(self.read_as, self.choice, self.stage.model)
+            return Job(Step.DIAGNOSE, self.read_as, self.choice, self.stage.model)
         return None
 
     def try_again(self) -> None:
@@ -118,7 +117,7 @@ class Session:
         job = self.worker.job
         if job is not None:
             self._interrupt()
-            self.error = f'{described(job)} was cancelled'
+            self.error = f'{job} was cancelled'
             self.version += 1
 
     def learn(self, choice: Choice) -> None:
@@ -139,12 +138,11 @@ class Session:
 
     def add(self, effects: tuple[str, ...]) -> None:
         """Add effects, in the notation of `gravity_comp add`, to the current model."""
-        self._submit(lambda read, stage: Add(read, self.choice, stage.model, effects))
+        self._submit(Step.ADD, effects)
 
     def request_plan(self, effects: tuple[str, ...] | None) -> None:
         """Plan a motion that resolves these effects, or all open findings (None)."""
-        self._submit(lambda read, stage: PlanMotion(read, self.choice, stage.model,
-                                                    self.diagnosis, effects))
+        self._submit(Step.PLAN, effects)
 
     def select_stage(self, number: int) -> None:
         """Undo, or redo, up to a stage."""
@@ -174,51 +172,49 @@ class Session:
 
     def poll(self) -> None:
         """Process the events of the worker since the last call."""
-        for event in self.worker.poll():
-            if isinstance(event, Progress):
-                self.progress = event
+        for job, message in self.worker.poll():
+            self.progress = message if isinstance(message, Progress) else None
+            if isinstance(message, Progress):
                 continue
-            self.progress = None
             self.version += 1
             try:
-                if isinstance(event, Failed):
-                    self._failed(event)
+                if isinstance(message, Failed):
+                    self._failed(job, message.reason)
                 else:
-                    self._finished(event)
+                    self._finished(job, message.answer)
             except GravityCompError as problem:
                 self.error = str(problem)
             self.start()
         if self.page is None and self.worker.job is None:
             self.worker.rest()
 
-    def _failed(self, event: Failed) -> None:
-        self.error = event.reason
+    def _failed(self, job: Job, reason: str) -> None:
+        self.error = reason
         n_read = len(self.read.reports) if self.read else len(self.paths)
-        if isinstance(event.job, Read) and len(self.paths) > n_read:
+        if job.step is Step.READ and len(self.paths) > n_read:
             # Continue without the new recording. The message omits its internal folder.
             new = self.paths[-1]
             self.warning = f'not added: {self.error}'.replace(f'{new.parent}/', '')
             self.paths, self.error = self.paths[:n_read], ''
             new.unlink(missing_ok=True)
 
-    def _finished(self, event: Finished) -> None:
-        job, answer = event.job, event.answer
-        if isinstance(job, Read) and isinstance(answer, ReadResult):
-            self._accept_recordings(job, answer)
-        elif isinstance(job, Learn) and isinstance(answer, Learned):
-            self._learned(job, answer)
-        elif isinstance(job, Add) and isinstance(answer, Refit):
-            self._append(Stage(added_name(answer.added), answer.model, job.choice, answer.added,
-                               warnings=tuple(answer.warnings())))
-        elif isinstance(job, PlanMotion) and isinstance(answer, MotionPlan):
+    def _finished(self, job: Job, answer: Answer) -> None:
+        if isinstance(answer, MotionPlan):
             self._plan = job, answer
-        elif isinstance(job, Diagnose) and isinstance(answer, Diagnosis) and self.at is not None:
+        elif isinstance(answer, Diagnosis) and self.at is not None:
             self.stages[self.at] = replace(self._current(), diagnosis=answer,
                                            diagnosed_with=job.choice)
-        if isinstance(job, (Read, Learn, Add)):
+        elif isinstance(answer, ReadResult):
+            self._accept_recordings(job.read, answer)
+        elif isinstance(answer, Learned):
+            self._learned(job, answer)
+        elif isinstance(answer, Refit):
+            self._append(Stage(added_name(answer.added), answer.model, job.choice, answer.added,
+                               warnings=tuple(answer.warnings())))
+        if job.step in (Step.READ, Step.LEARN, Step.ADD):
             self._save()
 
-    def _accept_recordings(self, job: Read, read: ReadResult) -> None:
+    def _accept_recordings(self, reading: Read, read: ReadResult) -> None:
         """
         Set the recordings; new ones are selected.
 
@@ -243,7 +239,7 @@ class Session:
         if not set(self.joints) >= set(self.choice.joints):
             self.joints = (*names, *read.left_out)
         self.read = read
-        self.read_as = replace(job, options=replace(self.choice.options(), joints=names))
+        self.read_as = replace(reading, options=replace(self.choice.options(), joints=names))
         hashes = self._hashes()
         changed = [Path(path).name for path, old in self.hashes.items()
                    if hashes.get(path, old) != old]
@@ -261,7 +257,7 @@ class Session:
             if self.ungated:
                 self.choice = replace(self.choice, all_samples=True)
 
-    def _learned(self, job: Learn, answer: Learned) -> None:
+    def _learned(self, job: Job, answer: Learned) -> None:
         """Append a fitted model; its joints are in the order of the arm."""
         joints = answer.model.joints
         self.choice, self.to_learn = replace(job.choice, joints=joints), False
@@ -282,13 +278,14 @@ class Session:
             raise DataError('there is no model yet: fit one')
         return self.stage
 
-    def _submit(self, job: Callable[[Read, Stage], Job]) -> None:
+    def _submit(self, step: Step, effects: tuple[str, ...] | None) -> None:
         self._interrupt()
         try:
-            stage = self._current()
+            model = self._current().model
             if self.read_as is None:
                 raise DataError('no recording has been read')
-            self.worker.start(job(self.read_as, stage))
+            self.worker.start(Job(step, self.read_as, self.choice, model, effects,
+                                  self.diagnosis))
         except GravityCompError as problem:
             self.error = str(problem)
         self.version += 1

@@ -12,7 +12,7 @@ import pytest
 def test_a_session_persists_and_is_open_in_one_window(folder, server, watched):
     address = server[0]
     paths = (folder / 'run2.mcap', folder / 'run1.mcap')
-    worked(session_of(*paths, place=folder / 'state' / 'gravity_comp' / 'workbench'), 'Diagnose')
+    worked(session_of(*paths, place=folder / 'state' / 'gravity_comp' / 'workbench'), 'DIAGNOSE')
     with watched(home(address)) as tab, watched(home(address)) as other:
         tab.open(address)
         tab.page.locator('#doing').wait_for()

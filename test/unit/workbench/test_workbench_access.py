@@ -93,7 +93,7 @@ def served(tmp_path):
     """Return a server with one session that has read a recording."""
     write_bag(tmp_path / 'run.mcap', [joint_states(two_links(1))])
     sessions = Sessions(Start((tmp_path / 'run.mcap',)), tmp_path / 'state', InProcess)
-    worked(sessions.attach('', object()), until='Learn')
+    worked(sessions.attach('', object()), until='LEARN')
     running = Served(sessions)
     yield running
     running.close()
@@ -179,7 +179,7 @@ def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, t
     (line,) = re.findall('new.mcap: refused: [^<]*', facts_html(session.read.reports))
     assert 'gains disagree' in line and line.replace('refused: ', '') in session.error
     session.learn(replace(session.choice, runs=(0,)))
-    worked(session, until='Diagnose')
+    worked(session, until='DIAGNOSE')
     assert not session.error and session.stage is not None
 
 

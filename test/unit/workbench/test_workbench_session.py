@@ -22,12 +22,12 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
 from gravity_comp_ros.workbench.history_panel import chart
-from gravity_comp_ros.workbench.jobs import (
-    Add, Failed, Finished, Learn, PROCESS_ENDED, Read, Worker)
+from gravity_comp_ros.workbench.jobs import Job, PROCESS_ENDED, Read, Step, Worker
 from gravity_comp_ros.workbench.page_parts import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Choice, GivenModel, Start
+from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
 import pytest
 
@@ -45,7 +45,7 @@ def paths(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def first_stage(paths):
-    return worked(session_of(*paths), until='Diagnose')
+    return worked(session_of(*paths), until='DIAGNOSE')
 
 
 @pytest.fixture
@@ -57,21 +57,21 @@ def learned(first_stage):
 def test_joints_are_given_by_number(paths):
     reading = ReadOptions(joints=('2', '1'), effort_scale={'1': 2.0})
     session = worked(session_of(*paths, choice=Choice((), ('2', '1'), reading=reading)),
-                     until='Learn')
-    assert session.worker.done == ['Read'] and session.is_read
+                     until='LEARN')
+    assert session.worker.done == ['READ'] and session.is_read
     assert session.choice.joints == session.joints == ('elbow', 'shoulder')
     assert session.choice.reading.effort_scale == {'shoulder': 2.0}
     assert session.read.reports[0].effort_scale == {'shoulder': 2.0}
 
 
 def test_add_reduces_the_error_and_undo_restores_it(paths):
-    session = worked(session_of(*paths), until='Learn')
+    session = worked(session_of(*paths), until='LEARN')
     results = Results(session)
     assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
     constant = results.contents()
     np.testing.assert_allclose(constant.predicted[0], results.recording.samples.tau.mean(axis=0))
     worked(session)
-    assert session.worker.done == ['Read', 'Learn', 'Diagnose'] and not session.error
+    assert session.worker.done == ['READ', 'LEARN', 'DIAGNOSE'] and not session.error
     targets = [target for _, target in results.findings()]
     assert 'coulomb_friction:shoulder' in targets
     before = results.contents()
@@ -105,28 +105,28 @@ def test_a_step_after_undo_replaces_the_undone_stages(learned):
     session, results = learned, Results(learned)
     for effects in (BOTH, ('torque_offset:elbow',)):
         session.add(effects)
-        worked(session, until='Diagnose')
+        worked(session, until='DIAGNOSE')
     session.rename('with an offset')
     assert [stage.name for stage in session.stages] == ['gravity', '+ ' + ', '.join(BOTH),
                                                         'with an offset']
     session.select_stage(0)
     session.add(('torque_offset:elbow',))
-    worked(session, until='Diagnose')
+    worked(session, until='DIAGNOSE')
     assert [stage.name for stage in session.stages] == ['gravity', '+ torque_offset:elbow']
     assert ' add torque_offset:elbow ' in results.commands()[1]
     assert BOTH[0] not in str(results.commands())
     # A new fit of one joint is another stage; going back reads the joints of the earlier one.
     session.learn(replace(session.choice, joints=('elbow',)))
-    worked(session, until='Diagnose')
-    assert session.worker.done[-2:] == ['Read', 'Learn']
+    worked(session, until='DIAGNOSE')
+    assert session.worker.done[-2:] == ['READ', 'LEARN']
     assert session.stage.model.joints == ('elbow',) and len(session.stages) == 3
     assert [named.name for named in results.models()] == [
         '1. gravity', '2. + torque_offset:elbow', '3. gravity']
     session.select_stage(1)
     with pytest.raises(DataError, match='being read'):
         results.contents()
-    worked(session, until='Diagnose')
-    assert session.worker.done[-1] == 'Read'
+    worked(session, until='DIAGNOSE')
+    assert session.worker.done[-1] == 'READ'
     assert results.contents().model is session.stages[1].model
 
 
@@ -135,7 +135,7 @@ def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
     model = session.stage.model
     session.evaluate(replace(session.choice, runs=(0,)))
     assert session.stage.model is model and results.recording.n_runs == 1
-    assert type(session.worker.job).__name__ == 'Diagnose'
+    assert session.worker.job.step is Step.DIAGNOSE
     session.evaluate(replace(session.choice, joints=('elbow',)))
     assert 'fit a model of the selected joints' in session.error
     with pytest.raises(DataError, match='no run'):
@@ -150,7 +150,7 @@ def test_a_model_of_another_robot_is_refused(learned, tmp_path):
     assert 'arm.json is of another robot' in stranger.error
     # An added recording of another robot is refused, and the others are kept.
     learned.add_recording(other)
-    worked(learned, until='Diagnose')
+    worked(learned, until='DIAGNOSE')
     assert learned.warning.startswith('not added: ') and str(tmp_path) not in learned.warning
     assert learned.error == '' and len(learned.paths) == 2 and not other.exists()
 
@@ -158,7 +158,7 @@ def test_a_model_of_another_robot_is_refused(learned, tmp_path):
 def test_an_added_recording_is_selected(learned, tmp_path):
     write_bag(tmp_path / 'run3.mcap', [joint_states(two_links(3))])
     learned.add_recording(tmp_path / 'run3.mcap')
-    worked(learned, until='Diagnose')
+    worked(learned, until='DIAGNOSE')
     assert learned.choice.runs == (0, 1, 2) and Results(learned).recording.n_runs == 3
 
 
@@ -166,7 +166,7 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     fast = tmp_path / 'fast.mcap'
     samples = two_links(1)
     write_bag(fast, [joint_states(replace(samples, t=samples.t / 8.0, qd=samples.qd * 8.0))])
-    session = worked(session_of(fast), until='Diagnose')
+    session = worked(session_of(fast), until='DIAGNOSE')
     results = Results(session)
     # As in `fit`, all samples are fitted, and the model is evaluated on the same samples.
     assert session.choice.all_samples
@@ -199,13 +199,13 @@ def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_
     read = session.choice.reading
     for change in ({'effort_scale': dict.fromkeys(JOINTS, 1e4)}, {'accept': ('effort_unit',)}):
         session.learn(replace(session.choice, reading=replace(read, **change)))
-        worked(session, until='Diagnose')
+        worked(session, until='DIAGNOSE')
         assert not session.error and 'refused' not in facts_html(session.read.reports)
     assert '--accept effort_unit' in Results(session).commands()[0]
 
 
 def test_a_description_that_cannot_be_read_is_reported(paths, tmp_path):
-    session = worked(session_of(*paths, urdf=tmp_path / 'none.urdf'), until='Learn')
+    session = worked(session_of(*paths, urdf=tmp_path / 'none.urdf'), until='LEARN')
     assert Results(session).contents().arm is None
     assert 'none.urdf: no such file' in session.warning
 
@@ -233,13 +233,13 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
     for path, bag in zip(paths, bags):
         bag.write_bytes(path.read_bytes())
     reading = ReadOptions('/joint_states' if seed % 2 else None, zero={'elbow': 0.1 / 3.0})
-    session = worked(session_of(*bags, choice=Choice(reading=reading)), until='Learn')
+    session = worked(session_of(*bags, choice=Choice(reading=reading)), until='LEARN')
     results = Results(session)
     session.learn(a_random_choice(rng, session))
-    worked(session, until='Diagnose')
+    worked(session, until='DIAGNOSE')
     for target in rng.permutation(_EFFECTS)[:rng.integers(1, 3)].tolist():
         session.add((target,))
-        worked(session, until='Diagnose')
+        worked(session, until='DIAGNOSE')
         # A model with a larger error on its own data is refused, as by `add`.
         if not session.error and rng.random() < 0.3:
             session.select_stage(session.at - 1)
@@ -264,9 +264,9 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
 
 def test_a_saved_session_is_restored(paths, tmp_path):
     place = tmp_path / 'state'
-    session = worked(session_of(*paths, place=place), until='Diagnose')
+    session = worked(session_of(*paths, place=place), until='DIAGNOSE')
     session.add(BOTH)
-    worked(session, until='Diagnose')
+    worked(session, until='DIAGNOSE')
     session.rename('with friction')
     assert (place / f'{session.id}.json').stat().st_mode & 0o077 == 0
     assert (place.stat().st_mode & 0o077) == 0
@@ -275,8 +275,8 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     loaded = sessions.attach(session.id, object())
     assert loaded.paths == session.paths and loaded.choice == session.choice
     assert [s.name for s in loaded.stages] == ['gravity', 'with friction']
-    worked(loaded, until='Diagnose')
-    assert loaded.worker.done == ['Read'] and not loaded.warning
+    worked(loaded, until='DIAGNOSE')
+    assert loaded.worker.done == ['READ'] and not loaded.warning
     one, other = Results(session), Results(loaded)
     assert one.commands() == other.commands()
     np.testing.assert_array_equal(one.contents().predicted, other.contents().predicted)
@@ -284,7 +284,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
     again = Sessions(Start(()), place, InProcess).attach(session.id, object())
     again.hashes = dict.fromkeys(again.hashes, 'f' * 64)
-    worked(again, until='Diagnose')
+    worked(again, until='DIAGNOSE')
     assert 'run1.mcap, run2.mcap changed since this session was saved' in again.warning
 
 
@@ -292,13 +292,13 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     # With 20 s the chain is uncertain away from its poses.
     path, place = tmp_path / 'short.mcap', tmp_path / 'state'
     write_bag(path, [joint_states(two_links(5, 400))])
-    session = worked(session_of(path, place=place), until='Diagnose')
+    session = worked(session_of(path, place=place), until='DIAGNOSE')
     uncertainty, = (text for text in session.stage.warnings
                     if 'away from the trained poses' in text)
     results = Results(session)
     assert uncertainty in html.unescape(status_html(results))
     session.add(('torque_drift:shoulder',))
-    worked(session, until='Diagnose')
+    worked(session, until='DIAGNOSE')
     assert not session.error
     ineffective, = session.stage.warnings
     assert ineffective in html.unescape(status_html(results))
@@ -318,7 +318,7 @@ _DAMAGES = (
 
 
 def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
-    session = worked(session_of(*paths, place=tmp_path), until='Diagnose')
+    session = worked(session_of(*paths, place=tmp_path), until='DIAGNOSE')
     path = tmp_path / f'{session.id}.json'
     whole = path.read_text()
     for damage in _DAMAGES:
@@ -355,12 +355,12 @@ def test_a_session_has_one_page_and_their_number_is_limited(paths, monkeypatch):
 
 
 def until(worker, kind):
-    """Return the first event of a kind."""
+    """Return the first message of a kind."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
-        for event in worker.poll():
-            if isinstance(event, kind):
-                return event
+        for _, message in worker.poll():
+            if isinstance(message, kind):
+                return message
         time.sleep(0.02)
     raise AssertionError(f'no {kind} within {PATIENCE} s')
 
@@ -369,23 +369,24 @@ def test_jobs_run_in_a_process_that_can_be_cancelled_or_die(paths):
     worker = Worker()
     try:
         read = Read(paths, ReadOptions())
-        worker.start(read)
+        worker.start(Job(Step.READ, read))
         first = worker.pid
-        names = until(worker, Finished).answer.samples.names
+        names = until(worker, Done).answer.samples.names
         choice = Choice((0, 1), names)
-        worker.start(Learn(read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
         worker.cancel()
         assert worker.job is None and worker.pid is None and worker.poll() == []
         # The next job starts a process, which reads the recordings again.
-        worker.start(Learn(read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
         assert worker.pid != first
-        model = until(worker, Finished).answer.model
+        model = until(worker, Done).answer.model
         assert model.joints == JOINTS
-        worker.start(Add(read.of_joints(names), choice, model, ('torque_gain:absent',)))
+        worker.start(Job(Step.ADD, read.of_joints(names), choice, model,
+                         ('torque_gain:absent',)))
         assert 'absent' in until(worker, Failed).reason
         # Stopped before the job, which could otherwise finish before the process is killed.
         os.kill(worker.pid, signal.SIGSTOP)
-        worker.start(Learn(read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
         os.kill(worker.pid, signal.SIGKILL)
         assert until(worker, Failed).reason == PROCESS_ENDED
     finally:
