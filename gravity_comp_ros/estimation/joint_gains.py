@@ -33,8 +33,9 @@ class GainOptions:
     Limits of gains that disagree.
 
     - `min_ratio`: smaller differences are the effect `torque_gain`; other units and ratings differ
-      by more. An update has no such effect (`OF_UPDATE`): of one joint a tenth is an error like a
-      payload of a tenth of the arm.
+      by more.
+    - `min_error`: gain of a joint like a payload of a tenth of the arm. It is named where others
+      are refused, and refused in an update, which has no effect for it (`OF_UPDATE`).
     - `sigmas`: standard deviations by which the logarithm of a gain differs from 0.
     - `max_residual`: share of a joint's effort (without friction) that an arm with these gains
       may leave, and `max_reference` of the joint with the largest effort; more is another effect.
@@ -47,6 +48,7 @@ class GainOptions:
     """
 
     min_ratio: float = 1.5
+    min_error: float = 1.1
     sigmas: float = 4.0
     max_residual: float = 0.3
     max_reference: float = 0.1
@@ -98,11 +100,12 @@ class JointGains:
         """Return the fact that gains disagree, if they do."""
         if not self.established:
             return []
-        clear = ((np.abs(self.log) > np.log(options.min_ratio))
-                 & (np.abs(self.log) > options.sigmas * self.std)
+        clear = ((np.abs(self.log) > options.sigmas * self.std)
                  & (self.residual < options.max_residual))
-        joints = [int(n) for n in np.flatnonzero(clear)]
-        if (not set(joints) - self.by_friction
+        refused, named = (np.flatnonzero(clear & (np.abs(self.log) > np.log(ratio)))
+                          for ratio in (options.min_ratio, options.min_error))
+        joints = [int(n) for n in named]
+        if (not set(refused) - self.by_friction
                 or self.residual[self.reference] > options.max_reference):
             return []
         ratios = {self.names[n]: float(np.exp(self.log[n])) for n in joints}
@@ -126,7 +129,7 @@ class JointGains:
                 f'(95 %: {low:.3g} to {high:.3g}{how})')
 
 
-OF_UPDATE = GainOptions(min_ratio=1.1)
+OF_UPDATE = GainOptions(min_ratio=GainOptions.min_error)
 
 
 def _log_gains(model: GravityModel) -> FloatArray:

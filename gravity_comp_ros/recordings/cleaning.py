@@ -63,10 +63,9 @@ class Cleaning:
         if fact is not None:
             accepted = fact.kind in self.accept
             self.facts.append(as_noted(fact) if accepted else fact)
-            present = present if accepted else present & ~second[:, None]
-        if fact is not None and not accepted:
-            self._keep(~second, fact.kind.value)
-            present = present[~second]
+            second &= not accepted
+        self._keep(~second, NOT_FINITE if fact is None else fact.kind.value)
+        present = present[~second]
         self._keep(present.any(axis=1), OTHER_JOINTS)
         present = present[present.any(axis=1)]
         self._note_missing(present)

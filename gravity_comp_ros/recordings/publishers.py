@@ -23,10 +23,11 @@ _MIN_STEP, _MAX_RETURN = 0.05, 0.2
 def second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
                      tau: FloatArray) -> tuple[BoolArray, Fact | None]:
     """
-    Return the mask (M,) of messages of a second publisher without effort, and the fact.
+    Return the mask (M,) of alternating messages without effort, and the fact about them.
 
-    A message without efforts, or with efforts of 0 only, is of a second publisher if such
-    messages alternate with those of the driver, and have no efforts or other positions.
+    Messages without efforts, or with efforts of 0 only, are of a second publisher if they
+    alternate with those of the driver, and have other positions or another order of joints.
+    Those of the driver itself without efforts have no fact.
 
     :param q: positions (M, N) in any unit; NaN if missing.
     :param tau: efforts (M, N).
@@ -41,10 +42,13 @@ def second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
     order = second[relevant]
     if np.count_nonzero(order[1:] != order[:-1]) < _MIN_CHANGES * few:
         return nothing, None
-    if np.isfinite(tau[second]).any() and not _positions_differ(q[relevant], order):
-        return nothing, None
-    share = second.sum() / relevant.sum()
     names = columns.names_of(int(np.argmax(second)))
+    if not _positions_differ(q[relevant], order):
+        if np.isfinite(tau[second]).any():
+            return nothing, None
+        if names == columns.names_of(int(np.argmax(relevant & with_effort))):
+            return second, None
+    share = second.sum() / relevant.sum()
     listed = ', '.join(names[:6]) + (', …' if len(names) > 6 else '')
     return second, Fact(
         Kind.PUBLISHER, tuple(joint for joint in joints if joint in names),

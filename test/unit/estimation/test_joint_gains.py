@@ -72,6 +72,14 @@ def test_a_unit_of_one_joint_in_one_of_two_recordings():
     assert not torque_facts(concatenate([right, recorded(seed=2)]))
 
 
+def test_smaller_gains_are_named_with_larger_ones_and_not_alone():
+    gains = np.array([1.0, 1.0, 4.0, 1.3, 1.0, 1.0])
+    assert only(recorded(gains)).values == {ARM.joints[1]: pytest.approx(0.25, rel=0.02),
+                                            ARM.joints[3]: pytest.approx(1.3 / 4.0, rel=0.02)}
+    gains[2] = 1.0
+    assert joint_gains(ArmFit(recorded(gains))).facts() == []
+
+
 def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
     rated = np.array([300.0, 300.0, 150.0, 50.0, 50.0, 50.0])
     samples = recorded(1000.0 / rated)

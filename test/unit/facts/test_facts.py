@@ -7,6 +7,7 @@ from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.outliers import median_of_five
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.cleaning import NOT_FINITE
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
@@ -275,6 +276,16 @@ def test_a_second_publisher_is_left_out(tmp_path, second):
     only(recording, Kind.PUBLISHER, Action.LEFT_OUT)
     np.testing.assert_array_equal(recording.samples.q, Q[:500])
     assert recording.report.dropped == {'second_publisher': 500}
+
+
+@pytest.mark.parametrize('every', [2, 5])
+def test_messages_of_the_driver_without_effort_are_no_second_publisher(tmp_path, every):
+    rows = publishers({'names': list(NAMES), 'position': [0.0] * 4})[::2]
+    for _, content in rows[1::every]:
+        del content['effort']
+    recording = read_bag(write_folder(tmp_path / 'bag', {'/joint_states': rows}))
+    assert facts(recording, Kind.PUBLISHER) == []
+    assert recording.report.dropped == {NOT_FINITE: 500 // every}
 
 
 def test_facts_have_json_and_sentences():
