@@ -3,7 +3,7 @@
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.workbench.jobs import JobRunner
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.stages import Start
+from gravity_comp_ros.workbench.stages import State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 
 
@@ -35,7 +35,7 @@ class InProcess:
 
 def session_of(*paths, place=None, **start):
     """Return a session of recordings with no job done."""
-    session = Session(Start(paths, **start), InProcess(), '0123456789abcdef', place)
+    session = Session(State(paths, **start), InProcess(), '0123456789abcdef', place)
     session.page = session
     return session
 

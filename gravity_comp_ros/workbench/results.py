@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,32 +34,21 @@ _MAX_CACHED = 16
 Value = TypeVar('Value')
 
 
-@dataclass(frozen=True)
-class NamedModel:
-    """A stage, or a model file named on the command line, that can be compared."""
-
-    name: str
-    model: GravityModel
-    stage: Stage | None = None
-
-
 class Results:
     """Derived results of one session, cached until their inputs change."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self._cache: list[tuple[tuple[object, ...], Any]] = []
+        self._cache: dict[tuple[int, ...], tuple[tuple[object, ...], Any]] = {}
 
     def _cached(self, make: Callable[[], Value], *inputs: object) -> Value:
         """Return the cached value of identical inputs, computed if there is none."""
-        for k, entry in enumerate(self._cache):
-            if len(entry[0]) == len(inputs) and all(a is b for a, b in zip(entry[0], inputs)):
-                del self._cache[k]
-                break
-        else:
-            entry = inputs, make()
-        # The latest used come first.
-        self._cache = [entry, *self._cache][:_MAX_CACHED]
+        key = tuple(map(id, inputs))
+        # Inputs are kept, so that no other object gets the id of one; the latest used come last.
+        entry = self._cache.pop(key, None) or (inputs, make())
+        self._cache[key] = entry
+        if len(self._cache) > _MAX_CACHED:
+            del self._cache[next(iter(self._cache))]
         value: Value = entry[1]
         return value
 
@@ -207,23 +196,19 @@ class Results:
         targets, session = self.to_add(), self.session
         return stages.add_command(targets, session.choice, session.paths) if targets else ''
 
-    def models(self) -> list[NamedModel]:
-        """Return all models that can be compared: stages, and further model files."""
-        own = [NamedModel(f'{k + 1}. {stage.name}', stage.model, stage)
+    def models(self) -> list[Stage]:
+        """Return all models that can be compared: numbered stages, and further model files."""
+        own = [replace(stage, name=f'{k + 1}. {stage.name}')
                for k, stage in enumerate(self.session.stages)]
-        return own + [NamedModel(given.name, given.model) for given in self.session.given[1:]]
+        return [*own, *self.session.given[1:]]
 
-    def facts(self, named: NamedModel) -> dict[str, str]:
+    def facts(self, stage: Stage) -> dict[str, str]:
         """Return formulation, recordings and axes of a model."""
-        model, stage = named.model, named.stage
+        model = stage.model
         terms = sum(len(torque.weights) for torque in model.torques)
         source = model.geometry.source if model.geometry else 'not known'
-        facts = {'formulation': f'{model.formulation}, {terms} terms',
-                 'axes': source if ' in ' in source else Path(source).name, 'fitted to': ''}
-        if stage is not None and stage.given:
-            facts['fitted to'] = str(stage.given)
-        elif stage is not None:
-            runs = ', '.join(self.session.paths[run].name for run in stage.choice.runs)
-            gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
-            facts['fitted to'] = f'{runs}; {gate}'
-        return facts
+        runs = ', '.join(self.session.paths[run].name for run in stage.choice.runs)
+        gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
+        return {'formulation': f'{model.formulation}, {terms} terms',
+                'axes': source if ' in ' in source else Path(source).name,
+                'fitted to': str(stage.given) if stage.given else f'{runs}; {gate}'}

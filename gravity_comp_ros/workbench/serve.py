@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 import errno
 import logging
 from pathlib import Path
@@ -26,15 +25,11 @@ from bokeh.server.server import BaseServer
 from bokeh.server.util import bind_sockets
 from bokeh.util.warnings import BokehUserWarning
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.access import (
     ARGUMENT, TokenApplication, UploadHandler, websocket_origins)
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.stages import Choice, GivenModel, Start
+from gravity_comp_ros.workbench.stages import State
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
@@ -45,23 +40,6 @@ _POLL_MS = 100
 _UNUSED_MS = 15000
 # Loggers of Bokeh and Tornado for messages of a page.
 LOGGERS = ('bokeh.server.protocol_handler', 'tornado.application', 'asyncio')
-
-
-@dataclass(frozen=True)
-class ServeOptions:
-    """Options of `gravity_comp workbench`."""
-
-    bags: tuple[Path, ...]
-    models: tuple[Path, ...] = ()
-    reading: ReadOptions = ReadOptions()
-    formulation: str | None = None
-    host: str = '127.0.0.1'
-    port: int = 5006
-    browser: bool = True
-    max_speed: float | None = None
-    all_samples: bool = False
-    place: Path | None = field(default_factory=store.folder)
-    urdf: Path | None = None
 
 
 def is_of_an_open_page(record: logging.LogRecord) -> bool:
@@ -77,12 +55,14 @@ def is_of_an_open_page(record: logging.LogRecord) -> bool:
                 and Path(frames[-1].filename).is_relative_to(_BOKEH))
 
 
-def serve(options: ServeOptions) -> None:
+def serve(state: State, place: Path | None, host: str, port: int, browser: bool) -> None:
     """
     Serve until interrupted.
 
+    :param state: that of a new session.
+    :param place: folder of saved sessions; None to save none.
+    :param browser: whether to open the page in a browser.
     :raises OptionError: if the address is not available.
-    :raises ModelFileError: if a model cannot be read.
     """
     # A browser returns a model that it has just received; this is harmless.
     warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
@@ -90,7 +70,7 @@ def serve(options: ServeOptions) -> None:
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
     for name in LOGGERS:
         logging.getLogger(name).addFilter(is_of_an_open_page)
-    sessions, token = Sessions(_start(options), options.place), secrets.token_urlsafe(24)
+    sessions, token = Sessions(state, place), secrets.token_urlsafe(24)
 
     def open_page(document: Document) -> None:
         page = Page(document, sessions, token, _argument(document, 'session'))
@@ -100,21 +80,21 @@ def serve(options: ServeOptions) -> None:
 
         document.on_session_destroyed(ended)
 
-    server = make_server(options.host, options.port, Application(FunctionHandler(open_page)),
+    server = make_server(host, port, Application(FunctionHandler(open_page)),
                          sessions, token)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
     # The loop handles the signal between callbacks, so no callback is interrupted.
     server.io_loop.asyncio_loop.add_signal_handler(  # type: ignore[attr-defined]
         signal.SIGINT, server.io_loop.stop)
-    host = options.host if options.host in _LOCAL else '127.0.0.1'
-    address = f'http://{host}:{server.port}/?{ARGUMENT}={token}'
+    here = host if host in _LOCAL else '127.0.0.1'
+    address = f'http://{here}:{server.port}/?{ARGUMENT}={token}'
     print(f'workbench at {address} (Ctrl-C to stop)', flush=True)
-    if options.host not in _LOCAL:
-        print(f'warning: served on {options.host} without encryption: the token and the '
+    if host not in _LOCAL:
+        print(f'warning: served on {host} without encryption: the token and the '
               f'recordings can be read on the network', file=sys.stderr, flush=True)
     try:
-        if options.browser:
+        if browser:
             with _redirection(address) as page:
                 server.io_loop.add_callback(webbrowser.open, page.as_uri())
                 server.run_until_shutdown()
@@ -150,17 +130,6 @@ def make_server(host: str, port: int, application: Application, sessions: Sessio
     server = BaseServer(IOLoop.current(), guarded, http)
     server.start()
     return server
-
-
-def _start(options: ServeOptions) -> Start:
-    reading = options.reading
-    urdf = None if options.urdf is None else options.urdf.resolve()
-    # The same default as `fit`: a chain with --urdf.
-    default = FitOptions().formulation if urdf is None else 'chain'
-    choice = Choice((), reading.joints or (), options.formulation or default, reading,
-                    options.max_speed, options.all_samples, None if urdf is None else str(urdf))
-    given = tuple(GivenModel(path, load_model(path)) for path in options.models)
-    return Start(options.bags, choice, given, urdf)
 
 
 def _argument(document: Document, name: str) -> str:

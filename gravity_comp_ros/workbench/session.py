@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.api.model import report_of
@@ -22,37 +23,31 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Answer, Job, Read, ReadResult, Step, Worker
-from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, Start, warnings_of_fit
-from gravity_comp_ros.workbench.store import Saved
+from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, State, warnings_of_fit
 from gravity_comp_ros.worker.worker_process import Failed, Progress
 
 
-class Session:
+class Session(State):
     """
     A session with its worker. `version` increases with every change to show.
 
-    `stages` are in the order of their creation, and `at` is the number of the current one; a new
-    stage replaces those after it. `error` is the reason why the work stopped; `try_again`
-    continues it. `warning` is about the recordings or the last request, `save_error` is the reason
-    why the session is not saved, and `hashes` are those of the recordings when it was saved.
+    A new stage replaces those after the current one. `error` is the reason why the work stopped;
+    `try_again` continues it. `warning` is about the recordings or the last request, `save_error`
+    is the reason why the session is not saved.
 
     :param place: folder of saved sessions; None to save none.
     """
 
-    def __init__(self, start: Start, worker: Worker, identity: str = '',
+    def __init__(self, state: State, worker: Worker, identity: str = '',
                  place: Path | None = None) -> None:
+        super().__init__(**vars(state))
         self.id, self.place, self.worker = identity, place, worker
-        self.paths, self.choice, self.given = start.paths, start.choice, start.given
-        self.urdf = start.urdf
-        self.joints = start.choice.joints
-        self.ordered = bool(start.choice.joints)
+        self.ordered = bool(self.choice.joints)
+        if not self.stages:
+            self.joints, self.to_learn = self.choice.joints, not self.given
         self.read: ReadResult | None = None
         self.read_as: Read | None = None
-        self.stages: list[Stage] = []
-        self.at: int | None = None
-        self.to_learn = not start.given
         self.ungated = ''
-        self.hashes: dict[str, str] = {}
         self.error = self.done = self.warning = self.save_error = ''
         self.progress: Progress | None = None
         self.version = 0
@@ -82,11 +77,6 @@ class Session:
             return None
         job, plan = self._plan
         return plan if job.choice == self.choice and job.model is self.stage.model else None
-
-    def restore(self, saved: Saved) -> None:
-        """Set the state of a saved session, whose `start` this one has."""
-        self.joints, self.stages, self.at = saved.joints, list(saved.stages), saved.at
-        self.to_learn, self.hashes = saved.to_learn, dict(saved.hashes)
 
     # Requests of the page.
 
@@ -158,7 +148,7 @@ class Session:
     def rename(self, name: str) -> None:
         """Set the name of the current stage."""
         if self.at is not None and name.strip():
-            self.stages[self.at] = replace(self._current(), name=name.strip())
+            self._change_stage(name=name.strip())
             self._save()
             self.version += 1
 
@@ -202,8 +192,7 @@ class Session:
         if isinstance(answer, MotionPlan):
             self._plan = job, answer
         elif isinstance(answer, Diagnosis) and self.at is not None:
-            self.stages[self.at] = replace(self._current(), diagnosis=answer,
-                                           diagnosed_with=job.choice)
+            self._change_stage(diagnosis=answer, diagnosed_with=job.choice)
         elif isinstance(answer, ReadResult):
             self._accept_recordings(job.read, answer)
         elif isinstance(answer, Learned):
@@ -240,16 +229,18 @@ class Session:
             self.joints = (*names, *read.left_out)
         self.read = read
         self.read_as = replace(reading, options=replace(self.choice.options(), joints=names))
-        hashes = self._hashes()
+        hashes = {str(path.resolve()): report.sha256
+                  for path, report in zip(self.paths, read.reports)}
         changed = [Path(path).name for path, old in self.hashes.items()
                    if hashes.get(path, old) != old]
+        self.hashes = hashes
         if changed:
             self.warning = (f'{", ".join(changed)} changed since this session was saved: its '
                             f'models were fitted to the previous content')
         if is_first and self.given:
             first = self.given[0]
-            self._append(Stage(first.name, first.model, self.choice, given=first.path,
-                               warnings=report_of(first.model).warnings))
+            self._append(replace(first, choice=self.choice,
+                                 warnings=report_of(first.model).warnings))
         elif is_first:
             # All samples of a fast recording, as `fit` does.
             recording = Recording(read.samples, self.choice.gate(), read.reports)
@@ -270,8 +261,12 @@ class Session:
                     self.given[0].name if self.given else '', self.choice.urdf, self.ordered)
 
     def _append(self, stage: Stage) -> None:
-        self.stages = [*self.stages[:0 if self.at is None else self.at + 1], stage]
+        self.stages = (*self.stages[:0 if self.at is None else self.at + 1], stage)
         self.at = len(self.stages) - 1
+
+    def _change_stage(self, **values: Any) -> None:
+        self.stages = tuple(replace(stage, **values) if number == self.at else stage
+                            for number, stage in enumerate(self.stages))
 
     def _current(self) -> Stage:
         if self.stage is None:
@@ -306,18 +301,11 @@ class Session:
         self.worker.cancel()
         self.error, self.done, self.progress = '', '', None
 
-    def _hashes(self) -> dict[str, str]:
-        """Return the SHA-256 of the recordings by their absolute path."""
-        return {str(path.resolve()): report.sha256 for path, report in
-                zip(self.paths, self.read.reports)} if self.read else self.hashes
-
     def _save(self) -> None:
         if self.place is None or not self.stages:
             return
         try:
-            store.save(self.place, self.id, Saved(
-                Start(self.paths, self.choice, self.given, self.urdf), self.joints,
-                tuple(self.stages), self.at, self.to_learn, self._hashes()))
+            store.save(self.place, self.id, self)
             self.save_error = ''
         except GravityCompError as problem:
             self.save_error = str(problem)

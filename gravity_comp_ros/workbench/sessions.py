@@ -11,7 +11,7 @@ from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Worker
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.stages import Start
+from gravity_comp_ros.workbench.stages import State
 
 # Each session with a page has a process of at least 80 MB.
 MAX_OPEN = 8
@@ -25,7 +25,7 @@ class Sessions:
     :param place: folder of saved sessions; None to save none.
     """
 
-    def __init__(self, start: Start, place: Path | None,
+    def __init__(self, start: State, place: Path | None,
                  new_worker: Callable[[], Worker] = Worker) -> None:
         self._start, self.place, self._new_worker = start, place, new_worker
         self.open: dict[str, Session] = {}
@@ -83,10 +83,8 @@ class Sessions:
         warning = ''
         if identity and self.place is not None:
             try:
-                saved = store.load(self.place, identity)
-                session = Session(saved.start, self._new_worker(), identity, self.place)
-                session.restore(saved)
-                return session
+                return Session(store.load(self.place, identity), self._new_worker(), identity,
+                               self.place)
             except GravityCompError as problem:
                 warning = str(problem)
         session = Session(self._start, self._new_worker(), secrets.token_hex(8), self.place)

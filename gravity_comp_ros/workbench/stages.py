@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 import shlex
@@ -17,6 +17,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 
@@ -100,29 +101,6 @@ _MAX_NAMED = 2
 
 
 @dataclass(frozen=True)
-class GivenModel:
-    """A model file named on the command line."""
-
-    path: Path
-    model: GravityModel
-
-    @property
-    def name(self) -> str:
-        """Return the name on the page."""
-        return self.path.name
-
-
-@dataclass(frozen=True)
-class Start:
-    """Initial state of a new session: the arguments of the command."""
-
-    paths: tuple[Path, ...]
-    choice: Choice = Choice()
-    given: tuple[GivenModel, ...] = ()
-    urdf: Path | None = None
-
-
-@dataclass(frozen=True)
 class Stage:
     """
     One state of the model.
@@ -134,12 +112,43 @@ class Stage:
 
     name: str
     model: GravityModel
-    choice: Choice
+    choice: Choice = Choice()
     effects: tuple[str, ...] = ()
     given: Path | None = None
     diagnosis: Diagnosis | None = None
     diagnosed_with: Choice | None = None
     warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of_file(cls, path: Path) -> Stage:
+        """
+        Return the model of a file.
+
+        :raises ModelFileError: if it cannot be read.
+        """
+        return cls(path.name, load_model(path), given=path)
+
+
+@dataclass(eq=False)
+class State:
+    """
+    What is saved of a session. A new one has the arguments of the command alone.
+
+    `given` are model files named on the command line. `joints` are all that can be chosen.
+    `stages` are in the order of their creation, and `at` is the number of the current one.
+    `to_learn` tells whether a fit was requested. `hashes` are the SHA-256 of the recordings by
+    path, when they were read.
+    """
+
+    paths: tuple[Path, ...]
+    choice: Choice = Choice()
+    given: tuple[Stage, ...] = ()
+    urdf: Path | None = None
+    joints: tuple[str, ...] = ()
+    stages: tuple[Stage, ...] = ()
+    at: int | None = None
+    to_learn: bool = True
+    hashes: Mapping[str, str] = field(default_factory=dict)
 
 
 def branch(stages: Sequence[Stage], number: int) -> list[Stage]:

@@ -7,7 +7,6 @@ default `~/.local/state`), readable only by this user and updated after every ch
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 import json
 import os
@@ -23,24 +22,12 @@ from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.workbench.stages import Choice, GivenModel, Stage, Start
+from gravity_comp_ros.workbench.stages import Choice, Stage, State
 
 _VERSION = 3
 _ID = re.compile(r'[0-9a-f]{16}')
 _MAX_SESSIONS = 50
 _MAX_BYTES = 256 * 2 ** 20
-
-
-@dataclass(frozen=True)
-class Saved:
-    """The state of a session; `hashes` are the SHA-256 of its recordings by path."""
-
-    start: Start
-    joints: tuple[str, ...]
-    stages: tuple[Stage, ...]
-    at: int | None
-    to_learn: bool
-    hashes: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -71,7 +58,7 @@ def model_text(model: GravityModel) -> str:
         return path.read_text()
 
 
-def save(place: Path, identity: str, saved: Saved) -> None:
+def save(place: Path, identity: str, state: State) -> None:
     """
     Write a session, atomically.
 
@@ -81,13 +68,12 @@ def save(place: Path, identity: str, saved: Saved) -> None:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as problem:
         raise GravityCompError(f'cannot save the session in {place}: {problem}') from problem
-    start = saved.start
     document = {
-        'version': _VERSION, 'changed': now(), 'urdf': _absolute(start.urdf),
-        'recordings': [_absolute(path) for path in start.paths], 'hashes': dict(saved.hashes),
-        'given': [_absolute(given.path) for given in start.given], 'joints': list(saved.joints),
-        'choice': asdict(start.choice), 'at': saved.at, 'to_learn': saved.to_learn,
-        'stages': [_stage(stage) for stage in saved.stages]}
+        'version': _VERSION, 'changed': now(), 'urdf': _absolute(state.urdf),
+        'recordings': [_absolute(path) for path in state.paths], 'hashes': dict(state.hashes),
+        'given': [_absolute(stage.given) for stage in state.given], 'joints': list(state.joints),
+        'choice': asdict(state.choice), 'at': state.at, 'to_learn': state.to_learn,
+        'stages': [_stage(stage) for stage in state.stages]}
     path = place / f'{identity}.json'
     write_atomically(path, json.dumps(document).encode(), GravityCompError)
     path.chmod(0o600)
@@ -96,9 +82,9 @@ def save(place: Path, identity: str, saved: Saved) -> None:
         shutil.rmtree(place / 'recordings' / old.stem, ignore_errors=True)
 
 
-def load(place: Path, identity: str) -> Saved:
+def load(place: Path, identity: str) -> State:
     """
-    Return a saved session.
+    Return the state of a saved session.
 
     :raises GravityCompError: if there is none with this id, or its file is damaged.
     """
@@ -106,17 +92,17 @@ def load(place: Path, identity: str) -> Saved:
         raise DataError('invalid session id')
     document = _read(place / f'{identity}.json')
     try:
-        given = tuple(GivenModel(Path(path), load_model(path)) for path in document['given']
-                      if Path(path).is_file())
-        start = Start(tuple(map(Path, document['recordings'])), _choice(document['choice']), given,
-                      Path(document['urdf']) if document['urdf'] else None)
-        saved = Saved(start, tuple(document['joints']),
-                      tuple(_unstage(entry) for entry in document['stages']), document['at'],
-                      bool(document['to_learn']), dict(document['hashes']))
-        _check(saved)
+        given = tuple(Stage.of_file(path) for path in map(Path, document['given'])
+                      if path.is_file())
+        state = State(
+            tuple(map(Path, document['recordings'])), _choice(document['choice']), given,
+            Path(document['urdf']) if document['urdf'] else None, tuple(document['joints']),
+            tuple(_unstage(entry) for entry in document['stages']), document['at'],
+            bool(document['to_learn']), dict(document['hashes']))
+        _check(state)
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         raise DataError(f'the file of session {identity} is damaged: {problem}') from problem
-    return saved
+    return state
 
 
 def listed(place: Path, max_count: int = 10) -> list[Entry]:
@@ -185,12 +171,12 @@ def _choice(entry: dict[str, Any]) -> Choice:
                      'reading': ReadOptions(**options)})
 
 
-def _check(saved: Saved) -> None:
-    if saved.stages and saved.stages[0].effects:
+def _check(state: State) -> None:
+    if not state.stages or state.stages[0].effects:
         raise ValueError('the first stage is neither a fit nor a file')
-    runs = [run for choice in (saved.start.choice, *(s.choice for s in saved.stages))
+    runs = [run for choice in (state.choice, *(s.choice for s in state.stages))
             for run in choice.runs]
-    if any(not 0 <= run < len(saved.start.paths) for run in runs):
+    if any(not 0 <= run < len(state.paths) for run in runs):
         raise ValueError('a run has no recording')
-    if saved.at is not None and not 0 <= saved.at < len(saved.stages):
+    if state.at is not None and not 0 <= state.at < len(state.stages):
         raise ValueError('there is no such stage')

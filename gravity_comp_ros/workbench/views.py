@@ -18,7 +18,8 @@ from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, FAINT, padded, plot, short)
 from gravity_comp_ros.report.table import keep_extremes, Table
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.results import NamedModel, Results
+from gravity_comp_ros.workbench.results import Results
+from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
 # Views with plots of the selected joint.
@@ -82,7 +83,7 @@ class TwoModels:
 
     def show(self, results: Results) -> UIElement:
         """Return the view of a session's models."""
-        models = {named.name: named for named in results.models()}
+        models = {stage.name: stage for stage in results.models()}
         if len(models) < 2:
             return widgets.html(markup.paragraph(
                 'There is only one model: add an effect, or name further models with --model.'))
@@ -103,23 +104,23 @@ class TwoModels:
         return column(row(a, b, sizing_mode='stretch_width'), place, sizing_mode='stretch_width')
 
 
-def _compared(results: Results, a: NamedModel, b: NamedModel) -> UIElement:
+def _compared(results: Results, a: Stage, b: Stage) -> UIElement:
     try:
-        errors = [results.compared(named.model) for named in (a, b)]
+        errors = [results.compared(stage.model) for stage in (a, b)]
         joints = [name for name in b.model.joints if name in a.model.joints]
         if not joints:
             raise GravityCompError('these models have no common joint')
-        residuals = [results.residual(named.model)[:, [
-            named.model.joints.index(name) for name in joints]] for named in (a, b)]
+        residuals = [results.residual(stage.model)[:, [
+            stage.model.joints.index(name) for name in joints]] for stage in (a, b)]
         plots = _residuals(results.recording.samples.joints(joints), residuals)
     except GravityCompError as problem:
         return widgets.html(markup.paragraph(str(problem)))
     lead = markup.paragraph(f'A is {a.name}, B is {b.name}. Errors are on the selected samples.',
                             'quiet')
     lead += _contents_table(results, a, b) + _error_table(joints, *errors)
-    bars = [Bars(f'{letter}: {short(named.name, 44)}',
+    bars = [Bars(f'{letter}: {short(stage.name, 44)}',
                  [error.joints[joint].rmse for joint in joints], colour)
-            for letter, named, error, colour in zip('AB', (a, b), errors, (BEFORE, AFTER))]
+            for letter, stage, error, colour in zip('AB', (a, b), errors, (BEFORE, AFTER))]
     # A grid, because Bokeh lays out a plot next to a grid incorrectly.
     parts = [gridplot([[bar_plot('RMSE, N·m', joints, bars, '0.0000')]],
                       sizing_mode='stretch_width', toolbar_location=None), plots]
@@ -127,12 +128,12 @@ def _compared(results: Results, a: NamedModel, b: NamedModel) -> UIElement:
                            column(*parts, sizing_mode='stretch_width')))
 
 
-def _contents_table(results: Results, a: NamedModel, b: NamedModel) -> str:
+def _contents_table(results: Results, a: Stage, b: Stage) -> str:
     """Return a table of the provenance and the effects of both models."""
     of_a, of_b = results.facts(a), results.facts(b)
     rows = [[what, of_a[what], of_b[what]] for what in of_a]
     in_a, in_b = ({effect.target: markup.units(wording.coefficients(effect.coefficients, 6))
-                   for effect in named.model.applied.effects} for named in (a, b))
+                   for effect in stage.model.applied.effects} for stage in (a, b))
     rows += [[target, in_a.get(target, 'not included'), in_b.get(target, 'not included')]
              for target in dict.fromkeys([*in_a, *in_b])]
     return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))

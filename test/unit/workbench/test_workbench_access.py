@@ -17,7 +17,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import access, serve
 from gravity_comp_ros.workbench.page_parts import facts_html
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.stages import Start
+from gravity_comp_ros.workbench.stages import State
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
@@ -92,7 +92,7 @@ class Served:
 def served(tmp_path):
     """Return a server with one session that has read a recording."""
     write_bag(tmp_path / 'run.mcap', [joint_states(two_links(1))])
-    sessions = Sessions(Start((tmp_path / 'run.mcap',)), tmp_path / 'state', InProcess)
+    sessions = Sessions(State((tmp_path / 'run.mcap',)), tmp_path / 'state', InProcess)
     worked(sessions.attach('', object()), until='LEARN')
     running = Served(sessions)
     yield running

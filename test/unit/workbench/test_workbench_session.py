@@ -26,7 +26,7 @@ from gravity_comp_ros.workbench.jobs import Job, PROCESS_ENDED, Read, Step, Work
 from gravity_comp_ros.workbench.page_parts import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.stages import Choice, GivenModel, Start
+from gravity_comp_ros.workbench.stages import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
 import pytest
@@ -145,7 +145,7 @@ def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
 def test_a_model_of_another_robot_is_refused(learned, tmp_path):
     other = tmp_path / 'other.mcap'
     write_bag(other, [joint_states(two_links(1, names=('a', 'b')))])
-    given = (GivenModel(Path('arm.json'), learned.stage.model),)
+    given = (Stage('arm.json', learned.stage.model, given=Path('arm.json')),)
     stranger = worked(session_of(other, given=given))
     assert 'arm.json is of another robot' in stranger.error
     # An added recording of another robot is refused, and the others are kept.
@@ -270,7 +270,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     session.rename('with friction')
     assert (place / f'{session.id}.json').stat().st_mode & 0o077 == 0
     assert (place.stat().st_mode & 0o077) == 0
-    sessions = Sessions(Start(()), place, InProcess)
+    sessions = Sessions(State(()), place, InProcess)
     # As after a killed server: another one attaches the session by its id.
     loaded = sessions.attach(session.id, object())
     assert loaded.paths == session.paths and loaded.choice == session.choice
@@ -282,10 +282,20 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     np.testing.assert_array_equal(one.contents().predicted, other.contents().predicted)
     saved, = sessions.earlier()
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
-    again = Sessions(Start(()), place, InProcess).attach(session.id, object())
+    again = Sessions(State(()), place, InProcess).attach(session.id, object())
     again.hashes = dict.fromkeys(again.hashes, 'f' * 64)
     worked(again, until='DIAGNOSE')
     assert 'run1.mcap, run2.mcap changed since this session was saved' in again.warning
+
+
+def test_a_given_model_is_saved_by_its_path(learned, tmp_path):
+    file, place = tmp_path / 'arm.json', tmp_path / 'state'
+    file.write_text(store.model_text(learned.stage.model))
+    given = (Stage.of_file(file),)
+    session = worked(session_of(*learned.paths, place=place, given=given), until='DIAGNOSE')
+    loaded = store.load(place, session.id)
+    assert loaded.given[0].given == loaded.stages[0].given == file
+    assert loaded.stages[0].name == 'arm.json' and not loaded.to_learn
 
 
 def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
@@ -327,7 +337,7 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
         path.write_text(json.dumps(document))
         with pytest.raises(GravityCompError):
             store.load(tmp_path, session.id)
-    opened = Sessions(Start(()), tmp_path, InProcess).attach(session.id, object())
+    opened = Sessions(State(()), tmp_path, InProcess).attach(session.id, object())
     assert opened.id != session.id and 'damaged' in opened.warning
     path.write_text(whole[:1000])
     assert store.listed(tmp_path) == []
@@ -338,7 +348,7 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
 
 def test_a_session_has_one_page_and_their_number_is_limited(paths, monkeypatch):
     monkeypatch.setattr(all_sessions, 'MAX_OPEN', 2)
-    sessions, pages = Sessions(Start(paths), None, InProcess), [object() for _ in range(4)]
+    sessions, pages = Sessions(State(paths), None, InProcess), [object() for _ in range(4)]
     first, second = (sessions.attach('', page) for page in pages[:2])
     with pytest.raises(OptionError, match='2 sessions are open'):
         sessions.attach('', pages[2])
