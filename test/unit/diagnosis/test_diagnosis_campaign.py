@@ -113,6 +113,7 @@ def test_a_spring_in_one_posture_causes_no_false_finding(arm, joint, seed):
     scene = Scene(arm, 'joint_spring', joint, 'settled', seed)
     diagnosis = diagnose(scene.recorded())
     name = scene.arm_model.joints[joint]
-    findings = [f for f in diagnosis.findings if f.verdict in FOUND and f.effect not in ALWAYS_THERE]
+    findings = [f for f in diagnosis.findings
+                if f.verdict in FOUND and f.effect not in ALWAYS_THERE]
     assert not findings, [f.to_json() for f in findings]
     assert 'stand still' in diagnosis.joints[name].untestable['joint_spring']

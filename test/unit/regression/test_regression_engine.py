@@ -78,7 +78,7 @@ def test_a_cable_between_the_compared_starts_is_one_term(seed):
 
 
 @pytest.mark.parametrize('seed, noise', [(0, 0.03), (2, 0.01), (5, 0.03)])
-def test_a_ripple_that_imitates_a_cable_is_replaced(seed, noise):
+def test_a_ripple_that_resembles_a_cable_is_replaced(seed, noise):
     # The cable at each of the compared starts is far worse than the refined ripple.
     parts = [replace(p, q=0.25 * p.q, qd=0.25 * p.qd)
              for p in motion_of_joints(1, seed, rate=10.0)]
