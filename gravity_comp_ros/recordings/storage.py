@@ -12,6 +12,7 @@ import tempfile
 from typing import Any
 
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.compression import (
     CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
@@ -22,6 +23,8 @@ _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ROS1_MAGIC = b'#ROSBAG V'
 _TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy', '.parquet')
+# Number and endings of a file of a split recording.
+_PART = re.compile(r'(_\d+)?\.(mcap|db3)(\.zstd)?$')
 _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
@@ -51,16 +54,17 @@ class _Decompressing(Storage):
     Storage of a recording whose messages may be compressed one by one, as rosbag2 can do.
 
     Such messages begin with the magic number of zstd, which no plain message does, so that the
-    metadata of the recording is not needed.
+    metadata of the recording is not needed. A damaged message among others is empty.
     """
 
     def __init__(self, inner: Storage, path: Path) -> None:
         self._inner, self._path = inner, path
         self.topics = inner.topics
+        self._read, self._damaged = 0, 0
 
     def batches(self, topic: str) -> Iterator[Batch]:
         for batch in self._inner.batches(topic):
-            if len(batch) and batch.message(0).startswith(ZSTD_MAGIC):
+            if len(batch) and (self._read or batch.message(0).startswith(ZSTD_MAGIC)):
                 yield from batched((int(stamp), self._plain(topic, batch.message(m)))
                                    for m, stamp in enumerate(batch.log_ns))
             else:
@@ -68,14 +72,20 @@ class _Decompressing(Storage):
 
     @property
     def notes(self) -> list[str]:
-        return self._inner.notes
+        note = f'{counted(self._damaged, "message")} cannot be decompressed'
+        return [*self._inner.notes, *[note] * bool(self._damaged)]
 
     def _plain(self, topic: str, data: bytes) -> bytes:
         if not data.startswith(ZSTD_MAGIC):
             return data
         try:
-            return decompressed(data, 'zstd', MAX_MESSAGE)
+            plain = decompressed(data, 'zstd', MAX_MESSAGE)
+            self._read += 1
+            return plain
         except CompressionError as error:
+            if self._read:
+                self._damaged += 1
+                return b''
             raise BagError(f'{self._path}: a message on {topic} cannot be decompressed: '
                            f'{error}') from None
 
@@ -115,6 +125,9 @@ def data_files(path: Path) -> list[Path]:
         if not present:
             raise BagError(f'{path} is not a recording: it has neither metadata.yaml nor any '
                            f'.mcap or .db3 file')
+        if len({_PART.sub('', file.name) for file in present}) > 1:
+            raise BagError(f'{path} has no metadata.yaml and the files of several recordings: '
+                           f'name one of {", ".join(file.name for file in present)}')
         return present
     names = metadata['relative_file_paths']
     files = [path / PurePosixPath(name).name for name in names]

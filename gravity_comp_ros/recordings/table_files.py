@@ -60,7 +60,8 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
             rows = _rows(path, chain([start], stream), delimiter)
             return _csv_table(path, rows, delimiter != ',', header, skip_bad_rows)
     except UnicodeDecodeError:
-        raise BagError(f'{path} is not a text file in UTF-8') from None
+        raise BagError(f'{path} is not a text file in UTF-8; a recording needs no conversion'
+                       ) from None
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
 

@@ -7,7 +7,10 @@ import tracemalloc
 from bench.shared.recordings import messages, motion, NAMES, write_folder
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag
-from gravity_comp_ros.recordings.compression import CompressionError, decompressed
+from gravity_comp_ros.recordings.compression import (
+    CompressionError, decompressed, ZSTD_MAGIC)
+from gravity_comp_ros.recordings.joint_columns import UNDECODABLE
+from gravity_comp_ros.recordings.joint_state_cdr import encode
 import lz4.frame
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
@@ -104,6 +107,15 @@ def test_a_compressed_message_that_is_a_bomb_is_refused(tmp_path):
     rows[0][1] = bomb('zstd')
     with pytest.raises(BagError, match='a message on /joint_states cannot be decompressed: it'):
         read_bag(write_folder(tmp_path / 'bag', {'/joint_states': rows}))
+
+
+def test_a_damaged_compressed_message_is_left_out(tmp_path):
+    rows = [[ns, zstandard.ZstdCompressor().compress(encode(**content))]
+            for ns, content in messages()]
+    rows[7][1] = ZSTD_MAGIC + b' junk'
+    report = read_bag(write_folder(tmp_path / 'bag', {'/joint_states': rows})).report
+    assert report.n_samples == 49 and report.dropped == {UNDECODABLE: 1}
+    assert report.file_notes == ('1 message cannot be decompressed',)
 
 
 def ros1(number, stamp, q, qd, tau):

@@ -1,5 +1,6 @@
 """Damaged files and files of other formats: refused in one line, or read with a note."""
 
+import shutil
 import sqlite3
 
 from bench.shared.recordings import add_other_topic, messages, motion, NAMES, write_folder
@@ -169,6 +170,10 @@ def test_missing_recordings(tmp_path):
     assert 'no such recording' in refusal(tmp_path / 'none.mcap')
     (tmp_path / 'folder').mkdir()
     assert 'neither metadata.yaml nor' in refusal(tmp_path / 'folder')
+    for name in ('morning', 'evening'):
+        (source,) = write_folder(tmp_path / name, {'/joint_states': messages()}).glob('*.db3')
+        shutil.copy(source, tmp_path / 'folder' / f'{name}_0.db3')
+    assert 'name one of evening_0.db3, morning_0.db3' in refusal(tmp_path / 'folder')
 
 
 def test_recordings_without_joint_states(tmp_path):
