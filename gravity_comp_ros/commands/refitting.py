@@ -136,8 +136,8 @@ def effect_lines(result: Refit) -> list[str]:
 
 def _numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and nonlinear parameters in one line."""
-    return ', '.join([wording.coefficients(effect.coefficients, 6), *(
-        f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
+    return ', '.join(filter(None, (wording.coefficients(effect.coefficients, 6),
+                                   wording.settings(effect))))
 
 
 def warnings(result: Refit) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.models.applied_effects import Quantity
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
 
 if TYPE_CHECKING:
     from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
@@ -96,6 +96,13 @@ def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
     texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items[:limit])
     more = len(items) - limit
     return texts + (f' and {more} more' if more > 0 else '') or '–'
+
+
+def settings(effect: AppliedEffect) -> str:
+    """Return the nonlinear parameters with a meaning: not the names of recordings or a clock."""
+    units = all_effects()[effect.name].setting_units
+    return ', '.join(f'{name} {x:.3g}' for name, x in effect.setting.items()
+                     if name in units and name != 'clock')
 
 
 def plus_minus(estimate: Quantity) -> str:

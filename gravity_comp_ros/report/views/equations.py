@@ -30,7 +30,7 @@ def section(contents: Contents, selector: JointSelector) -> Section:
             ['effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'],
             [[e.name, e.joint or 'the whole arm',
               markup.units(wording.coefficients(e.coefficients, 6)),
-              ', '.join(f'{k} {x:.3g}' for k, x in e.setting.items()) or '–'] for e in applied],
+              wording.settings(e) or '–'] for e in applied],
             left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
     after = markup.paragraph(
         'The x axis is the index of the feature among the 3^N products of the dictionary. A '
