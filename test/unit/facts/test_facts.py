@@ -269,9 +269,14 @@ def publishers(rows_of_second):
     {'names': list(NAMES[::-1]), 'position': [0.0] * 4},
     {'names': list(NAMES), 'position': [0.0] * 4},
     {'names': list(NAMES), 'position': [0.0] * 4, 'velocity': [0.0] * 4, 'effort': [0.0] * 4},
-    {'names': list(NAMES), 'position': [1.0, 2.0, 1.0, 2.0], 'effort': [0.0] * 4}])
+    {'names': list(NAMES), 'position': [1.0, 2.0, 1.0, 2.0], 'effort': [0.0] * 4},
+    {'names': list(NAMES), 'position': None, 'effort': [0.0] * 4}])
 def test_a_second_publisher_is_left_out(tmp_path, second):
-    path = write_folder(tmp_path / 'bag', {'/joint_states': publishers(second)})
+    rows = publishers(second)
+    for driver, other in zip(rows[::2], rows[1::2]):
+        # A mirror repeats the positions of the driver.
+        other[1]['position'] = second['position'] or driver[1]['position']
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
     recording = read_bag(path)
     only(recording, Kind.PUBLISHER, Action.LEFT_OUT)
     np.testing.assert_array_equal(recording.samples.q, Q[:500])
