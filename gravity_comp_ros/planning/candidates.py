@@ -1,15 +1,14 @@
 """
 Candidate parts of a planned motion.
 
-A part is a tour of straight lines through poses. It starts and ends at rest at one pose, its
-`base`. Strokes go back and forth along one joint, or along two neighbours at once; tours of all
-joints go through random poses.
+A part is a tour of straight lines through poses. It starts and ends at rest at one pose, its base.
+Strokes go back and forth along one joint, or along several in drawn directions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -27,9 +26,8 @@ _SHARE, _MIN_SECONDS, _MAX_SECONDS = 0.25, 3.0, 8.0
 _MIN_STROKE, _MAX_STROKE = 0.02, 3.0
 # Number of base poses, and smallest distance between them, rad.
 _MAX_BASES, _APART = 4, 0.1
-# Tours of all joints: largest distance of a pose from the start, rad; shares of the whole
-# duration; number of poses drawn for each; number of tours.
-_TOUR_WIDTH, _TOUR_SHARES, _POSES, _TOURS = 1.4, (1.0, 1.0, 0.6), 40, 24
+# Number of drawn directions of several joints from each base.
+_TOGETHER = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,60 +53,39 @@ class Part:
         return duration(self.lines)
 
 
-def strokes(space: Workspace, model: GravityModel, joint: int, limits: Limits,
+def strokes(space: Workspace, model: GravityModel, joints: Sequence[int], limits: Limits,
             seconds: float) -> list[Part]:
-    """Return parts of a motion of `seconds` that move a joint, alone or with a neighbour."""
-    eye, n = np.eye(len(space.low)), len(space.low)
-    nominal = float(np.clip(_SHARE * seconds, _MIN_SECONDS, _MAX_SECONDS))
-    directions: list[tuple[tuple[int, ...], FloatArray, str]] = [((joint,), eye[joint], '')]
-    for other in {joint - 1, joint + 1} & set(range(n)):
-        directions += [((joint, other), eye[joint] + eye[other], 'in the same direction '),
-                       ((joint, other), eye[joint] - eye[other], 'in opposite directions ')]
-    parts = []
-    for posture, base in _bases(space, model, joint):
-        way = through([space.start, base], limits)
-        for joints, axis, how in directions:
-            up, down = (space.extent(base, sign * axis, _MAX_STROKE) for sign in (1.0, -1.0))
-            if up + down < _MIN_STROKE:
-                continue
-            for slower in map(limits.slower, _SPEEDS):
-                short = min(up + down, 0.5 * nominal * slower.speed)
-                for length in dict.fromkeys((short, up + down)):
-                    low = float(np.clip(-0.5 * length, -down, up - length))
-                    bottom, top = base + low * axis, base + (low + length) * axis
-                    cycle = 2.0 * Line(bottom, top, slower).duration
-                    stops = [base, *[top, bottom] * max(1, int(nominal / cycle)), base]
-                    what = (f'back and forth {how}over {length:.2g} rad at '
-                            f'{slower.speed:.2g} rad/s{posture}')
-                    parts.append(Part(what, joints, stops, slower, way))
-    return parts
-
-
-def tours(space: Workspace, limits: Limits, seconds: float) -> list[Part]:
-    """
-    Return tours through random poses, all joints moving at once, of up to `seconds`.
-
-    They excite gravity at other poses of all joints, for which strokes have no time.
-    """
+    """Return parts of a motion of `seconds` that move one of some joints, or all at once."""
     rng, parts = np.random.default_rng(0), []
-    low = np.maximum(space.low, space.start - _TOUR_WIDTH)
-    high = np.minimum(space.high, space.start + _TOUR_WIDTH)
-    for number in range(_TOURS):
-        longest = seconds * _TOUR_SHARES[number % len(_TOUR_SHARES)]
-        shares = rng.uniform(0.0, 1.0, (_POSES, len(space.low)))
-        if number % 2:
-            # Offsets and elastic torques differ from gravity at the ends of the range.
-            shares = shares.round()
-        stops = [space.start]
-        for pose in low + shares * (high - low):
-            tour = through([*stops, pose, space.start], limits)
-            if (duration(tour) <= longest and space.admits_line(stops[-1], pose)
-                    and space.admits_line(pose, space.start)):
-                stops.append(pose)
-        if len(stops) > 2:
-            parts.append(Part(f'together through {len(stops) - 1} postures, tour {number + 1}',
-                              tuple(range(len(space.low))), [*stops, space.start], limits))
+    for joint in joints:
+        for posture, base in _bases(space, model, joint):
+            way = through([space.start, base], limits)
+            axes = [np.eye(len(base))[joint]]
+            for _ in range(_TOGETHER * (len(joints) > 1)):
+                axes.append(np.zeros(len(base)))
+                axes[-1][list(joints)] = rng.choice([-1.0, 1.0], len(joints))
+            parts += [replace(part, what=part.what + posture, way=way) for axis in axes
+                      for part in _along(space, base, axis, limits, seconds)]
     return parts
+
+
+def _along(space: Workspace, base: FloatArray, axis: FloatArray, limits: Limits,
+           seconds: float) -> Iterator[Part]:
+    """Yield strokes along an axis about a base pose, and over all of the axis that is admitted."""
+    up, down = (space.extent(base, sign * axis, _MAX_STROKE) for sign in (1.0, -1.0))
+    if up + down < _MIN_STROKE:
+        return
+    joints = tuple(np.flatnonzero(axis).tolist())
+    nominal = float(np.clip(_SHARE * seconds, _MIN_SECONDS, _MAX_SECONDS))
+    for slower in map(limits.slower, _SPEEDS):
+        for length in dict.fromkeys((min(up + down, 0.5 * nominal * slower.speed), up + down)):
+            low = float(np.clip(-0.5 * length, -down, up - length))
+            bottom, top = base + low * axis, base + (low + length) * axis
+            cycle = 2.0 * Line(bottom, top, slower).duration
+            stops = [base, *[top, bottom] * max(1, int(nominal / cycle)), base]
+            what = 'together ' * (len(joints) > 1) + (
+                f'back and forth over {length:.2g} rad at {slower.speed:.2g} rad/s')
+            yield Part(what, joints, stops, slower)
 
 
 def _bases(space: Workspace, model: GravityModel,

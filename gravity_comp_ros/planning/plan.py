@@ -12,7 +12,7 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.candidates import Part, strokes, tours
+from gravity_comp_ros.planning.candidates import Part, strokes
 from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
@@ -28,8 +28,6 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# With targets on more joints than this, tours of all joints are candidates.
-_MAX_JOINTS_WITHOUT_TOURS = 3
 # Candidates of each joint in the probe motion, from which priors and settings follow.
 _PROBE_PARTS = 6
 # Half-width of a 95 % interval in standard deviations.
@@ -92,16 +90,17 @@ def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
         raise OptionError('plan: no target is open; name the effects to resolve')
     limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
     joints = _joints(targets, model.joints, gravity)
-    each = [strokes(space, model, joint, limits, options.duration) for joint in joints]
-    if len(joints) > _MAX_JOINTS_WITHOUT_TOURS:
-        each.append(tours(space, limits, options.duration))
-    if not any(each):
+    parts = strokes(space, model, joints, limits, options.duration)
+    if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
-    probe = [line for some in each for part in some[:_PROBE_PARTS] for line in part.lines]
+    # Each joint alone, and all at once.
+    probe = [line for joints in dict.fromkeys(part.joints for part in parts)
+             for part in [part for part in parts if part.joints == joints][:_PROBE_PARTS]
+             for line in part.lines]
     sums, questions, notes = questions_of(regression, targets, probe, options.duration)
     gravity = None if gravity is None else replace(gravity, sums=sums)
-    return Criterion(sums, questions, gravity), [part for some in each for part in some], notes
+    return Criterion(sums, questions, gravity), parts, notes
 
 
 def _joints(targets: Sequence[Target], names: tuple[str, ...], gravity: Gravity | None
