@@ -15,7 +15,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.models.kinematic.arm_columns import described_columns, motion_columns
+from gravity_comp_ros.models.kinematic.arm_columns import kept_parameters, motion_columns
+from gravity_comp_ros.models.kinematic.rigid_body import (
+    inverse_dynamics, PARAMETERS, regressor)
 import numpy as np
 
 DYNAMICS = 'rigid_body_dynamics'
@@ -49,31 +51,17 @@ class RigidBodyDynamics(Effect):
     is_shared = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return np.concatenate(list(self._batches(motion)))
+        return np.concatenate([_columns(motion, *state) for state in _batches(motion)])
 
     def torque(self, motion: Motion, joint: int, setting: Setting,
                values: FloatArray) -> FloatArray:
         # All columns of a long recording together take gigabytes.
-        return np.concatenate([columns @ values for columns in self._batches(motion)])
-
-    @staticmethod
-    def _batches(motion: Motion) -> Iterator[FloatArray]:
-        """Yield the columns (B, N, K) of consecutive samples."""
-        samples = motion.samples
-        for start in range(0, max(samples.n_samples, 1), _BATCH):
-            rows = slice(start, start + _BATCH)
-            state = samples.q[rows], samples.qd[rows], motion.qdd[rows]
-            if motion.geometry is not None:
-                yield described_columns(motion.geometry, *state) - described_columns(
-                    motion.geometry, state[0], 0.0 * state[0], 0.0 * state[0])
-            else:
-                assert motion.chain is not None
-                yield motion_columns(motion.chain, *state)
+        return np.concatenate([_torque(motion, values, *state) for state in _batches(motion)])
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         n = motion.samples.n_joints
         if motion.geometry is not None:
-            count = described_columns(motion.geometry, *np.zeros((3, 1, n))).shape[2]
+            count = len(kept_parameters(motion.geometry))
             return tuple(Coefficient(f'p_{k + 1}', '', f'base parameter number {k + 1}')
                          for k in range(count))
         return (*(Coefficient(f'l_{i + 1}{axis}', 'm', f'length between joints number {i + 1} '
@@ -90,6 +78,33 @@ class RigidBodyDynamics(Effect):
         if largest < _MIN_ACCELERATION:
             return f'the arm hardly accelerates (at most {largest:.2g} rad/s^2)'
         return None
+
+
+def _batches(motion: Motion) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield angles, speeds and accelerations (B, N) of consecutive samples."""
+    samples = motion.samples
+    for start in range(0, max(samples.n_samples, 1), _BATCH):
+        rows = slice(start, start + _BATCH)
+        yield samples.q[rows], samples.qd[rows], motion.qdd[rows]
+
+
+def _columns(motion: Motion, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+    """Return the columns (B, N, K)."""
+    if motion.geometry is not None:
+        return np.asarray(regressor(motion.geometry, q, qd, qdd)[
+            :, :, kept_parameters(motion.geometry)])
+    assert motion.chain is not None
+    return motion_columns(motion.chain, q, qd, qdd)
+
+
+def _torque(motion: Motion, values: FloatArray, q: FloatArray, qd: FloatArray,
+            qdd: FloatArray) -> FloatArray:
+    """Return the columns times coefficients (K,), (B, N)."""
+    if motion.geometry is None:
+        return np.asarray(_columns(motion, q, qd, qdd) @ values)
+    parameters = np.zeros(len(PARAMETERS) * motion.geometry.n_joints)
+    parameters[kept_parameters(motion.geometry)] = values
+    return inverse_dynamics(motion.geometry, q, qd, qdd, parameters)
 
 
 EFFECTS = (RigidBodyDynamics(),)

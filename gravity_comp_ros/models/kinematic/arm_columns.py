@@ -25,6 +25,8 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.kinematic.vectors import (
+    combined, cross, cross_matrices, dot, next_values, outer, prefix_sums, suffix_sums, times)
 import numpy as np
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -41,18 +43,18 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
     arms, z, beyond = motion.links[:-1], motion.z, motion.beyond
     accelerated = motion.accelerated(arms)                      # (N - 1, axis, xyz, B)
     # The length of link i moves the bodies beyond it; joint j carries those beyond both.
-    moment = (_cross(beyond[1:, None], accelerated)
-              + _cross(arms, motion.moved_beyond[1:, None]))
+    moment = (cross(beyond[1:, None], accelerated)
+              + cross(arms, motion.moved_beyond[1:, None]))
     carries = np.arange(n)[:, None] <= np.arange(n)
     columns = np.empty((n, 9 * n - 3, m))
     lengths = columns[:, :3 * n - 3].reshape(n, n - 1, 3, m)
     inertias = columns[:, 3 * n - 3:].reshape(n, n, 6, m)
-    torque, lever = _inertia_columns(motion), _cross(z, beyond)
+    torque, lever = _inertia_columns(motion), cross(z, beyond)
     for j in range(n):
-        lengths[j, j:] = _dot(z[j], moment[j:])
-        lengths[j, :j] = _dot(lever[j], accelerated[:j])
-        along = _dot(z[j], motion.links[j:])                    # (N - j, axis, B)
-        inertias[j, j:] = _dot(along[:, None], torque[j:])
+        lengths[j, j:] = dot(z[j], moment[j:])
+        lengths[j, :j] = dot(lever[j], accelerated[:j])
+        along = dot(z[j], motion.links[j:])                    # (N - j, axis, B)
+        inertias[j, j:] = dot(along[:, None], torque[j:])
     inertias[~carries] = 0.0
     return columns.transpose(2, 0, 1)
 
@@ -74,34 +76,34 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
     """
     motion = _Motion.of(chain, q, qd, qdd)
     n, z, beyond = chain.n_joints, motion.z, motion.beyond
-    arms = np.concatenate([_combined(motion.links[:-1], lengths), np.zeros((1, *z.shape[1:]))])
+    arms = np.concatenate([combined(motion.links[:-1], lengths), np.zeros((1, *z.shape[1:]))])
     moments, before = motion.moments(arms[:-1], inertias)
-    velocities = _cross(motion.omega, arms)
-    position, velocity = (_prefix_sums(each) for each in (arms, velocities))
-    moving = _suffix_sums(_cross(motion.omega, beyond - _next(beyond)))
+    velocities = cross(motion.omega, arms)
+    position, velocity = (prefix_sums(each) for each in (arms, velocities))
+    moving = suffix_sums(cross(motion.omega, beyond - next_values(beyond)))
     by_c, by_w = _turned_moments(motion, inertias, arms, velocities, moving)
-    lever = _cross(z, beyond)
-    own_c, own_w = _times(by_c, z), _times(by_w, z)
+    lever = cross(z, beyond)
+    own_c, own_w = times(by_c, z), times(by_w, z)
     columns = np.zeros((n, n, 2, len(q)))
     result = columns.transpose(1, 2, 0, 3)     # frame, axis, joint
     for k in range(1, n):                      # the base does not move
         e, omega, alpha = motion.frames[k, :2], motion.omega[k - 1], motion.alpha[k - 1]
-        w = _cross(e, omega)
-        c = _cross(e, alpha) - _cross(w, omega)
+        w = cross(e, omega)
+        c = cross(e, alpha) - cross(w, omega)
         within, carriers = slice(k, None), slice(None, k)
         from_k = lever[within]
         result[k, :, within] = -(
-            _dot(c[:, None], own_c[within] + _cross(position[within] - position[k], from_k))
-            + _dot(w[:, None], own_w[within]
-                   + 2.0 * _cross(velocity[within] - velocity[k], from_k))
-            + _dot(e[:, None], _cross(before[k], from_k)))
-        moment = (_cross(e, moments[k]) + _cross(_cross(e, beyond[k]), before[k])
-                  - _times(by_c[k], c) - _times(by_w[k].swapaxes(0, 1), w))
-        force = (_cross(e, motion.moved_beyond[k]) - _cross(c, beyond[k])
-                 - 2.0 * _cross(w, moving[k]))
-        arm = _cross(z[carriers], position[k] - position[carriers])
-        result[k, :, carriers] = (_dot(z[carriers], moment[:, None])
-                                  + _dot(arm, force[:, None]))
+            dot(c[:, None], own_c[within] + cross(position[within] - position[k], from_k))
+            + dot(w[:, None], own_w[within]
+                  + 2.0 * cross(velocity[within] - velocity[k], from_k))
+            + dot(e[:, None], cross(before[k], from_k)))
+        moment = (cross(e, moments[k]) + cross(cross(e, beyond[k]), before[k])
+                  - times(by_c[k], c) - times(by_w[k].swapaxes(0, 1), w))
+        force = (cross(e, motion.moved_beyond[k]) - cross(c, beyond[k])
+                 - 2.0 * cross(w, moving[k]))
+        arm = cross(z[carriers], position[k] - position[carriers])
+        result[k, :, carriers] = (dot(z[carriers], moment[:, None])
+                                  + dot(arm, force[:, None]))
     return columns.reshape(n, 2 * n, -1).transpose(2, 0, 1)
 
 
@@ -115,17 +117,17 @@ def _turned_moments(motion: _Motion, inertias: FloatArray, arms: FloatArray,
     axes, matrices = motion.links, _matrices(inertias)
     turned = (matrices @ axes.reshape(len(axes), 3, -1)).reshape(axes.shape)
     inertia = np.asarray(sum(axes[:, k, :, None] * turned[:, k, None] for k in range(3)))
-    beyond, moved = _next(motion.beyond), _next(moving)
+    beyond, moved = next_values(motion.beyond), next_values(moving)
     one = np.eye(3)[:, :, None]
     spin = motion.omega[:, None]
-    by_c = (inertia + 2.0 * one * _dot(arms, beyond)[:, None, None]
-            - _outer(beyond, arms) - _outer(arms, beyond))
+    by_c = (inertia + 2.0 * one * dot(arms, beyond)[:, None, None]
+            - outer(beyond, arms) - outer(arms, beyond))
     # omega x I and I x omega, column by column of the symmetric I.
-    crossed = _cross(spin, inertia).swapaxes(1, 2)
-    by_w = (crossed + crossed.swapaxes(1, 2) + _skew(_times(inertia, motion.omega))
-            + 2.0 * (one * (_dot(velocities, beyond) + _dot(moved, arms))[:, None, None]
-                     - _outer(beyond, velocities) - _outer(arms, moved)))
-    return _suffix_sums(by_c), _suffix_sums(by_w)
+    crossed = cross(spin, inertia).swapaxes(1, 2)
+    by_w = (crossed + crossed.swapaxes(1, 2) + cross_matrices(times(inertia, motion.omega))
+            + 2.0 * (one * (dot(velocities, beyond) + dot(moved, arms))[:, None, None]
+                     - outer(beyond, velocities) - outer(arms, moved)))
+    return suffix_sums(by_c), suffix_sums(by_w)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +154,11 @@ class _Motion:
         z = kinematics.frames[:, 2]
         speeds = z * qd.T[:, None]
         omega = np.cumsum(speeds, axis=0)
-        alpha = np.cumsum(z * qdd.T[:, None] + _cross(omega - speeds, speeds), axis=0)
-        moments = _combined(kinematics.rotated[:, :2], chain.moments / STANDARD_GRAVITY)
+        alpha = np.cumsum(z * qdd.T[:, None] + cross(omega - speeds, speeds), axis=0)
+        moments = combined(kinematics.rotated[:, :2], chain.moments / STANDARD_GRAVITY)
         own = cls(kinematics.rotated, kinematics.frames, omega, alpha, moments, moments)
-        return replace(own, beyond=_suffix_sums(moments),
-                       moved_beyond=_suffix_sums(own.accelerated(moments)))
+        return replace(own, beyond=suffix_sums(moments),
+                       moved_beyond=suffix_sums(own.accelerated(moments)))
 
     @property
     def z(self) -> FloatArray:
@@ -173,8 +175,8 @@ class _Motion:
         """
         shape = (len(fixed), *[1] * (fixed.ndim - 3), *self.omega.shape[1:])
         omega, alpha = (rate[:len(fixed)].reshape(shape) for rate in (self.omega, self.alpha))
-        square = _dot(omega, omega)[..., None, :]
-        return np.asarray(_cross(alpha, fixed) + omega * _dot(omega, fixed)[..., None, :]
+        square = dot(omega, omega)[..., None, :]
+        return np.asarray(cross(alpha, fixed) + omega * dot(omega, fixed)[..., None, :]
                           - square * fixed)
 
     def moments(self, arms: FloatArray, inertias: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -188,23 +190,18 @@ class _Motion:
         """
         accelerated = self.accelerated(arms)
         own = _inertia_moment(self, inertias)
-        own[:-1] += _cross(self.beyond[1:], accelerated) + _cross(arms, self.moved_beyond[1:])
+        own[:-1] += cross(self.beyond[1:], accelerated) + cross(arms, self.moved_beyond[1:])
         before = np.zeros_like(own)
         np.cumsum(accelerated, axis=0, out=before[1:])
-        return _suffix_sums(own), before
-
-
-def _combined(axes: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the sums (K, xyz, B) of the axes (K, A, xyz, B) with weights (K, A)."""
-    return np.asarray(sum(weights[:, k, None, None] * axes[:, k] for k in range(axes.shape[1])))
+        return suffix_sums(own), before
 
 
 def _inertia_moment(motion: _Motion, inertias: FloatArray) -> FloatArray:
     """Return I alpha + omega x I omega in the base, (N, xyz, B)."""
     matrices = _matrices(inertias)
-    w = _dot(motion.links, motion.omega[:, None])
-    a = _dot(motion.links, motion.alpha[:, None])
-    moment = matrices @ a + _cross(w, matrices @ w)
+    w = dot(motion.links, motion.omega[:, None])
+    a = dot(motion.links, motion.alpha[:, None])
+    moment = matrices @ a + cross(w, matrices @ w)
     return np.asarray(sum(motion.links[:, k] * moment[:, k, None] for k in range(3)))
 
 
@@ -218,60 +215,13 @@ def _matrices(inertias: FloatArray) -> FloatArray:
 
 def _inertia_columns(motion: _Motion) -> FloatArray:
     """Return I alpha + omega x I omega in a link for each component of I, (N, 6, axis, B)."""
-    w = _dot(motion.links, motion.omega[:, None])
-    a = _dot(motion.links, motion.alpha[:, None])
+    w = dot(motion.links, motion.omega[:, None])
+    a = dot(motion.links, motion.alpha[:, None])
     first, second = np.zeros((2, len(w), len(_PAIRS), *w.shape[1:]))
     for k, (x, y) in enumerate(_PAIRS):
         first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
         first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
-    return np.asarray(first + _cross(w[:, None], second))
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the scalar products over the last axis but one, (..., B)."""
-    return np.asarray(a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :]
-                      + a[..., 2, :] * b[..., 2, :])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross products over the last axis but one, (..., xyz, B)."""
-    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        np.subtract(a[..., i, :] * b[..., j, :], a[..., j, :] * b[..., i, :],
-                    out=result[..., k, :])
-    return result
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a b', (N, 3, 3, B), of vectors (N, 3, B)."""
-    return np.asarray(a[:, :, None] * b[:, None])
-
-
-def _times(matrices: FloatArray, v: FloatArray) -> FloatArray:
-    """Return matrices (..., 3, 3, B) times vectors (..., 3, B)."""
-    return np.asarray((matrices * v[..., None, :, :]).sum(axis=-2))
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    """Return the matrices (N, 3, 3, B) of v x for v (N, 3, B)."""
-    matrices = np.zeros((len(v), 3, 3, v.shape[-1]))
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        matrices[:, j, i], matrices[:, i, j] = v[:, k], -v[:, k]
-    return matrices
-
-
-def _next(values: FloatArray) -> FloatArray:
-    """Return the values of the next joint, 0 for the last."""
-    return np.concatenate([values[1:], np.zeros_like(values[:1])])
-
-
-def _prefix_sums(values: FloatArray) -> FloatArray:
-    """Return the sums over all joints before each."""
-    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values[:-1], axis=0)])
-
-
-def _suffix_sums(values: FloatArray) -> FloatArray:
-    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
+    return np.asarray(first + cross(w[:, None], second))
 
 
 @dataclass(frozen=True, eq=False)

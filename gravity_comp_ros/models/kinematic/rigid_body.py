@@ -23,12 +23,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.chain import about_z, skew
+from gravity_comp_ros.models.kinematic.chain import about_z, ForwardKinematics, skew
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.vectors import combined, cross, dot, suffix_sums
 import numpy as np
 
 # Parameters of each link: mass, first moment and inertia about the origin of its frame.
 PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
+_INERTIAS = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
@@ -58,19 +60,33 @@ def inverse_dynamics(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: Flo
     """
     Return the torque (M, N) in N·m of parameters (10 N,): `regressor` times these, but faster.
 
-    The other arguments are those of `regressor`.
+    Vectors are in coordinates of the base, so that every recursion over the joints is a sum. The
+    other arguments are those of `regressor`.
     """
-    m, n = q.shape
-    torque = np.zeros((m, n))
-    force = moment = np.zeros((m, 3, 1))
-    links = _links(geometry, q, qd, qdd, gravity)
-    for i in range(n - 1, -1, -1):
-        own = parameters[10 * i:10 * i + 10, None]
-        force, moment = (part + wrench @ own
-                         for part, wrench in zip((force, moment), links[i].wrench()))
-        torque[:, i] = moment[:, 2, 0]
-        force, moment = links[i].before(force, moment, geometry.origins[i])
-    return torque
+    links = parameters.reshape(-1, len(PARAMETERS))
+    kinematics = ForwardKinematics(geometry.rotations, q)
+    axes, z = kinematics.rotated, kinematics.frames[:, 2]
+    speeds = z * qd.T[:, None]
+    omega = np.cumsum(speeds, axis=0)
+    alpha = np.cumsum(z * qdd.T[:, None] + cross(omega - speeds, speeds), axis=0)
+
+    def accelerated(v: FloatArray, k: slice = slice(None)) -> FloatArray:
+        """Return the acceleration of vectors v (K, xyz, B) fixed in links k."""
+        return cross(alpha[k], v) + cross(omega[k], cross(omega[k], v))
+
+    arms = combined(axes[:-1], geometry.origins[1:])
+    position, a = np.zeros_like(z), np.zeros_like(z)
+    a[0, 2] = gravity
+    position[1:], a[1:] = arms, accelerated(arms, slice(-1))
+    position, a = np.cumsum(position, axis=0), np.cumsum(a, axis=0)
+    moment = combined(axes, links[:, 1:4])
+    force = links[:, 0, None, None] * a + accelerated(moment)
+    inertia = links[:, _INERTIAS]                                        # (N, 3, 3)
+    momentum, change = (combined(axes, inertia @ dot(axes, rate[:, None]))
+                        for rate in (omega, alpha))
+    torque = cross(moment, a) + change + cross(omega, momentum) + cross(position, force)
+    torque = suffix_sums(torque) - cross(position, suffix_sums(force))
+    return np.asarray(dot(z, torque).T)
 
 
 @dataclass(frozen=True, eq=False)
