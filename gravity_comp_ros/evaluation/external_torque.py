@@ -12,9 +12,11 @@ is exponential, so that a push appears whole after several time constants.)
 
 The variance is the sum of the noise of the training, the scatter of the result between windows
 (noise of the effort, and of the speeds times the inertia), the uncertainty of the model at this
-pose, a share of the friction and of the dynamic torque, the size of effects that depend on earlier
-samples and are left out, and the friction that a slow joint has not built up: at rest friction
-takes any value between its two directions.
+pose, a share of the friction and of the dynamic torque, and the size of effects that depend on
+earlier samples and are left out. The friction of a joint at rest takes any value between its
+limits in the two directions, and no more: the centre of that range is subtracted, half of it is
+the largest standard deviation that a value in it can have, and torque is significant if it is so
+with every friction in the range. The limits are those of low speed, without viscous friction.
 
 A push is not its own uncertainty. The scatter is that before the last `scatter_delay` s. A wrong
 inertia changes the acceleration for a given torque of the drive, so that its error is a share of
@@ -31,9 +33,11 @@ from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Needs
 from gravity_comp_ros.effects.live import LiveEffects
+from gravity_comp_ros.effects.motion_direction import speed_law
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.evaluation.expected_residual import FRICTION, residual_noise, size
+from gravity_comp_ros.evaluation.expected_residual import (
+    FRICTION, residual_noise, size, static_limit)
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -48,11 +52,13 @@ class ExternalTorqueOptions:
     after a gap of `max_gap` s. `scatter_time` in s is the time constant of the mean in which the
     scatter between windows is estimated: many windows, and less than motion takes to change. The
     last `scatter_delay` s do not count: the time in which a push must be found.
-    `significance` is the size in standard deviations above which torque is significant.
+    `significance` is the size in standard deviations, without the friction at rest, above which
+    torque is significant.
     `friction_share` and `inertia_share` are relative errors of friction (temperature, load) and of
     dynamic torque; `rest_speed` in rad/s is the speed below which the direction of friction is
-    uncertain. Farther than `margin` in rad outside the trained range nothing is significant. A
-    result is computed every `period` s at most, the uncertainty of the model every `std_period` s.
+    uncertain, if its law has none that is larger. Farther than `margin` in rad outside the trained
+    range nothing is significant. A result is computed every `period` s at most, the uncertainty of
+    the model every `std_period` s.
 
     :raises OptionError: if a number is not positive and finite.
     """
@@ -122,7 +128,13 @@ class ExternalTorqueObserver:
             if effect not in effects:
                 self._noise[slice(None) if effect.joint is None
                             else model.joints.index(effect.joint)] = np.nan
-        self._at_rest = size(model, [e for e in effects if library[e.name].family == FRICTION])
+        known = [e for e in effects if library[e.name].family == FRICTION]
+        self._slow = np.full(model.n_joints, options.rest_speed)
+        for effect in known:
+            if effect.joint is not None:
+                k = model.joints.index(effect.joint)
+                self._slow[k] = max(self._slow[k], *speed_law(effect.setting, 0.0).values())
+        self._limit = static_limit(model, known, self._slow)
         self._rows: deque[tuple[float, FloatArray]] = deque()
         # Results of the last `scatter_delay` s, those of one window before it, and the running
         # mean square of changes with its weight.
@@ -198,20 +210,27 @@ class ExternalTorqueObserver:
         qdd = slope @ values[:, 1]
         q, qd, gravity, friction, rest = np.tensordot(mean_weights(times, slope), values, 1)
         dynamics = self._dynamics.torque(q, qd, gravity, qdd)
-        # Of a joint at rest, and of one that is so slow that the law of its friction rises.
-        unknown = np.maximum(np.exp(-(qd / options.rest_speed) ** 2) * self._at_rest,
-                             self._at_rest - np.abs(friction))
-        torque = rest - dynamics
+        low, high = self._range_of_friction(qd, friction)
+        torque, half = rest + friction - 0.5 * (low + high) - dynamics, 0.5 * (high - low)
         # A step of the drive's torque within the window counts in full.
         drive = np.maximum((values[:, 4] * np.sign(dynamics)).max(axis=0), 0.0)
         variance = (self._noise ** 2 + self._scatter(t, float(np.ptp(times)), torque)
-                    + self._std_of_model(t, q) ** 2 + unknown ** 2
-                    + (options.friction_share * friction) ** 2
+                    + self._std_of_model(t, q) ** 2
+                    + (options.friction_share * np.maximum(high, -low)) ** 2
                     + (options.inertia_share * np.minimum(drive, np.abs(dynamics))) ** 2)
         std = np.sqrt(variance)
         if (self._model.coverage.distance(q) > options.margin).any():
             std = np.full_like(std, np.nan)
-        return ExternalTorque(torque, std, np.abs(torque) > options.significance * std)
+        return ExternalTorque(torque, np.hypot(std, half),
+                              np.abs(torque) - half > options.significance * std)
+
+    def _range_of_friction(self, qd: FloatArray,
+                           friction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest and the largest friction (N,) in N·m that these speeds allow."""
+        size = np.abs(friction)
+        limit = np.maximum(self._limit, size)
+        change = np.exp(-(qd / self._slow) ** 2) * (self._limit + size)
+        return np.maximum(friction - change, -limit), np.minimum(friction + change, limit)
 
     def _std_of_model(self, t: float, q: FloatArray) -> FloatArray:
         if not 0.0 <= t - self._std_at < self.options.std_period:
