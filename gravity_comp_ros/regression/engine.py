@@ -21,7 +21,7 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Alternative, Search
 from gravity_comp_ros.regression.shared import Shared
-from gravity_comp_ros.regression.term import Key, Term, with_children_of
+from gravity_comp_ros.regression.term import Key, Term, uncorrected, with_children_of
 import numpy as np
 from scipy.special import softmax
 
@@ -146,13 +146,13 @@ def _without_weak(fit: Linear, search: Search) -> tuple[Linear, Posterior]:
     opposite signs.
     """
     posterior = published = _published(fit)
-    while gains := [(gain_of(posterior.without((term,)), term), k)
-                    for k, term in enumerate(posterior.terms) if term.key not in search.forced]:
-        value, weakest = min(gains)
-        if value >= fit.problem.options.min_gain:
+    while removable := [term for term in uncorrected(posterior.terms)
+                        if term.key not in search.forced]:
+        gains = [gain_of(posterior.without((term,)), term) for term in removable]
+        if min(gains) >= fit.problem.options.min_gain:
             break
         posterior = solve(posterior.design, with_children_of(
-            posterior.terms, posterior.terms[weakest]), posterior.precision)
+            posterior.terms, removable[int(np.argmin(gains))]), posterior.precision)
     if posterior is published:
         return fit, published
     keys = {term.key for term in posterior.terms}

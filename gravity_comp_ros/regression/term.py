@@ -79,6 +79,16 @@ def with_children_of(terms: tuple[Term, ...], dropped: Term) -> tuple[Term, ...]
     return rest
 
 
+def uncorrected(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """
+    Return the terms that may be removed alone, because no correction depends on them.
+
+    A correction is nearly collinear with what it corrects. So it is judged first: the gain of the
+    other is small as long as both are there.
+    """
+    return tuple(term for term in terms if len(with_children_of(terms, term)) == len(terms) - 1)
+
+
 def total_std(terms: tuple[Term, ...]) -> FloatArray:
     """Return the prior standard deviations of all coefficients."""
     return np.concatenate([np.zeros(0), *(term.prior_std for term in terms)])

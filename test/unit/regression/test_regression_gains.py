@@ -11,7 +11,7 @@ from gravity_comp_ros.regression.gains import (
     gain_of, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.posterior import solve
-from gravity_comp_ros.regression.term import is_consistent, with_children_of
+from gravity_comp_ros.regression.term import is_consistent, uncorrected, with_children_of
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -243,3 +243,6 @@ def test_corrections_need_what_they_correct():
     assert not is_consistent((drift, terms['coulomb_friction', 1]))
     assert with_children_of((coulomb, viscous, drift), coulomb) == (viscous, drift)
     assert with_children_of((coulomb, drift), coulomb) == ()
+    # A correction is removed before what it corrects, one of two corrected terms at any time.
+    assert uncorrected((coulomb, drift)) == (drift,)
+    assert uncorrected((coulomb, viscous, drift)) == (coulomb, viscous, drift)
