@@ -2,7 +2,7 @@
 """
 Latency from joint state to torque of the node and of a bare rclpy echo, without and with fits.
 
-    python3 -m bench.node_latency [--rate 1000] [--seconds 40] [--turn 2] [--realtime] [--json F]
+    python3 -m bench.node_latency [--rate 1000] [--seconds 40] [--turn 2] [--topic T] [--realtime]
 
 Joint states of seven joints in slow motion go to one of the two nodes at a time, in turns of some
 seconds, so that other load affects both. The sender measures the time from publication to reply.
@@ -213,11 +213,13 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=40.0)
     parser.add_argument('--turn', type=float, default=2.0)
     parser.add_argument('--realtime', action='store_true')
+    parser.add_argument('--topic', default='gravity_torques', help='output of the node')
     parser.add_argument('--json', type=Path)
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.echo:
         return echo()
+    TOPICS['node'] = TOPICS['node'][0], f'gravity_comp/{args.topic}'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     rclpy.init()

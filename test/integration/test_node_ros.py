@@ -14,6 +14,7 @@ import time
 from bench.shared.ros_harness import matrix, ROOT, running, set_parameter
 from gravity_comp_ros.commands import replay
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.evaluation.external_torque import external_torque
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -362,7 +363,7 @@ def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
     save_model(tmp_path / 'm.json', model)
     t = np.arange(0.0, 2.0, 0.01)
     q = np.column_stack([-0.5 + 0.1 * t, 0.4 + 0.1 * t])
-    tau = model.predict(q)
+    tau = model.predict(q) + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
     tau[t >= 1.0, 1] -= 2.0
     samples = JointSamples.single_run(model.joints, t + 10.0, q, np.full_like(q, 0.1), tau)
     parameters = {**UNLIMITED, **PATIENT, 'model_file': tmp_path / 'm.json',
@@ -402,3 +403,9 @@ def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
         else:
             # The push is a scatter between windows, of which a second forgets most.
             assert 0.1 < late[-1] < late[0] < 0.3
+    rows, values = published(samples, received['external_torque'])
+    # Windows of four messages of which the node has dropped none.
+    whole = [k for k, row in enumerate(rows) if {row - 1, row - 2, row - 3} <= set(rows)]
+    assert len(whole) > 100
+    offline = external_torque(model, samples).torque
+    np.testing.assert_allclose(values[whole], offline[rows][whole], atol=1e-6)
