@@ -29,8 +29,9 @@ _NOISE_WIDTHS = 1.0
 # same in standard deviations of the speed noise.
 _MIN_SPEED, _CERTAIN = 0.002, 3.0
 _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
-# Factor of a refined law, and by how much it may lie outside of the grid.
-_REFINED, _BEYOND = 1.5, 4.0
+# Factor of a refined law, and by how much it may lie below and above the grid. Far below, laws are
+# steps; above, friction that no slow motion saturates is viscous friction or a spring.
+_REFINED, _BELOW, _ABOVE = 1.5, 4.0, 1.5
 # Speed over which friction that is compensated changes its sign, rad/s: above the noise of a
 # velocity at rest.
 COMPENSATION_SPEED = 0.02
@@ -69,7 +70,7 @@ def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, fl
     """Return the setting with a smaller and a larger parameter of its law."""
     (name, value), = law_of(setting).items()
     factor, grid = _REFINED ** step, _GRIDS[name]
-    low, high = grid[0] / _BEYOND, grid[-1] * _BEYOND
+    low, high = grid[0] / _BELOW, grid[-1] * _ABOVE
     return [{**setting, name: refined} for refined in (value / factor, value * factor)
             if low <= refined <= high]
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -147,25 +148,26 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     return result
 
 
-def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions,
-                   formulation: str = '') -> Estimate:
+def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions) -> Estimate:
     """
-    Return an estimate with the terms of an earlier one, from other samples or of another form.
+    Return an estimate from other samples with the terms of an earlier one.
 
-    No effect is searched for. A chain begins at a new start of its axes.
+    No effect is searched for. A chain begins at a new start of its axes, a sparse formulation has
+    the support of the earlier one.
 
-    :param formulation: that of the earlier estimate by default.
     :raises FitError: if there are too few samples, or no joint moves.
     """
     _check(samples, None)
-    problem = Problem.of(samples, None, options.engine)
-    work = _Work(problem, options, None, frozenset(), tuple(all_effects().values()),
-                 lambda word, share: None)
-    terms = earlier.regression.terms
-    if (formulation or earlier.formulation) != 'chain':
-        return work.sparse(formulation or earlier.formulation, 'it was requested', terms)
-    shared = work.start_of(earlier.geometry)
-    return replace(earlier, regression=work.regress_terms(shared, terms))
+    work = _Work.again(Problem.of(samples, None, options.engine), options)
+    shared = (work.start_of(earlier.geometry) if earlier.formulation == 'chain'
+              else earlier.regression.shared)
+    return replace(earlier, regression=work.regress_terms(shared, earlier.regression.terms))
+
+
+def estimate_as(formulation: str, earlier: Estimate, options: FitOptions) -> Estimate:
+    """Return a sparse formulation of the samples of an earlier estimate, with its terms."""
+    work = _Work.again(earlier.regression.problem, options)
+    return work.sparse_with(earlier.regression, formulation, 'it was requested')
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +181,12 @@ class _Work:
     effects: tuple[Effect, ...]
     report: Progress
 
+    @classmethod
+    def again(cls, problem: Problem, options: FitOptions) -> _Work:
+        """Return the work of an estimate whose effects are known."""
+        return cls(problem, options, None, frozenset(), tuple(all_effects().values()),
+                   lambda word, share: None)
+
     def chain_or_potential(self) -> Estimate:
         """Return the chain, or the potential if that predicts held-out samples better."""
         chain, warning = self._chain()
@@ -187,8 +195,8 @@ class _Work:
             return Estimate(chain, 'chain', why, warning=warning)
         errors = {'chain': held_out_ratio(chain, chain.noise)}
         # Its own effects are searched for only where it is the better one with those of the chain.
-        for terms in (chain.terms, None):
-            potential = self.sparse('potential', '', terms)
+        for sparse in (partial(self.sparse_with, chain), self.sparse):
+            potential = sparse('potential', '')
             errors['potential'] = held_out_ratio(potential.regression, chain.noise)
             if errors['potential'] >= errors['chain']:
                 break
@@ -252,25 +260,26 @@ class _Work:
         """Return a start with its moments, on which the columns of some effects depend."""
         return with_common_terms(self.problem, shared, self.effects).shared
 
-    def sparse(self, formulation: str, why: str, terms: Sequence[Term] | None = None) -> Estimate:
+    def sparse(self, formulation: str, why: str) -> Estimate:
         """
         Return the estimate on a support of the dictionary.
 
         A first support is selected from the torque of the rows, friction included. The second is
         selected from the torque without the terms of a first regression on it. Those are effects
         of motion: static ones would explain the gravity that the first support misses.
-
-        :param terms: terms on any samples instead of a search for effects.
         """
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, self.problem.y)
+        shared, _ = self._support(formulation, self.problem.y)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
-        first = (replace(self, effects=moving).regress(self._prepared(shared)) if terms is None
-                 else self.regress_terms(self._prepared(shared), terms))
+        first = replace(self, effects=moving).regress(self._prepared(shared))
         shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
-        last = (self.regress(shared, first.terms) if terms is None
-                else self.regress_terms(shared, terms))
-        return Estimate(last, formulation, why, fits=fits)
+        return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
+
+    def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
+        """Return the same with the terms of a regression of these rows, not searched for again."""
+        self.report('ADMM', 0.5)
+        shared, fits = self._support(formulation, _gravity_of(known) + residual_of(known))
+        return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:

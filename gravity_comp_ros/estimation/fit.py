@@ -15,7 +15,7 @@ from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import (
-    Estimate, estimate, estimate_again, FitOptions, Progress)
+    Estimate, estimate, estimate_again, estimate_as, FitOptions, Progress)
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -70,15 +70,20 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
                      effects, warning)
 
 
-def fit_again(samples: JointSamples, earlier: FitResult, options: FitOptions,
-              formulation: str = '') -> FitResult:
+def fit_again(samples: JointSamples, earlier: FitResult, options: FitOptions) -> FitResult:
     """
-    Return a fit with the effects of an earlier one (`estimate_again`).
+    Return a fit to other samples with the effects of an earlier one (`estimate_again`).
 
     :raises FitError: if there are too few samples, or no joint moves.
     """
-    again = estimate_again(samples, earlier.estimate, options, formulation)
+    again = estimate_again(samples, earlier.estimate, options)
     return result_of(again, options, [effect.target for effect in earlier.model.applied.effects])
+
+
+def fit_as(formulation: str, earlier: FitResult, options: FitOptions) -> FitResult:
+    """Return a sparse formulation of the samples of an earlier fit, with its effects."""
+    other = estimate_as(formulation, earlier.estimate, options)
+    return result_of(other, options, [effect.target for effect in earlier.model.applied.effects])
 
 
 def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str] = (),

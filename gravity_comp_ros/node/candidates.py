@@ -11,7 +11,7 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
+from gravity_comp_ros.estimation.fit import fit_as, FitResult as FullFit
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.update import update
@@ -74,7 +74,7 @@ def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
     yield Candidate.full(first)
     if job.formulation == 'auto':
         with suppress(FitError, DataError):
-            yield Candidate.full(fit_again(job.rows.train, first, options_of(job), 'potential'))
+            yield Candidate.full(fit_as('potential', first, options_of(job)))
 
 
 def options_of(job: FitJob) -> FitOptions:

@@ -147,26 +147,32 @@ class Search:
         return [k for k, c in enumerate(candidates)
                 if c.key not in excluded and (not c.parents or c.parents & keys)]
 
-    def _refined(self, posterior: Posterior, term: Term) -> tuple[Term, float]:
+    def _refined(self, posterior: Posterior, term: Term,
+                 needed: float = -np.inf) -> tuple[Term, float]:
         """
         Return a term at the best setting near its own, and its gain.
 
         Settings are compared at one inflation of the noise: a percent of it would outweigh one
         sample on the other side of a change point.
+
+        :param needed: least gain of interest. Finer steps gain less than the last two, so that the
+            search ends where these would not suffice.
         """
         kappa = inflation(posterior, score_of(posterior, term))
         best, gain = term, gain_of(posterior, term, kappa)
-        step = 1.0
-        while step > 0.5 ** self.options.halvings:
+        reached = [gain]
+        while len(reached) <= self.options.halvings:
             tried = [(gain_of(posterior, other, kappa), other)
-                     for other in self.factory.neighbours(best, step)]
+                     for other in self.factory.neighbours(best, 0.5 ** (len(reached) - 1))]
             top = max(tried, key=lambda each: each[0], default=None)
             if top is None:
                 break
             if top[0] > gain + _BETTER_SETTING:
                 gain, best = top
-            else:
-                step *= 0.5
+                continue
+            reached.append(gain)
+            if len(reached) > 2 and 2.0 * gain - reached[-3] < needed:
+                break
         return best, gain if best is term else gain_of(posterior, best)
 
     def _review(self, term: Term) -> bool:
@@ -266,12 +272,13 @@ class Search:
         """
         without = self.posterior.without((term,))
         rest = with_children_of(self.terms, term)
-        minimum = max(self.options.min_gain, _COMPARABLE * gain_of(without, term, 1.0))
+        own = gain_of(without, term, 1.0)
+        minimum = max(self.options.min_gain, _COMPARABLE * own)
         chosen: dict[Key, tuple[float, Term]] = {}
         for pool in self.pools:
             for other in self._ranking(without, pool, rest, minimum).best_settings():
                 if other.key != term.key:
-                    refined, gain = self._refined(without, other)
+                    refined, gain = self._refined(without, other, own - self.options.near)
                     if gain > chosen.get(other.key, (-np.inf,))[0]:
                         chosen[other.key] = gain, refined
         return self._replacing(term, [other for _, other in chosen.values()])
