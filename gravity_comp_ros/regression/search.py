@@ -20,7 +20,8 @@ from gravity_comp_ros.regression.noise import (
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.scale import Scale
-from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
+from gravity_comp_ros.regression.term import (
+    is_consistent, Key, Term, uncorrected, with_children_of)
 import numpy as np
 
 Terms = tuple[Term, ...]
@@ -392,7 +393,7 @@ class Search:
 
         The evidence of several terms has no inflation of the noise, the gain of one has.
         """
-        while new := [term for term in terms if term not in self.terms]:
+        while new := [term for term in uncorrected(terms) if term not in self.terms]:
             posterior = self._solved(terms)
             gain, weakest = min(((gain_of(posterior.without((term,)), term), term)
                                  for term in new), key=lambda each: each[0])
