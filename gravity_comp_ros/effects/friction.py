@@ -37,7 +37,7 @@ class DirectionEffect(Effect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return refined_laws(setting, step)
+        return refined_laws(setting, step, float(motion.speed_noise[joint]))
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_directions(motion, joint)

@@ -72,7 +72,7 @@ class StribeckFriction(Effect):
         low, high = _stribeck_range(motion, joint)
         speeds = [{**setting, 'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
                   for k in (-step, step)]
-        return [*speeds, *refined_laws(setting, step)]
+        return [*speeds, *refined_laws(setting, step, float(motion.speed_noise[joint]))]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):

@@ -66,11 +66,17 @@ def in_motion(setting: Mapping[str, float], width: float) -> dict[str, float]:
     return {**others, **(speed_law(setting, width) if law_of(setting) else {})}
 
 
-def refined_laws(setting: Mapping[str, float], step: float) -> list[dict[str, float]]:
-    """Return the setting with a smaller and a larger parameter of its law."""
+def refined_laws(setting: Mapping[str, float], step: float,
+                 speed_noise: float) -> list[dict[str, float]]:
+    """
+    Return the setting with a smaller and a larger parameter of its law.
+
+    :param speed_noise: of the joint, rad/s, below which a law of the speed follows the noise.
+    """
     (name, value), = law_of(setting).items()
     factor, grid = _REFINED ** step, _GRIDS[name]
-    low, high = grid[0] / _BELOW, grid[-1] * _ABOVE
+    least = _NOISE_WIDTHS * speed_noise if LAW_UNITS[name] == 'rad/s' else 0.0
+    low, high = max(grid[0] / _BELOW, least), max(grid[-1] * _ABOVE, least)
     return [{**setting, name: refined} for refined in (value / factor, value * factor)
             if low <= refined <= high]
 

@@ -127,9 +127,10 @@ def best_law(samples, residual, joint=0):
         d = motion.direction(joint, law)
         return float((residual - d * (d @ residual) / (d @ d)).std())
 
-    best = min(laws(float(motion.speed_noise[joint])), key=remaining)
+    noise = float(motion.speed_noise[joint])
+    best = min(laws(noise), key=remaining)
     for step in (1.0, 0.5, 0.25):
-        best = min((best, *refined_laws(best, step)), key=remaining)
+        best = min((best, *refined_laws(best, step, noise)), key=remaining)
     return best, remaining(best)
 
 
@@ -169,10 +170,18 @@ def test_laws_are_not_narrower_than_the_noise_of_the_speed():
 
 
 def test_a_refined_law_keeps_the_other_settings():
-    down, up = refined_laws({'partner': 2.0, 'width': 0.01}, 1.0)
+    down, up = refined_laws({'partner': 2.0, 'width': 0.01}, 1.0, 0.001)
     assert down == {'partner': 2.0, 'width': pytest.approx(0.01 / 1.5)}
     assert up == {'partner': 2.0, 'width': pytest.approx(0.015)}
     assert law_of(down) == {'width': pytest.approx(0.01 / 1.5)}
+
+
+@pytest.mark.parametrize('law', [{'width': 0.0022}, {'ramp': 0.0022}, {'width': 0.04},
+                                 {'ramp': 0.11}])
+def test_a_refined_law_is_wider_than_the_noise_and_no_viscous_friction(law):
+    (name, value), = law.items()
+    (other,) = (each[name] for each in refined_laws(law, 1.0, 0.002))
+    assert other == pytest.approx(value * 1.5 if value < 0.01 else value / 1.5)
 
 
 def test_the_direction_of_coupled_joints_is_that_of_their_sum():
