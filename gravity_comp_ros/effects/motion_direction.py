@@ -75,8 +75,8 @@ def refined_laws(setting: Mapping[str, float], step: float,
     """
     (name, value), = law_of(setting).items()
     factor, grid = _REFINED ** step, _GRIDS[name]
-    least = _NOISE_WIDTHS * speed_noise if LAW_UNITS[name] == 'rad/s' else 0.0
-    low, high = max(grid[0] / _BELOW, least), max(grid[-1] * _ABOVE, least)
+    minimum = _NOISE_WIDTHS * speed_noise if LAW_UNITS[name] == 'rad/s' else 0.0
+    low, high = max(grid[0] / _BELOW, minimum), max(grid[-1] * _ABOVE, minimum)
     return [{**setting, name: refined} for refined in (value / factor, value * factor)
             if low <= refined <= high]
 
