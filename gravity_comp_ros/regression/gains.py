@@ -199,10 +199,6 @@ class Ranking:
                 if value > self.least:
                     yield value, self.terms[best]
 
-    def best_settings(self) -> Iterator[Term]:
-        """Yield the best settings of each effect whose gain at kappa = 1 is above the least."""
-        return (self.terms[k] for k in self._best_settings())
-
     def _best_settings(self) -> list[int]:
         """Return the candidates above the least gain, the best settings of each effect."""
         order, seen = [], Counter[tuple[Key, tuple[str, ...]]]()

@@ -268,21 +268,20 @@ class Search:
         """
         Return other terms on any joint that could replace one, the most probable first.
 
-        Each effect has its best setting, refined from the best ones at kappa = 1: before that it
-        leaves an error that repeats with the motion.
+        Each effect of a comparable gain has its best setting.
         """
         without = self.posterior.without((term,))
         rest = with_children_of(self.terms, term)
-        own = gain_of(without, term, 1.0)
+        own = gain_of(without, term)
         minimum = max(self.options.min_gain, _COMPARABLE * own)
         chosen: dict[Key, tuple[float, Term]] = {}
         for pool in self.pools:
-            for other in self._ranking(without, pool, rest, minimum).best_settings():
-                if other.key != term.key:
-                    refined, gain = self._refined(without, other, own - self.options.near)
-                    if gain > chosen.get(other.key, (-np.inf,))[0]:
-                        chosen[other.key] = gain, refined
-        return self._replacing(term, [other for _, other in chosen.values()])
+            for gain, other in self._ranking(without, pool, rest, minimum):
+                if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
+                    chosen[other.key] = gain, other
+        needed = own - self.options.near
+        return self._replacing(term, [self._refined(without, other, needed)[0]
+                                      for _, other in chosen.values()])
 
     def excluded_alternatives(self, term: Term) -> list[Alternative]:
         """Return the untestable effects of its joint that could replace a term, likewise."""
