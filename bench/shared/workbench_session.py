@@ -1,7 +1,7 @@
 """A session of the workbench whose jobs run in this process."""
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.workbench.jobs import JobRunner
+from gravity_comp_ros.workbench.jobs import JobRunner, Step
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import State
 from gravity_comp_ros.worker.worker_process import Done, Failed
@@ -44,9 +44,10 @@ def worked(session, until=None):
     """
     Return the session after all its jobs.
 
-    :param until: name of the first job that is not done any more.
+    :param until: name of the first step that is not done any more.
     """
+    last = None if until is None else Step[until]
     session.start()
-    while session.worker.job is not None and session.worker.job.step.name != until:
+    while session.worker.job is not None and session.worker.job.step is not last:
         session.poll()
     return session

@@ -272,13 +272,13 @@ class _Work:
         shared, _ = self._support(formulation, self.problem.y)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
         first = replace(self, effects=moving).regress(self._prepared(shared))
-        shared, fits = self._support(formulation, _gravity_of(first) + residual_of(first))
+        shared, fits = self._support(formulation, _torque_at_rest(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
     def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
         """Return the same with the terms of a regression of these rows, not searched for again."""
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, _gravity_of(known) + residual_of(known))
+        shared, fits = self._support(formulation, _torque_at_rest(known))
         return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
@@ -388,10 +388,20 @@ def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:
     return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
 
 
-def _gravity_of(regression: Regression) -> FloatArray:
-    """Return the gravity torque of the rows, (R, N) in N·m."""
-    problem = regression.problem
-    return problem.rows.mean(regression.shared.gravity(problem.samples.q))
+def _torque_at_rest(regression: Regression) -> FloatArray:
+    """
+    Return the torque of the rows without dynamics and effects of motion, (R, N) in N·m.
+
+    Static effects are included: those of a wrong gravity explain what it misses.
+    """
+    problem, posterior = regression.problem, regression.posterior
+    gravity = regression.shared.gravity(problem.samples.q)
+    torque = problem.rows.mean(gravity) + residual_of(regression)
+    for term in posterior.terms:
+        if term.effect.is_static:
+            for j in term.joints(posterior.design.n_joints):
+                torque[:, j] += term.on(j) @ posterior.beta[posterior.at[term]]
+    return torque
 
 
 def _check(samples: JointSamples, use: BoolArray | None) -> None:

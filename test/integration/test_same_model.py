@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 def on_the_bench(path):
     """Return the workbench's session once it has learned a model."""
-    return worked(session_of(path), until='Diagnose')
+    return worked(session_of(path), until='DIAGNOSE')
 
 
 def poses():
@@ -72,9 +72,9 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys, monkeypatch):
 
 
 def test_the_workbench_can_ignore_the_description(folder):
-    session = worked(session_of(folder / 'robots' / 'one' / 'run'), until='Learn')
+    session = worked(session_of(folder / 'robots' / 'one' / 'run'), until='LEARN')
     session.learn(replace(session.choice, urdf='none'))
-    results = Results(worked(session, until='Diagnose'))
+    results = Results(worked(session, until='DIAGNOSE'))
     assert session.stage.model.geometry is None
     assert ' --urdf none ' in results.commands()[0]
     assert results.facts(results.models()[0])['axes'] == 'not known'
