@@ -152,16 +152,19 @@ def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions
     """
     Return an estimate from other samples with the terms of an earlier one.
 
-    No effect is searched for. A chain begins at a new start of its axes, a sparse formulation has
-    the support of the earlier one.
+    No effect is searched for. A chain begins at a new start of its axes, a sparse formulation
+    with a new support.
 
     :raises FitError: if there are too few samples, or no joint moves.
     """
     _check(samples, None)
     work = _Work.again(Problem.of(samples, None, options.engine), options)
-    shared = (work.start_of(earlier.geometry) if earlier.formulation == 'chain'
-              else earlier.regression.shared)
-    return replace(earlier, regression=work.regress_terms(shared, earlier.regression.terms))
+    terms, formulation = earlier.regression.terms, earlier.formulation
+    if formulation == 'chain':
+        return replace(earlier, regression=work.regress_terms(
+            work.start_of(earlier.geometry), terms))
+    return work.sparse_with(work.regress_terms(work.first_support(formulation), terms),
+                            formulation, earlier.why)
 
 
 def estimate_as(formulation: str, earlier: Estimate, options: FitOptions) -> Estimate:
@@ -269,9 +272,8 @@ class _Work:
         of motion: static ones would explain the gravity that the first support misses.
         """
         self.report('ADMM', 0.5)
-        shared, _ = self._support(formulation, self.problem.y)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
-        first = replace(self, effects=moving).regress(self._prepared(shared))
+        first = replace(self, effects=moving).regress(self.first_support(formulation))
         shared, fits = self._support(formulation, _torque_at_rest(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
@@ -280,6 +282,10 @@ class _Work:
         self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, _torque_at_rest(known))
         return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
+
+    def first_support(self, formulation: str) -> Shared:
+        """Return the support of the torque of the rows, friction included."""
+        return self._prepared(self._support(formulation, self.problem.y)[0])
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:

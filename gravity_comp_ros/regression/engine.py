@@ -10,7 +10,7 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
-from gravity_comp_ros.regression.gains import gain, gain_of, score_of
+from gravity_comp_ros.regression.gains import gain, score_of, without_weak
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
 from gravity_comp_ros.regression.measured_motion import variance_by_motion
@@ -21,7 +21,7 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Alternative, Search
 from gravity_comp_ros.regression.shared import Shared
-from gravity_comp_ros.regression.term import Key, Term, uncorrected, with_children_of
+from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
 from scipy.special import softmax
 
@@ -145,14 +145,9 @@ def _without_weak(fit: Linear, search: Search) -> tuple[Linear, Posterior]:
     of the base that are determined by their difference alone may otherwise remain, large and with
     opposite signs.
     """
-    posterior = published = _published(fit)
-    while removable := [term for term in uncorrected(posterior.terms)
-                        if term.key not in search.forced]:
-        gains = [gain_of(posterior.without((term,)), term) for term in removable]
-        if min(gains) >= fit.problem.options.min_gain:
-            break
-        posterior = solve(posterior.design, with_children_of(
-            posterior.terms, removable[int(np.argmin(gains))]), posterior.precision)
+    published = _published(fit)
+    posterior = without_weak(published, lambda term: term.key not in search.forced,
+                             fit.problem.options.min_gain)
     if posterior is published:
         return fit, published
     keys = {term.key for term in posterior.terms}

@@ -14,13 +14,13 @@ and the autocorrelation of the residual already (`noise`).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Pool
-from gravity_comp_ros.regression.posterior import Posterior
-from gravity_comp_ros.regression.term import Key, Term
+from gravity_comp_ros.regression.posterior import Posterior, solve
+from gravity_comp_ros.regression.term import Key, Term, uncorrected, with_children_of
 import numpy as np
 from scipy.special import log_ndtr
 
@@ -168,6 +168,22 @@ def _scatter(posterior: Posterior, scored: Score) -> float:
     ridge = np.diag(1e-9 * term.prior_std ** -2.0
                     + 1e-12 * np.trace(information)) + information
     return float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns
+
+
+def without_weak(posterior: Posterior, is_removable: Callable[[Term], bool],
+                 least: float) -> Posterior:
+    """
+    Return a posterior without removable terms whose gain is below the least one, weakest first.
+
+    The evidence of several terms has no inflation of the noise, the gain of one has.
+    """
+    while removable := [term for term in uncorrected(posterior.terms) if is_removable(term)]:
+        gains = [gain_of(posterior.without((term,)), term) for term in removable]
+        if min(gains) >= least:
+            break
+        posterior = solve(posterior.design, with_children_of(
+            posterior.terms, removable[int(np.argmin(gains))]), posterior.precision)
+    return posterior
 
 
 class Ranking:

@@ -14,14 +14,13 @@ from itertools import combinations
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
 from gravity_comp_ros.regression.design import Design, Pool
-from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
+from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of, without_weak
 from gravity_comp_ros.regression.noise import (
     CONVERGED, MAX_NOISES, noise_std, precision_of)
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.scale import Scale
-from gravity_comp_ros.regression.term import (
-    is_consistent, Key, Term, uncorrected, with_children_of)
+from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
 import numpy as np
 
 Terms = tuple[Term, ...]
@@ -313,7 +312,8 @@ class Search:
                 without, pool = self._solved(terms).without((term,)), self._pool_of(term)
                 same = [k for k, c in enumerate(pool.terms) if c.key == term.key]
                 _, other = next(iter(Ranking(without, pool, same, -np.inf)), (0.0, term))
-                best, _ = max((self._refined(without, start) for start in (term, other)),
+                best, _ = max((self._refined(without, start)
+                               for start in dict.fromkeys((term, other))),
                               key=lambda each: each[1])
                 terms = tuple(best if t is term else t for t in terms)
         return terms
@@ -387,19 +387,9 @@ class Search:
         return False
 
     def _without_weak(self, terms: Terms) -> Terms:
-        """
-        Return terms without the new ones that would be removed again, the weakest first.
-
-        The evidence of several terms has no inflation of the noise, the gain of one has.
-        """
-        while new := [term for term in uncorrected(terms) if term not in self.terms]:
-            posterior = self._solved(terms)
-            gain, weakest = min(((gain_of(posterior.without((term,)), term), term)
-                                 for term in new), key=lambda each: each[0])
-            if gain >= self.options.min_gain:
-                break
-            terms = with_children_of(terms, weakest)
-        return terms
+        """Return terms without the new ones that would be removed again."""
+        return without_weak(self._solved(terms), lambda term: term not in self.terms,
+                            self.options.min_gain).terms
 
     def _grown(self, terms: Terms, joint: int) -> Terms:
         """Return terms with those of a joint that raise the evidence, added one by one."""

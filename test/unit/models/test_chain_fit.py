@@ -4,7 +4,7 @@ from bench.cases import generated
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of, worst
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.estimate import estimate, estimate_again, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain_fit import search, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
@@ -197,6 +197,17 @@ def test_auto_selects_the_potential_if_the_arm_is_not_a_chain():
     assert errors['potential'] < errors['chain']
     assert 'the error of the potential is' in result.report.choice.why
     assert result.model.chain is None
+
+
+def test_a_part_of_the_samples_has_its_own_support():
+    # Otherwise the test of too little motion would not show a support that few poses select.
+    samples = energy_samples({'s1 s2': 5.0, 'c1': 3.0, 's2': 4.0}, 2, 0.05)
+    options = FitOptions('potential')
+    earlier, part = estimate(samples, options), samples.select(np.arange(12))
+    again = estimate_again(part, earlier, options)
+    assert again.formulation == 'potential' and again.fits
+    assert set(again.regression.shared.energy.indices) != set(
+        earlier.regression.shared.energy.indices)
 
 
 def test_few_poses_with_relative_noise_do_not_yield_a_wrong_chain():
