@@ -65,39 +65,18 @@ class Arm:
 @dataclass(frozen=True)
 class Payload:
     """
-    A rigid body fixed to the last link.
+    A point mass fixed to the last link.
 
-    `mass` in kg; `com` is its centre of mass in m in the frame of the last joint's link;
-    `inertia` is ixx, iyy, izz, ixy, ixz, iyz in kg·m² about that centre, zero if not given.
-
-    :raises OptionError: if the mass is not positive or a value is not finite.
+    `mass` in kg; `com` is its place in m in the frame of the last joint's link.
     """
 
     mass: float
     com: tuple[float, float, float] = (0.0, 0.0, 0.1)
-    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.mass) or self.mass <= 0:
-            raise OptionError(f'payload mass is {self.mass} kg; it must be positive')
-        if len(self.com) != 3 or len(self.inertia) != 6:
-            raise OptionError('payload: the centre of mass has 3 values, the inertia 6')
-        if not np.isfinite([*self.com, *self.inertia]).all():
-            raise OptionError('payload: centre of mass and inertia must be finite')
-        if np.linalg.eigvalsh(_inertia_matrix(self.inertia))[0] < -1e-12:
-            raise OptionError('payload: the inertia matrix must be positive semidefinite')
 
 
-def iiwa7(names: Sequence[str] | None = None) -> Arm:
-    """
-    Return the KUKA LBR iiwa 7 R800, the simulated arm of Yu 2022, Table 1.
-
-    :param names: seven joint names; `iiwa_joint_1` to `iiwa_joint_7` if not given.
-    :raises OptionError: if there are not seven names.
-    """
-    joints = tuple(names) if names else tuple(f'iiwa_joint_{n}' for n in range(1, 8))
-    if len(set(joints)) != 7:
-        raise OptionError(f'the iiwa 7 has 7 joints; {len(joints)} names given, or they repeat')
+def iiwa7() -> Arm:
+    """Return the KUKA LBR iiwa 7 R800, the simulated arm of Yu 2022, Table 1."""
+    joints = tuple(f'iiwa_joint_{n}' for n in range(1, 8))
     upper = np.radians(_IIWA7_LIMIT_DEG)
     speed = np.radians(_IIWA7_SPEED_DEG)
     bodies = [pin.Inertia(mass, np.array(com), _inertia_matrix(inertia))
@@ -185,7 +164,7 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
     model = arm.model.copy()
     last = model.njoints - 1
     model.appendBodyToJoint(
-        last, pin.Inertia(payload.mass, np.array(payload.com), _inertia_matrix(payload.inertia)),
+        last, pin.Inertia(payload.mass, np.array(payload.com), np.zeros((3, 3))),
         pin.SE3.Identity())
     return replace(arm, model=model)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
@@ -44,8 +43,6 @@ class MultisineOptions:
     `max_speed` in rad/s bounds every joint, in addition to its own speed limit. The motion
     repeats after `period` s; each joint is a sum of `n_sines` harmonics of 1/period up to
     `band` Hz. It starts at rest and reaches full amplitude after `ramp` s.
-
-    :raises OptionError: if a value is not positive or no harmonic is in the band.
     """
 
     max_speed: float = 0.1
@@ -53,13 +50,6 @@ class MultisineOptions:
     band: float = 0.1
     n_sines: int = 5
     ramp: float = 5.0
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'multisine', 'max_speed', 'period', 'band', 'n_sines', 'ramp')
-        if self.band * self.period < 1:
-            raise OptionError(
-                f'multisine: no harmonic of {1 / self.period:.3g} Hz within {self.band:.3g} Hz; '
-                f'raise band or period')
 
 
 def eq15(duration: float = 20.0, rate: float = 10.0, start: float = 0.0) -> Motion:
@@ -95,11 +85,8 @@ def random_poses(lower: ArrayLike, upper: ArrayLike, count: int, seed: int = 0,
     Return `count` poses at rest, uniform between the limits, one every `period` s.
 
     :param lower: lower limits (N,) in rad. :param upper: upper limits (N,) in rad.
-    :raises OptionError: if the count or the period is not positive.
     """
     low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if count < 1 or not period > 0:
-        raise OptionError(f'random poses: {count} poses every {period} s; both must be positive')
     poses = np.random.default_rng(seed).uniform(low, high, size=(count, low.size))
 
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -159,13 +146,8 @@ def sample(name: str, path: Path, duration: float, rate: float, start: float = 0
     """
     Return a path at `rate` Hz for `duration` s: round(duration * rate) samples.
 
-    :raises OptionError: if duration or rate is not positive, or there is no sample.
+    :raises OptionError: if there is no sample.
     """
-    for what, value in (('duration', duration), ('rate', rate)):
-        if not np.isfinite(value) or value <= 0:
-            raise OptionError(f'{what} is {value}; it must be positive')
-    if not np.isfinite(start):
-        raise OptionError(f'start is {start}; it must be finite')
     count = int(round(duration * rate))
     if count < 1:
         raise OptionError(f'{duration} s at {rate} Hz gives no sample')

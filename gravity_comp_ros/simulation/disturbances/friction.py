@@ -21,11 +21,10 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
+from gravity_comp_ros.simulation.disturbances.joint_torque import JointTorque
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
@@ -40,8 +39,6 @@ class LuGre:
     `stribeck_speed` in rad/s the speed at which their difference has halved, `viscous` in
     N·m·s/rad, `presliding` the deflection in rad at which the surfaces slip at the level
     `coulomb`, and `damping` in s the ratio s1 / s0.
-
-    :raises OptionError: if a value is negative, or breakaway is below sliding.
     """
 
     coulomb: float
@@ -50,16 +47,6 @@ class LuGre:
     stribeck_speed: float = 0.03
     presliding: float = 2e-4
     damping: float = 0.002
-
-    def __post_init__(self) -> None:
-        for field in ('coulomb', 'viscous', 'static', 'damping'):
-            value = getattr(self, field)
-            if not np.isfinite(value) or value < 0:
-                raise OptionError(f'friction: {field} is {value}; it must be 0 or more')
-        check_positive(self, 'friction', 'stribeck_speed', 'presliding')
-        if 0 < self.static < self.coulomb:
-            raise OptionError(f'friction: breakaway at {self.static} N·m is below sliding at '
-                              f'{self.coulomb} N·m')
 
     @property
     def stiffness(self) -> float:
@@ -76,10 +63,6 @@ class LuGre:
         """Return the Stribeck curve (K,) relative to its high-speed level, at v (K,) in rad/s."""
         excess = max(self.static / self.coulomb - 1.0, 0.0) if self.coulomb > 0 else 0.0
         return np.asarray(1.0 + excess / (1.0 + (v / self.stribeck_speed) ** 2))
-
-    def steady(self, v: FloatArray) -> FloatArray:
-        """Return the torque (K,) in N·m of steady sliding at v (K,) in rad/s."""
-        return np.asarray(np.sign(v) * self.coulomb * self.shape(v) + self.viscous * v)
 
 
 def friction_torque(t: FloatArray, q: FloatArray, v: FloatArray, forward: LuGre,
@@ -209,18 +192,12 @@ class GreasedGear(JointFriction):
     the shear rate v (H. Eyring, Viscosity, plasticity, and diffusion as examples of absolute
     reaction rates, J. Chem. Phys. 4, 1936). It is viscous at low speed and degressive above
     `thinning`.
-
-    :raises OptionError: if a number is not positive.
     """
 
     joint: int
     stress: float
     thinning: float
     surfaces: LuGre
-
-    def __post_init__(self) -> None:
-        if not (self.stress > 0.0 and self.thinning > 0.0):
-            raise OptionError('greased gear: stress and thinning speed must be positive')
 
     def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         v = grid.qd[:, self.joint]
@@ -244,11 +221,6 @@ class LoadFriction(JointFriction):
     fraction: float
     preload: float = 3.0
     presliding: float = 2e-4
-
-    def __post_init__(self) -> None:
-        if not 0 < self.fraction < 1 or not self.preload > 0:
-            raise OptionError(f'load friction: the fraction {self.fraction} must be between 0 '
-                              f'and 1, and the preload {self.preload} N·m positive')
 
     def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         load = grid.between_samples(signals.tau[:, self.joint])
@@ -277,11 +249,6 @@ class ThermalFriction(JointFriction):
     softening: float = 0.015
     room: float = 22.0
     begin: float | None = None
-
-    def __post_init__(self) -> None:
-        for field in ('resistance', 'capacity'):
-            if not getattr(self, field) > 0:
-                raise OptionError(f'thermal friction: {field} must be positive')
 
     def dry_factor(self, temperature: FloatArray) -> FloatArray:
         return np.asarray(np.maximum(1 - self.softening * (temperature - self.room), 0.2))
@@ -328,15 +295,9 @@ class DifferentialFriction:
     sum_shaft: LuGre | None
     difference_shaft: LuGre | None = None
 
-    def __post_init__(self) -> None:
-        if self.pair[0] == self.pair[1]:
-            raise OptionError('differential friction: the pair must be two joints')
-
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
         a, b = self.pair
-        check_joint(a, arm)
-        check_joint(b, arm)
         grid, tau = fine_grid(motion), signals.tau.copy()
         for sign, surfaces in ((1.0, self.sum_shaft), (-1.0, self.difference_shaft)):
             if surfaces is None:

@@ -6,9 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, with_base_tilt
-from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
+from gravity_comp_ros.simulation.disturbances.joint_torque import JointTorque
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
@@ -54,12 +53,6 @@ class GaugeDrift(JointTorque):
     begun: float = 0.0
     lag: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not self.warming > 0 or not self.wander >= 0 or not 0.0 <= self.lag < 1.0:
-            raise OptionError(f'gauge drift: warming is {self.warming} s; it must be positive; '
-                              f'wander is {self.wander}; it must be 0 or more; lag is '
-                              f'{self.lag}; it must be 0 or more and less than 1')
-
     def temperature(self, age: FloatArray) -> FloatArray:
         """Return the temperature rise `age` s after switching on, relative to the final one."""
         mount, sensor = np.exp(-age / self.warming), np.zeros_like(age)
@@ -88,7 +81,6 @@ class EncoderOffset:
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
         q = signals.q.copy()
         q[:, self.joint] += self.offset
         return replace(signals, q=q)
@@ -105,10 +97,6 @@ class DelayedEffort:
 
     delay: float
     joints: tuple[int, ...] | None = None
-
-    def __post_init__(self) -> None:
-        if not self.delay >= 0:
-            raise OptionError(f'delayed effort: the delay is {self.delay} s; it must be 0 or more')
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
@@ -129,7 +117,6 @@ class Gear(ABC):
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
         lead = self.lead(motion.t, signals.tau[:, self.joint])
         q, qd = signals.q.copy(), signals.qd.copy()
         q[:, self.joint] += lead
@@ -152,10 +139,6 @@ class Backlash(Gear):
     play: float
     threshold: float = 0.5
     crossing: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not (self.play > 0 and self.threshold >= 0 and self.crossing > 0):
-            raise OptionError('backlash: play and crossing must be positive, threshold 0 or more')
 
     def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
         side = 1.0 if load[0] >= 0 else -1.0
@@ -181,11 +164,6 @@ class ElasticGear(Gear):
     joint: int
     stiffness: float
     hardening: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.stiffness > 0 or not self.hardening >= 0:
-            raise OptionError(f'elastic gear: stiffness {self.stiffness} N·m/rad must be positive '
-                              f'and hardening {self.hardening} 0 or more')
 
     def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
         return np.asarray(load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2)))
@@ -215,10 +193,6 @@ class ToolForce:
 
     force: tuple[float, float, float]
     point: tuple[float, float, float] = (0.0, 0.0, 0.1)
-
-    def __post_init__(self) -> None:
-        if not np.isfinite([*self.force, *self.point]).all():
-            raise OptionError('tool force: force and point must be finite')
 
     def torque(self, arm: Arm, q: FloatArray) -> FloatArray:
         """Return the drives' torque (K, N) in N·m at poses q (K, N) in rad."""

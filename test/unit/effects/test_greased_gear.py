@@ -1,6 +1,5 @@
 """Simulated greased gear: torque by hand, and comparison with the library."""
 
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import GreasedGear, LuGre
 from gravity_comp_ros.simulation.motions import sample
@@ -36,9 +35,3 @@ def test_coulomb_friction_is_added():
     dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
     alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
     assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)
-
-
-@pytest.mark.parametrize('numbers', [(0.0, 0.05), (2.0, 0.0), (float('nan'), 0.05)])
-def test_unphysical_parameters_are_refused(numbers):
-    with pytest.raises(OptionError, match='positive'):
-        GreasedGear(JOINT, *numbers, LuGre(1.0))

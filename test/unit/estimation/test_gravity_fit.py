@@ -2,6 +2,7 @@
 
 import json
 
+from bench.cases.sensors import ornstein_uhlenbeck
 from bench.shared.serial_arms import G, planar_2r, poses, samples_of, serial_arm
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.errors import FitError, OptionError
@@ -10,7 +11,6 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import admm, dictionary
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
-from gravity_comp_ros.simulation.synthesise import add_noise, NoiseOptions
 import numpy as np
 import pytest
 
@@ -260,8 +260,8 @@ def slow_motion(count: int) -> np.ndarray:
 
 def test_autocorrelated_noise_inflates_the_variance_and_keeps_the_model_small():
     arm, q = serial_arm(4), slow_motion(500)
-    t, rng = 0.2 * np.arange(500), np.random.default_rng(0)
-    tau = add_noise(t, gravity_torque(arm, q), NoiseOptions(absolute=0.5, correlation=2.0), rng)
+    noise = ornstein_uhlenbeck(np.random.default_rng(0).standard_normal(q.shape), 0.2, 2.0)
+    tau = gravity_torque(arm, q) + 0.5 * noise
     samples = samples_of(q, tau)
     inflated = fit(samples, FitOptions('potential'))
     naive = fit(samples, FitOptions('potential', SparseOptions(inflation=1.0)))
