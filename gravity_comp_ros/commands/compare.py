@@ -49,10 +49,11 @@ def run(args: argparse.Namespace) -> int:
     since = None if previous is None else drift(previous, model, samples)
     joints = {name: comparison.joints[name] for name in selected}
     if args.html:
+        before, name = _previous(args, model, previous, compared)
         html.write_report(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
-            recording.reports, None, *_previous(args, model, previous, compared),
-            displayed=selected, next_command=_diagnose_command(args))
+            recording.reports, previous=before, previous_name=name, displayed=selected,
+            next_command=_diagnose_command(args))
     document = comparison.to_json()
     document |= {'joints': {name: document['joints'][name] for name in selected},
                  'model': args.model.name, 'fitted_to': fitted,

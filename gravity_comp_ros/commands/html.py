@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
+from typing import Any
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands.arguments import message_of
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
@@ -48,11 +48,9 @@ def with_error_page(page_module: str) -> Callable[[Run], Run]:
 
 def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
                  comparison: Comparison, compared: str, reports: tuple[ReadReport, ...],
-                 diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
-                 previous_name: str = '', displayed: tuple[str, ...] = (),
-                 notes: tuple[str, ...] = (), next_command: str = '') -> None:
+                 notes: tuple[str, ...] = (), **more: Any) -> None:
     """
-    Write the report, atomically; the parameters are as in `report.contents.Contents`.
+    Write the report, atomically; the parameters are fields of `report.contents.Contents`.
 
     :param samples: all samples of the recordings.
     :raises GravityCompError: if it cannot be written.
@@ -64,6 +62,5 @@ def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSa
     origin = Origin(args.command, now(), args.model.name if args.model else None, notes)
     page = report_html(Contents(
         samples, predict_torque(model, samples), model, comparison, compared, reports, origin,
-        diagnosis, previous or {}, previous_name, displayed, next_command,
-        find_arm(args.bags, model.joints, args.urdf)))
+        arm=find_arm(args.bags, model.joints, args.urdf), **more))
     write_atomically(args.html, page.encode(), error=GravityCompError)

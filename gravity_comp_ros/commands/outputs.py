@@ -3,33 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import combinations
 import os
 from pathlib import Path
 
 from gravity_comp_ros.errors import OptionError
 
-# Arguments of all verbs by their name in the namespace; a test checks that none is missing.
-INPUTS = {'bags': 'a recording', 'bag': 'the recording',
-          'empty': 'the recording without the weight', 'loaded': 'the recording with the weight',
-          'table': 'the table', 'model': 'the model (--model)',
-          'previous': 'the earlier model (--previous)',
-          'urdf': 'the robot description (--urdf)', 'mjcf': 'the robot description (--mjcf)',
-          'arm': 'the robot description (--arm)',
-          'motion': 'the motion (--motion)', 'plan': 'the plan (--plan)',
-          'folder': 'the folder of recordings', 'models': 'the folder of models (--models)',
-          'tls': 'a file of TLS (--tls)'}
-OUTPUTS = {'output': '-o', 'json': '--json', 'html': '--html'}
-
-
-@dataclass(frozen=True)
-class _Named:
-    """A path, its argument, and the meaning of the argument for messages."""
-
-    argument: str
-    meaning: str
-    path: Path
+# Arguments with a file or folder to write; each other argument may name an input.
+OUTPUTS = ('output', 'json', 'html')
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -41,41 +23,38 @@ def check_outputs(args: argparse.Namespace) -> None:
 
     :raises OptionError: if an output is an input, or another output, or cannot be written.
     """
-    inputs, outputs = _given(args, INPUTS), _given(args, OUTPUTS)
+    outputs = {name: (option, path) for name, option, path in _paths(args) if name in OUTPUTS}
     rewrites = getattr(args, 'rewrites_model', False)
-    for output in outputs:
-        for source in inputs:
-            if not (rewrites and (output.argument, source.argument) == ('output', 'model')):
-                _check_pair(output, source)
-    for first, second in combinations(outputs, 2):
-        if _same(first.path, second.path):
-            raise OptionError(f'{first.meaning} and {second.meaning} both name {first.path}: '
-                              f'give each its own file')
+    for source, given, path in _paths(args):
+        for name, (option, output) in outputs.items():
+            if source not in OUTPUTS and not (rewrites and (name, source) == ('output', 'model')):
+                _check_pair(option, output, source, given, path)
+    for (first, path), (second, other) in combinations(outputs.values(), 2):
+        if _same(path, other):
+            raise OptionError(f'{first} and {second} both name {path}: give each its own file')
     if rewrites and not args.dry_run and args.output is None:
-        outputs += _given(args, {'model': '--model'})
-    for output in outputs:
-        if not (output.argument == 'output' and getattr(args, 'output_is_folder', False)):
-            _check_writable(output.path)
+        outputs['model'] = '--model', args.model
+    for name, (_, path) in outputs.items():
+        if not (name == 'output' and getattr(args, 'output_is_folder', False)):
+            _check_writable(path)
 
 
-def _given(args: argparse.Namespace, meanings: dict[str, str]) -> list[_Named]:
-    named = []
-    for argument, meaning in meanings.items():
-        value = getattr(args, argument, None)
-        for path in value if isinstance(value, list) else [value]:
-            if path not in (None, '', '-'):
-                named.append(_Named(argument, meaning, Path(path)))
-    return named
+def _paths(args: argparse.Namespace) -> Iterator[tuple[str, str, Path]]:
+    """Yield each argument that may be a path, its option or metavar, and the path."""
+    for action in args.parser._actions:
+        value = getattr(args, action.dest, None)
+        for item in value if isinstance(value, (list, tuple)) else [value]:
+            if isinstance(item, (str, Path)) and item not in ('', '-'):
+                yield action.dest, (*action.option_strings, action.metavar)[0], Path(item)
 
 
-def _check_pair(output: _Named, source: _Named) -> None:
-    if _same(output.path, source.path):
-        raise OptionError(f'{output.meaning} {output.path} is also {source.meaning} and would be '
-                          f'overwritten; name another file')
-    inside = source.path.is_dir() and output.path.resolve().parent == source.path.resolve()
-    if source.argument.startswith('bag') and inside:
-        raise OptionError(f'{output.meaning} {output.path} is inside the folder of the '
-                          f'recording; name a file elsewhere')
+def _check_pair(option: str, output: Path, source: str, given: str, path: Path) -> None:
+    if _same(output, path):
+        raise OptionError(f'{option} {output} is also {given} and would be overwritten; name '
+                          f'another file')
+    if source.startswith('bag') and path.is_dir() and output.resolve().parent == path.resolve():
+        raise OptionError(f'{option} {output} is inside the folder of the recording; name a file '
+                          f'elsewhere')
 
 
 def _same(first: Path, second: Path) -> bool:

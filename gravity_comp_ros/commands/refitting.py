@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.provenance import held_out_blocks, now
@@ -15,7 +15,6 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import Refit, RefitOptions
-from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import save_model
@@ -47,19 +46,10 @@ def without_held_out(model: GravityModel, recording: Recording) -> Recording:
     return replace(recording, use=not_held_out(model, recording))
 
 
-@dataclass(frozen=True)
-class HeldOutError:
-    """RMSE of two models and standard deviation of the torque of one joint, all in N·m."""
-
-    rmse_before: float
-    rmse_after: float
-    torque_std: float
-
-
 def held_out_errors(before: GravityModel, after: GravityModel,
-                    recording: Recording) -> dict[str, HeldOutError]:
+                    recording: Recording) -> dict[str, dict[str, float]]:
     """
-    Return the errors of two models by joint, on the data held out of the fit of the first.
+    Return the errors of two models by joint, on the data held out of the fit of the first, in N·m.
 
     :raises DataError: if no data of these recordings was held out.
     """
@@ -69,15 +59,17 @@ def held_out_errors(before: GravityModel, after: GravityModel,
     gate = None if of_all_samples(before) else recording.gate
     part = replace(recording, use=use, gate=gate)
     old, new = (compare_model(model, part).joints for model in (before, after))
-    return {name: HeldOutError(old[name].rmse, new[name].rmse, new[name].torque_std)
-            for name in old}
+    return {name: {'rmse_before': old[name].rmse, 'rmse_after': new[name].rmse,
+                   'torque_std': new[name].torque_std} for name in old}
 
 
-def held_out_table(errors: dict[str, HeldOutError]) -> Table:
+def held_out_table(errors: dict[str, dict[str, float]]) -> Table:
     """Return the table of errors on the held-out data, before and after."""
-    rows = [(name, f'{e.rmse_before:.4f}', f'{e.rmse_after:.4f}',
-             *(percent(rmse / e.torque_std if e.torque_std else None)
-               for rmse in (e.rmse_before, e.rmse_after))) for name, e in errors.items()]
+    rows = []
+    for name, error in errors.items():
+        before_after, std = (error['rmse_before'], error['rmse_after']), error['torque_std']
+        rows.append((name, *(f'{rmse:.4f}' for rmse in before_after),
+                     *(percent(rmse / std if std else None) for rmse in before_after)))
     return terminal.table(
         'error on the data held out by `fit --holdout`: N·m, and share of the standard deviation '
         'of the torque', ['joint', 'before', 'after', 'before', 'after'], rows)
@@ -127,17 +119,15 @@ def error_table(result: Refit) -> Table:
 
 def effect_lines(result: Refit) -> list[str]:
     """Return lines of markup on added and omitted effects."""
-    lines = [f'added [bold]{terminal.safe(effect.target)}[/bold]: '
-             f'{terminal.safe(_numbers(effect))}'
-             for effect in result.model.applied.effects if effect.target in result.added]
-    lines += [terminal.safe(f'omitted {name}: {why}') for name, why in result.skipped.items()]
-    return lines
-
-
-def _numbers(effect: AppliedEffect) -> str:
-    """Return an applied effect's coefficients and nonlinear parameters in one line."""
-    return ', '.join(filter(None, (wording.coefficients(effect.coefficients, 6),
-                                   wording.settings(effect))))
+    lines = []
+    for effect in result.model.applied.effects:
+        if effect.target in result.added:
+            numbers = filter(None, (wording.coefficients(effect.coefficients, 6),
+                                    wording.settings(effect)))
+            lines.append(f'added [bold]{terminal.safe(effect.target)}[/bold]: '
+                         f'{terminal.safe(", ".join(numbers))}')
+    return lines + [terminal.safe(f'omitted {name}: {why}')
+                    for name, why in result.skipped.items()]
 
 
 def warnings(result: Refit) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.commands import next_step, terminal
-from gravity_comp_ros.commands.usage.recordings import FILES
+from gravity_comp_ros.commands.usage.files import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted

@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.usage.verb import verb
 
-FIT = """\
+
+@verb('learn the gravity model of an arm from slow motion', """\
 examples:
   gravity_comp fit run1.mcap run2.mcap -o arm.json
   gravity_comp fit run1.mcap --holdout -o arm.json      report the held-out error
@@ -22,9 +24,7 @@ joint in both directions, with a constant payload; a minute or more, two runs ra
 Gravity is fitted jointly with friction, inertia and other effects, to slow samples, or to all if
 fewer than 100 of at least 200 are slow. With --holdout the saved model is fitted without the
 held-out data; `compare --holdout` uses that data.
-"""
-
-
+""")
 def fit(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fit`."""
     arguments.add_bags(parser)
@@ -49,7 +49,7 @@ def fit(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-COMPARE = """\
+@verb('compare the torque of a model with measured torque, for each joint', """\
 examples:
   gravity_comp compare run2.mcap --model arm.json
   gravity_comp compare run1.mcap --model arm.json --holdout      only the held-out part of run1
@@ -65,9 +65,7 @@ range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints wit
 "outside" is the same share for poses outside the trained range. A share near 95 % confirms the
 band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
 means that the band is too wide, often where few samples were trained.
-"""
-
-
+""")
 def compare(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
     arguments.add_bags(parser)
@@ -84,7 +82,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
                         'report also lists its errors (default there: before the last addition)')
 
 
-DIAGNOSE = """\
+@verb('identify physical effects missing from a gravity model, with their size', """\
 examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json
   gravity_comp diagnose run1.mcap                         without a model file
@@ -108,9 +106,7 @@ The effects were selected jointly: add all of them with the printed command.
 
 All samples are used, including fast ones, because inertia is one of the effects. Errors are
 held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
-"""
-
-
+""")
 def diagnose(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `diagnose`."""
     arguments.add_bags(parser)
@@ -128,7 +124,7 @@ def diagnose(parser: argparse.ArgumentParser) -> None:
     arguments.add_html(parser, f'{arguments.DRAWN}; without --model, also the joint axes')
 
 
-ADD = """\
+@verb('add effects to a model, refit it, and compare held-out errors', """\
 examples:
   gravity_comp add coulomb_friction:elbow --model arm.json run1.mcap run2.mcap
   gravity_comp add coulomb_friction,viscous_friction --model arm.json run1.mcap
@@ -140,9 +136,7 @@ Gravity and effects are fitted jointly. The fit uses slow samples if at least a 
 else all; --all-samples and --max-speed override this. Errors are held-out errors, of whole runs or
 of blocks of time. If another effect explains the recordings equally well, `add` lists it.
 docs/effects.md describes every effect.
-"""
-
-
+""")
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `add`."""
     parser.add_argument('effects', metavar='EFFECT[:JOINT]', nargs='?',
@@ -165,7 +159,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output=None, rewrites_model=True)
 
 
-UPDATE = """\
+@verb('update a model after a payload change, from ten seconds of slow motion', """\
 examples:
   gravity_comp update tool.mcap --model arm.json -o with_tool.json
   gravity_comp update tool.mcap --model arm.json --urdf robot.urdf -o with_tool.json
@@ -177,9 +171,7 @@ which recordings: at least ten seconds of slow motion that rotates every joint b
 recorded with the new payload only. The model must be a chain or a potential; a chain
 (`fit --formulation chain`) requires far fewer samples. With --urdf the new model is always a
 chain. Effects of the model are kept unchanged.
-"""
-
-
+""")
 def update(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `update`."""
     arguments.add_bags(parser, nargs='*')
@@ -208,7 +200,9 @@ LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
           ('max_speed', 'RAD/S', 0.3, 'of every joint'),
           ('max_acceleration', 'RAD/S²', 1.0, 'of every joint'),
           ('max_jerk', 'RAD/S³', 10.0, 'of every joint'))
-PLAN = """\
+
+
+@verb('plan the motion that resolves open findings', """\
 examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
   gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
@@ -224,9 +218,7 @@ The motion begins and ends at rest at one recorded pose. It stays near recorded 
 or two joints at a time, or all joints if more have targets. Move the arm to the first point
 before playing it. Obstacles and people are not checked: keep the space clear. With --urdf and
 pinocchio, self-collisions of the arm are checked.
-"""
-
-
+""")
 def plan(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `plan`."""
     arguments.add_bags(parser)
@@ -277,7 +269,8 @@ def _pose(text: str) -> tuple[float, ...]:
     return tuple(arguments.finite(part) for part in text.split(','))
 
 
-REPLAY = """\
+@verb('write measured, predicted and residual torque to an MCAP file for PlotJuggler '
+      'or Foxglove', """\
 topics of the output, all sensor_msgs/JointState:
   /joint_states              effort = measured torque, N·m
   /gravity_comp/prediction   effort = torque of the model, gravity and effects, N·m
@@ -285,9 +278,7 @@ topics of the output, all sensor_msgs/JointState:
 
 examples:
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
-"""
-
-
+""")
 def replay(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `replay`."""
     arguments.add_bags(parser, nargs=None)

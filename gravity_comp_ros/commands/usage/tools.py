@@ -7,8 +7,10 @@ import os
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.usage.verb import verb
 
-CHECK = """\
+
+@verb('check a robot description against recorded torque, for faults', """\
 Is this description that of the recorded arm? Compared are: axes reversed or turned, zero angles,
 joints exchanged, the mount of the base, factors and signs of efforts, masses, and bodies that the
 description has not. Every fault is one sentence, the worst first, with the line of the
@@ -21,9 +23,7 @@ examples:
   gravity_comp check run1.mcap --urdf robot.urdf --html check.html    with a drawing of the arm
 
 exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2 wrong usage.
-"""
-
-
+""")
 def check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `check`."""
     arguments.add_bags(parser)
@@ -35,7 +35,7 @@ def check(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-CALIBRATE = """\
+@verb('calibrate efforts in N·m with a known weight, or the stiffness of servos', """\
 A known weight gives the torque in N·m per unit of effort of every joint that it loads, for a
 driver that publishes currents or uncalibrated torques. No mass of the arm is needed; the link
 lengths come from the URDF.
@@ -52,9 +52,7 @@ examples:
                                                     weight with a known centre, on tool0
   gravity_comp calibrate run1.mcap --goals /joint_goals --model arm.json
                                                     stiffness of servos
-"""
-
-
+""")
 def calibrate(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `calibrate`."""
     parser.add_argument('empty', metavar='EMPTY', type=Path, help='recording without the weight')
@@ -80,7 +78,10 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-EXPORT = """\
+TARGETS = ('c', 'urdf', 'mjcf', 'payload')
+
+
+@verb('write a model as C source, into a URDF or MJCF, or as payload of a drive', """\
 targets:
   c         one C99 header and source in the folder -o, for a controller without Python
             (docs/realtime.md)
@@ -99,10 +100,7 @@ examples:
   gravity_comp export arm.json --to urdf --urdf robot.urdf -o corrected.urdf
   gravity_comp export arm.json --to mjcf --mjcf scene.xml -o corrected.xml
   gravity_comp export tool.json --to payload --urdf robot.urdf --flange tool0
-"""
-TARGETS = ('c', 'urdf', 'mjcf', 'payload')
-
-
+""")
 def export(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `export`."""
     parser.add_argument('model', metavar='MODEL.json', type=Path, help='model to export')
@@ -122,7 +120,7 @@ def export(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output_is_folder=True)
 
 
-FLEET = """\
+@verb('fit or diagnose every robot of a folder, locally or on a Dask cluster', """\
 examples:
   gravity_comp fleet fit recordings/ -o models/          recordings/ROBOT/*.mcap
   gravity_comp fleet diagnose recordings/ --models models/ -o findings/
@@ -135,9 +133,7 @@ After an interruption the same command resumes; after new bags it processes only
 A Dask cluster requires the bags under the same path and this package of the same version. A
 program that reaches a scheduler tcp://... can run code on its workers and here; docs/fleet.md
 describes TLS.
-"""
-
-
+""")
 def fleet(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fleet`."""
     parser.add_argument('what', choices=('fit', 'diagnose'), help='operation for each robot')
@@ -166,7 +162,7 @@ def fleet(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output_is_folder=True)
 
 
-WORKBENCH = """\
+@verb('compare, diagnose, add effects and undo, in a browser', """\
 examples:
   gravity_comp workbench run1.mcap run2.mcap
   gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
@@ -175,9 +171,7 @@ examples:
 The page is served to this machine only, unless --host is given. Sessions are saved continuously
 (~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
 with Ctrl-C.
-"""
-
-
+""")
 def workbench(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `workbench`."""
     arguments.add_bags(parser)
@@ -211,16 +205,14 @@ def _port(text: str) -> int:
     return port
 
 
-COMPLETION = """\
+@verb('print a shell completion script for verbs, options and files', """\
 examples:
   gravity_comp completion bash > ~/.local/share/bash-completion/completions/gravity_comp
   gravity_comp completion zsh > ~/.zfunc/_gravity_comp        with ~/.zfunc in fpath
 
 The script lists the options of this release: write it again after an upgrade. Completion does not
 start Python.
-"""
-
-
+""")
 def completion(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `completion`."""
     parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'), help='target shell')

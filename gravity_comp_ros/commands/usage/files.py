@@ -6,11 +6,16 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.usage.verb import verb
 from gravity_comp_ros.recordings.units import (
     ANGLE_HELP, CURRENT_UNITS, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
 from gravity_comp_ros.simulation.hidden_sizes import size_table
 
-SYNTH = f"""\
+MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
+FILES = ('.yaml', '.yml', '.csv')
+
+
+@verb('record a simulated arm with motion, payload, hidden effects and noise', f"""\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
@@ -29,11 +34,7 @@ examples:
   gravity_comp synth --motion multisine --hidden coulomb_friction:4=0.8 -o rough.mcap
   gravity_comp synth --motion random --samples 1000 --relative-noise 0.01 -o poses.mcap
   gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
-"""
-MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
-FILES = ('.yaml', '.yml', '.csv')
-
-
+""")
 def synth(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `synth`."""
     arguments.add_mcap_output(parser)
@@ -104,7 +105,7 @@ def _motion_name(text: str) -> str:
     return text
 
 
-CONVERT = """\
+@verb('convert a CSV or NPZ file with any columns, units and signs to an MCAP file', """\
 columns (--time, --position, --velocity, --effort):
   q_{i}      all columns with a number in place of {i}, in order: q_0, q_1, ...
   a,b,c      columns by name
@@ -124,9 +125,7 @@ examples:
   gravity_comp convert lbr.csv --rate 100 --effort-sign -1 -o lbr.mcap
   gravity_comp convert log.txt --time 1 --position 2-7 --effort 8-13 --time-unit ms \\
       --position-unit deg --effort-unit mA --torque-constant 0.06 --gear-ratio 101 -o log.mcap
-"""
-
-
+""")
 def convert(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument('table', metavar='TABLE', type=Path,
@@ -186,7 +185,7 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(arguments.finite(part) for part in text.split(','))
 
 
-CUT = """\
+@verb('extract a part of a recording by time and joints, or split it', """\
 examples:
   gravity_comp cut run1.mcap -o start.mcap --to 60            the first minute
   gravity_comp cut run1.mcap -o middle.mcap --from 20 --to 50 --joints shoulder,elbow
@@ -194,9 +193,7 @@ examples:
 
 Times are in s from the first sample. Efforts and stamps are copied unchanged, so the parts share
 one clock. Invalid messages are dropped, as in every verb.
-"""
-
-
+""")
 def cut(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `cut`."""
     arguments.add_bags(parser, nargs=None)
@@ -219,7 +216,7 @@ def times(text: str) -> tuple[float, ...]:
     return values
 
 
-INFO = """\
+@verb('list joints, speeds and coverage of a recording, and its limitations', """\
 columns of the table:
   range      minimum and maximum angle, in rad
   travel     distance from minimum to maximum angle, in rad
@@ -231,9 +228,7 @@ examples:
   gravity_comp info run1.mcap
   gravity_comp info rosbag2_folder/ old.db3 --max-speed 0.2
   gravity_comp info run1.mcap --json
-"""
-
-
+""")
 def info(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `info`."""
     arguments.add_bags(parser)
