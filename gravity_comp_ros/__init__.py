@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.model import FitReport as FitReport
     from gravity_comp_ros.api.model import load as load
     from gravity_comp_ros.api.model import Model as Model
-    from gravity_comp_ros.api.model import save as save
     from gravity_comp_ros.api.read import read as read
     from gravity_comp_ros.api.recording import Recording as Recording
     from gravity_comp_ros.data.gate import GateOptions as GateOptions
@@ -51,7 +50,7 @@ _MODULES = {
     'read': 'api.read', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
-    'load': 'api.model', 'save': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
+    'load': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
     'Comparison': 'evaluation.compare', 'Diagnosis': 'diagnosis.findings',
     'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.options',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
@@ -59,7 +58,7 @@ _MODULES = {
 }
 __all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Finding', 'fit',
            'FitReport', 'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'MotionPlan',
-           'plan', 'PlanOptions', 'read', 'Recording', 'save', 'update', 'Verdict']
+           'plan', 'PlanOptions', 'read', 'Recording', 'update', 'Verdict']
 
 
 def __getattr__(name: str) -> Any:

@@ -18,8 +18,8 @@ import sys
 import tempfile
 
 from gravity_comp_ros.api.arm_facts import arm_facts
-from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import known_arm
 from gravity_comp_ros.cli import main as gravity_comp
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.facts.fact import Fact
@@ -45,7 +45,7 @@ def facts_of(path: Path) -> list[Fact]:
     data = Recording(read.samples, reports=(read.report,))
     arm = known_arm(data)
     motion = enough_motion(arm.of(data).samples, arm.axes.geometry).facts()
-    return [*read.report.facts, *arm_facts(data, arm, options),
+    return [*read.report.facts, *arm_facts(data, options, arm),
             *describe(read.samples).motion, *motion]
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gravity_comp_ros.api.learn import known_arm, KnownArm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import known_arm, KnownArm
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.errors import BagError, DataError
@@ -18,33 +18,25 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.read_options import ReadOptions
 
 
-def arm_facts(recording: Recording, arm: KnownArm, options: ReadOptions,
-              model: GravityModel | None = None) -> list[Fact]:
+def arm_facts(recording: Recording, options: ReadOptions, arm: KnownArm | None = None,
+              model: GravityModel | None = None,
+              limits: GainOptions = GainOptions()) -> list[Fact]:
     """
-    Return the facts on the order of the names, described axes, gains, and the vertical.
+    Return the facts on the order of the names, axes, gains, and the vertical.
 
     :param options: those that the recording was read with.
+    :param arm: axes and joint order; None for those of the model.
     :param model: see `torque_facts`.
-    """
-    geometry = arm.axes.geometry
-    facts = torque_facts(
-        arm.of(recording).samples, None if geometry is None else geometry.rotations, model,
-        _whole_arm(recording, options),
-        by_name=geometry is None and arm.order.source in (NUMBERS, WORDS))
-    return _with_accepted(facts, options)
-
-
-def model_facts(recording: Recording, options: ReadOptions, model: GravityModel,
-                limits: GainOptions = GainOptions()) -> list[Fact]:
-    """
-    Return the facts that axes, gains or the vertical differ from those of a model.
-
-    :param options: those that the recording was read with.
     :param limits: of gains.
     """
-    facts = torque_facts(recording.samples, None, model, _whole_arm(recording, options),
-                         limits=limits)
-    return _with_accepted(facts, options)
+    rotations, by_name = None, False
+    if arm is not None:
+        recording, geometry = arm.of(recording), arm.axes.geometry
+        rotations = None if geometry is None else geometry.rotations
+        by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
+    facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording, options),
+                         by_name, limits)
+    return [as_noted(fact) if fact.kind.value in options.accept else fact for fact in facts]
 
 
 def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:
@@ -56,10 +48,6 @@ def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:
     """
     for fact in refused(facts):
         raise DataError(f'{where}: ' * bool(where) + fact.sentence + f'. {why}' * bool(why))
-
-
-def _with_accepted(facts: Sequence[Fact], options: ReadOptions) -> list[Fact]:
-    return [as_noted(fact) if fact.kind.value in options.accept else fact for fact in facts]
 
 
 def _whole_arm(recording: Recording, options: ReadOptions) -> WholeArm:

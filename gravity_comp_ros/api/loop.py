@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.axes import AxesOptions, known_axes
-from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.steps import add_to_model, compare_model, update_model
+from gravity_comp_ros.api.steps import (
+    add_to_model, compare_model, learn, LearnOptions, order_by_torques, update_model)
+from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
@@ -49,8 +50,14 @@ def fit(recording: Recording, *, formulation: str | None = None,
     """
     options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
     learned = learn(recording, options, tuple(effects), progress=progress)
-    result = learned.result
-    for warning in filter(None, (learned.arm.axes.problem, joint_order_warning(learned))):
+    result, axes, order = learned.result, learned.arm.axes, None
+    if recording.reports and axes.geometry is None \
+            and joint_order(recording.joints).source == AS_RECORDED:
+        order = order_by_torques(learned.recording, result)
+    wrong = '' if order is None else (
+        f'the joint order {", ".join(order.joints)} explains the torques much better: read the '
+        f'recording with `joints` in the order of the arm')
+    for warning in filter(None, (axes.problem, wrong)):
         result = result.with_warning(warning)
     return Model(result.model)
 

@@ -116,8 +116,23 @@ class Model(Displayable):
 
     @cached_property
     def report(self) -> FitReport:
-        """Return the summary of the fit and of the last step."""
-        return report_of(self.gravity)
+        """Return the summary of the fit and of the last step, from provenance and history."""
+        model = self.gravity
+        joints = {name: JointFit(int(model.n_features()[n]), float(model.coverage.q_min[n]),
+                                 float(model.coverage.q_max[n]), float(model.noise[n]),
+                                 shortened(model.equation(name), _MAX_TERMS))
+                  for n, name in enumerate(model.joints)}
+        step = model.history[-1] if model.history else None
+        record = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
+        if step is not None and step.action == UPDATED:
+            record = model.provenance['updates'][-1]
+        return FitReport(
+            model.formulation, model.coverage.n_samples, model.coverage.n_runs, joints,
+            tuple(effect.target for effect in model.applied.effects),
+            '' if step is None else ', '.join(step.effects),
+            {} if step is None or step.action not in (ADDED, UPDATED) else
+            {name: (step.before[name], step.after[name]) for name in step.before},
+            _payload(record), tuple(record['warnings']))
 
     def predict(self, q: ArrayLike) -> FloatArray:
         """
@@ -199,36 +214,6 @@ def load(path: str | Path) -> Model:
     :raises ModelFileError: if it is missing, damaged or of another version.
     """
     return Model(load_model(Path(path)))
-
-
-def save(model: Model, path: str | Path) -> None:
-    """
-    Write a model file; an existing file is replaced atomically.
-
-        gc.save(model, 'arm.json')      # or model.save('arm.json')
-
-    :raises ModelFileError: if it cannot be written.
-    """
-    model.save(path)
-
-
-def report_of(model: GravityModel) -> FitReport:
-    """Return the summary of a model, from its provenance and history."""
-    joints = {name: JointFit(int(model.n_features()[n]), float(model.coverage.q_min[n]),
-                             float(model.coverage.q_max[n]), float(model.noise[n]),
-                             shortened(model.equation(name), _MAX_TERMS))
-              for n, name in enumerate(model.joints)}
-    step = model.history[-1] if model.history else None
-    record = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
-    if step is not None and step.action == UPDATED:
-        record = model.provenance['updates'][-1]
-    return FitReport(
-        model.formulation, model.coverage.n_samples, model.coverage.n_runs, joints,
-        tuple(effect.target for effect in model.applied.effects),
-        '' if step is None else ', '.join(step.effects),
-        {} if step is None or step.action not in (ADDED, UPDATED) else
-        {name: (step.before[name], step.after[name]) for name in step.before},
-        _payload(record), tuple(record['warnings']))
 
 
 def _payload(record: Mapping[str, object]) -> dict[str, float]:

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.api.steps import known_arm
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate
 if TYPE_CHECKING:

@@ -27,36 +27,6 @@ Progress = Callable[[str, float], None]
 ArrayOrRuns = ArrayLike | Sequence[ArrayLike]
 
 
-def samples_from_arrays(q: ArrayOrRuns, tau: ArrayOrRuns, t: ArrayOrRuns | None,
-                        qd: ArrayOrRuns | None, rate: float | None,
-                        names: Sequence[str] | None, degrees: bool,
-                        effort_scale: float | Mapping[str, float]) -> JointSamples:
-    """
-    Return the samples; parameters as in `Recording.from_arrays`.
-
-    :raises DataError: if shapes disagree or a value is invalid.
-    :raises OptionError: if an option is invalid.
-    """
-    runs_q = _runs('q', q, 2)
-    runs_tau = _runs('tau', tau, 2, len(runs_q))
-    runs_qd = None if qd is None else _runs('qd', qd, 2, len(runs_q))
-    times = _times(t, rate, runs_q)
-    joints = _names(names, runs_q)
-    scale, factor = _scale(effort_scale, joints), np.pi / 180.0 if degrees else 1.0
-    parts = []
-    for k, (time, positions, torque) in enumerate(zip(times, runs_q, runs_tau)):
-        position = factor * positions
-        speed = differentiate(time, position) if runs_qd is None else factor * runs_qd[k]
-        if torque.shape != position.shape or speed.shape != position.shape:
-            raise DataError(f'run {k}: q has shape {position.shape}, tau {torque.shape}, '
-                            f'qd {speed.shape}; they must be the same')
-        # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
-        keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
-        parts.append(JointSamples.single_run(joints, time[keep], position[keep], speed[keep],
-                                             scale * torque[keep], f'run {k}', 0.0))
-    return concatenate(parts)
-
-
 def _runs(what: str, values: ArrayOrRuns, ndim: int,
           expected: int | None = None) -> list[FloatArray]:
     """Return one array of `ndim` dimensions per run."""
@@ -167,7 +137,24 @@ class Recording(Displayable):
         :raises ModelMismatchError: if `effort_scale` names an unknown joint.
         :raises OptionError: if not exactly one of `t` and `rate` is given, or a scale is invalid.
         """
-        return cls(samples_from_arrays(q, tau, t, qd, rate, names, degrees, effort_scale), gate)
+        runs_q = _runs('q', q, 2)
+        runs_tau = _runs('tau', tau, 2, len(runs_q))
+        runs_qd = None if qd is None else _runs('qd', qd, 2, len(runs_q))
+        times = _times(t, rate, runs_q)
+        joints = _names(names, runs_q)
+        scale, factor = _scale(effort_scale, joints), np.pi / 180.0 if degrees else 1.0
+        parts = []
+        for k, (time, positions, torque) in enumerate(zip(times, runs_q, runs_tau)):
+            position = factor * positions
+            speed = differentiate(time, position) if runs_qd is None else factor * runs_qd[k]
+            if torque.shape != position.shape or speed.shape != position.shape:
+                raise DataError(f'run {k}: q has shape {position.shape}, tau {torque.shape}, '
+                                f'qd {speed.shape}; they must be the same')
+            # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
+            keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
+            parts.append(JointSamples.single_run(joints, time[keep], position[keep], speed[keep],
+                                                 scale * torque[keep], f'run {k}', 0.0))
+        return cls(concatenate(parts), gate)
 
     def __len__(self) -> int:
         return int(self.usable.sum())

@@ -8,21 +8,23 @@ functions wrap them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.api.axes import KnownAxes
+from gravity_comp_ros.api.axes import AxesOptions, known_axes, KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder, TORQUES
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
+from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
@@ -38,49 +40,169 @@ PAYLOAD = 'payload'
 MIN_SLOW_SAMPLES = 100
 # Maximum recorded time, in s, for which the convergence of the model is tested.
 _MAX_TESTED_TIME = 90.0
+# Formulations that use known axes.
+WITH_AXES = (None, 'auto', 'chain')
+ASKED = 'as asked'
+
+
+@dataclass(frozen=True)
+class LearnOptions:
+    """
+    Options of a fit.
+
+    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
+    the user names a description. `ordered` is True if the joints are given in the order of the
+    arm; otherwise the order is taken from names or torques.
+
+    :raises OptionError: if a description is named and the formulation does not use axes.
+    """
+
+    formulation: str | None = None
+    axes: AxesOptions = AxesOptions()
+    ordered: bool = False
+
+    def __post_init__(self) -> None:
+        if self.axes.file is not None and self.formulation not in WITH_AXES:
+            raise OptionError(f'formulation {self.formulation} does not use a robot description; '
+                              f'choose chain or auto')
+
+    def to_fit(self, axes: KnownAxes) -> FitOptions:
+        """Return the options of the estimator for these axes."""
+        default = FitOptions().formulation
+        if axes.geometry is not None and axes.from_user:
+            # With a description from the recordings, which may be wrong, the data select it.
+            default = 'chain'
+        return FitOptions(formulation=self.formulation or default, geometry=axes.geometry)
+
+
+@dataclass(frozen=True)
+class KnownArm:
+    """Joint axes and joint order of an arm, as known before the fit."""
+
+    axes: KnownAxes
+    order: JointOrder
+
+    def of(self, recording: Recording) -> Recording:
+        """Return the recording with the joints of the arm, in their order."""
+        return recording.select_joints(self.order.joints)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A fit, with the `refit` of its effects (None without effects), and its arm and samples."""
+
+    result: FitResult
+    refit: Refit | None
+    arm: KnownArm
+    recording: Recording
+
+    @property
+    def model(self) -> GravityModel:
+        """Return the fitted model."""
+        return self.result.model
+
+
+def known_arm(recording: Recording, options: LearnOptions = LearnOptions()) -> KnownArm:
+    """
+    Return the axes and the joint order of a recorded arm, from a description or the names.
+
+    :raises DataError: if a named description is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
+    :raises OptionError: if fixed joints are given without a description.
+    """
+    axes = KnownAxes()
+    if options.formulation in WITH_AXES:
+        axes = known_axes(recording.reports, recording.joints, options.axes, not options.ordered)
+    if axes.geometry is not None:
+        return KnownArm(axes, JointOrder(axes.geometry.joints, 'description'))
+    if options.ordered:
+        return KnownArm(axes, JointOrder(recording.joints, ASKED))
+    return KnownArm(axes, joint_order(recording.joints))
+
+
+def learn(recording: Recording, options: LearnOptions = LearnOptions(),
+          effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
+          progress: Progress | None = None, arm: KnownArm | None = None) -> Learned:
+    """
+    Fit gravity, jointly with the named effects.
+
+    If neither description nor names give the joint order, it is identified from the torques.
+
+    :param effects: effects as in `gravity_comp_ros.fit`.
+    :param speeds: selection of the samples that the effects are fitted to.
+    :param arm: axes and joint order; None takes them from the recording.
+    :raises FitError: if there are too few samples, or no joint moves.
+    :raises DataError: if no sample is slow, or an effect is not identifiable.
+    :raises ModelMismatchError: if a joint of the arm is missing in the recording.
+    """
+    arm = arm or known_arm(recording, options)
+    recording = arm.of(recording)
+    fit_options = options.to_fit(arm.axes)
+    result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
+    order = None
+    if arm.order.source == AS_RECORDED:
+        order = order_by_torques(recording, result)
+    if order is not None:
+        arm = replace(arm, order=order)
+        recording = arm.of(recording)
+        result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
+    provenance = {**result.model.provenance, 'description': arm.axes.to_json(),
+                  'joint_order': arm.order.source}
+    return Learned(replace(result, model=replace(result.model, provenance=provenance)), refitted,
+                   arm, recording)
 
 
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
               effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
               progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
-    Fit gravity to the slow samples, jointly with the named effects.
+    Fit gravity to the slow samples, jointly with the named effects, on known axes and joints.
 
-    Returns the fit with provenance, and the refit of the effects (None without effects).
-
-    :param effects: effects as in `gravity_comp_ros.fit`.
-    :param speeds: selection of the samples that the effects are fitted to.
-    :raises FitError: if there are too few samples, or no joint moves.
-    :raises DataError: if no sample is slow, or an effect is not identifiable.
-    :raises ModelMismatchError: if the axes in the options are those of other joints.
+    Returns the fit with provenance, and the refit of the effects (None if the fit of gravity
+    predicts all of them). The parameters and errors are those of `learn`.
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
     recording = with_enough_motion(recording)
-    if effects:
-        result, refitted = _with_effects(recording, options, effects, speeds, progress)
-    else:
-        result, refitted = fit(recording.samples, options, progress,
-                               use=slow_mask(recording)), None
-        warning = _convergence_warning(recording.slow, result, options)
+    result, joint = fit(recording.samples, options, progress, use=slow_mask(recording)), None
+    missing = [request for request in requests(effects, recording.joints)
+               if not result.model.applied.has(request.effect.name, request.joint)]
+    if missing:
+        joint = refit(recording.samples, result.model, missing, speeds, recording.use, progress)
+        model = with_step(joint.model, result.model, joint.added, now(), *joint.by_joint())
+        report = replace(result.report, rmse=dict(zip(model.joints, model.noise.tolist())))
+        result = replace(result, model=model, report=report)
+    change = None if effects else _convergence_objection(recording.slow, result, options)
+    for warning in (change and f'{change}. Record more motion', recording.ungated):
         result = result.with_warning(warning) if warning else result
-    if recording.ungated:
-        result = result.with_warning(recording.ungated)
     holdout = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': holdout.to_json(recording.reports) if holdout else None}
-    return replace(result, model=replace(result.model, provenance=provenance)), refitted
+    return replace(result, model=replace(result.model, provenance=provenance)), joint
 
 
-def _convergence_warning(samples: JointSamples, result: FitResult, options: FitOptions) -> str:
-    """Return a warning if a fit to part of a short recording gives another model, else ''."""
+def _convergence_objection(samples: JointSamples, result: FitResult,
+                           options: FitOptions) -> str | None:
+    """Return a sentence if a fit to part of a short recording gives another model, else None."""
     if recorded_time(samples) > _MAX_TESTED_TIME:
-        return ''
+        return None
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
+    return convergence_objection(result.model, samples, noise,
+                                 lambda part: fit_again(part, result, options).model)
 
-    change = convergence_objection(result.model, samples, noise,
-                                   lambda part: fit_again(part, result, options).model)
-    return '' if change is None else f'{change}. Record more motion'
+
+def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:
+    """
+    Return a joint order with a much smaller residual torque, None if there is none.
+
+    If the residual of the fit is white, no other order is searched.
+
+    :param result: fit in the order of the recording.
+    """
+    if result.report.white:
+        return None
+    joints = joint_order_from_torques(with_enough_motion(recording).slow)
+    return None if joints is None else JointOrder(joints, TORQUES)
 
 
 def with_enough_motion(recording: Recording) -> Recording:
@@ -105,21 +227,6 @@ def with_enough_motion(recording: Recording) -> Recording:
     return replace(recording, gate=None, ungated=(
         f'the slow-motion gate keeps only {n_slow} of {n} samples: all are fitted, with inertia '
         f'and friction as nuisance terms'))
-
-
-def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
-                  speeds: RefitOptions, progress: Progress | None
-                  ) -> tuple[FitResult, Refit | None]:
-    """Return a fit that predicts effects, those that it predicts with gravity among them."""
-    first = fit(recording.samples, options, progress, use=slow_mask(recording))
-    missing = [request for request in requests(effects, recording.joints)
-               if not first.model.applied.has(request.effect.name, request.joint)]
-    if not missing:
-        return first, None
-    joint = refit(recording.samples, first.model, missing, speeds, recording.use, progress)
-    model = with_step(joint.model, first.model, joint.added, now(), *joint.by_joint())
-    report = replace(first.report, rmse=dict(zip(model.joints, model.noise.tolist())))
-    return replace(first, model=model, report=report), joint
 
 
 def slow_mask(recording: Recording) -> BoolArray:

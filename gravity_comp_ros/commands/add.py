@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import replace
 import shlex
 
-from gravity_comp_ros.api.arm_facts import check_facts, model_facts
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.refitting import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
@@ -52,7 +51,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
-        check_facts(model_facts(recording, arguments.read_options(args), model))
+        check_facts(arm_facts(recording, arguments.read_options(args), model=model))
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
     reports = recording.reports
     holdout = refitting.held_out_errors(
@@ -64,8 +63,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         'model': str(args.model), 'written': not args.dry_run, **result.to_json(),
         'warnings': warnings,
         'ties': [_tie(*tie) for tie in result.ties.items()],
-        'on_holdout': {name: asdict(error) for name, error in holdout.items()}
-        if args.holdout else None,
+        'on_holdout': holdout if args.holdout else None,
         'bags': [r.to_json() for r in reports]}
     terminal.answer(args, document, lambda: _show(args, result, reports, holdout),
                     *reading.scale_warnings(model, reports), *warnings)
@@ -80,7 +78,7 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
 
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-          holdout: dict[str, HeldOutError]) -> None:
+          holdout: dict[str, dict[str, float]]) -> None:
     terminal.say(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))

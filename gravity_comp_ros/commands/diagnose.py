@@ -6,16 +6,16 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-import shlex
 import time
 from typing import Any
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import known_arm, KnownArm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import known_arm, KnownArm, learn, LearnOptions
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.arguments import read_options
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
@@ -63,13 +63,14 @@ def run(args: argparse.Namespace) -> int:
         if model is not None:
             recording = refitting.without_held_out(model, recording)
         arm = known_arm(recording, _options(args))
-        facts = arm_facts(recording, arm, read_options(args), model)
+        facts = arm_facts(recording, read_options(args), arm, model)
         check_facts(facts)
         base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
-    findings = tuple(replace(f, next_step=f.next_step or _add_command(f, args))
+    findings = tuple(replace(f, next_step=f.next_step or (
+        _add(args, [target(f.effect, f.joint)], args.model or 'MODEL.json') if f.effect else ''))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
     samples = samples.joints(tuple(diagnosis.joints))
@@ -116,7 +117,8 @@ def _fitted(args: argparse.Namespace, recording: Recording, arm: KnownArm,
     """
     if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
         return None, arm.of(recording)
-    return learn_gravity(recording, _options(args), report, arm), recording
+    slow = replace(recording, gate=GateOptions())
+    return learn(slow, _options(args), progress=report, arm=arm).model, recording
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
@@ -126,8 +128,8 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
              f'{model.coverage.n_samples} samples.',) if fitted else ()
     compared = f'all {samples.n_samples} samples, including fast ones'
     commands = _add_commands(args, diagnosis.to_add)
-    html.write_report(args, model, samples, compare(model, samples), compared, reports, diagnosis,
-                      notes=notes, next_command='\n'.join(commands))
+    html.write_report(args, model, samples, compare(model, samples), compared, reports, notes,
+                      diagnosis=diagnosis, next_command='\n'.join(commands))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -143,15 +145,6 @@ def _model(args: argparse.Namespace) -> GravityModel | None:
     # The bag may contain other joints, such as a gripper.
     args.joints = model.joints
     return model
-
-
-def _add_command(finding: Finding, args: argparse.Namespace) -> str:
-    """Return the command that adds a finding, with the file names of this call."""
-    if finding.effect is None:
-        return ''
-    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-    model = shlex.quote(str(args.model)) if args.model else 'MODEL.json'
-    return f'gravity_comp add {target(finding.effect, finding.joint)} --model {model} {bags}'
 
 
 def _rest(samples: JointSamples) -> dict[str, float]:
@@ -245,9 +238,13 @@ def _add_commands(args: argparse.Namespace, targets: Sequence[str]) -> list[str]
     if not targets:
         return []
     model = args.model or next_step.new_name()
-    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
-    add = next_step.command('add', args, bags=bags, model=model)
+    add = _add(args, targets, model)
     return [add] if args.model is not None else [_fit_command(args, model), add]
+
+
+def _add(args: argparse.Namespace, targets: Sequence[str], model: Path | str) -> str:
+    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
+    return next_step.command('add', args, bags=bags, model=model)
 
 
 def _fit_command(args: argparse.Namespace, model: Path | str) -> str:

@@ -8,10 +8,10 @@ from math import degrees
 import time
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
-from gravity_comp_ros.api.learn import known_arm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model, with_enough_motion
+from gravity_comp_ros.api.steps import (
+    compare_model, known_arm, learn, Learned, LearnOptions, with_enough_motion)
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
-        facts = arm_facts(whole, arm, arguments.read_options(args))
+        facts = arm_facts(whole, arguments.read_options(args), arm)
         check_facts(facts)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.learn import LearnOptions
+from gravity_comp_ros.api.steps import LearnOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect

@@ -7,10 +7,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from gravity_comp_ros.api.arm_facts import arm_facts
-from gravity_comp_ros.api.learn import known_arm, KnownArm, LearnOptions
 from gravity_comp_ros.api.read import joined, read_each
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
+from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.commands.terminal import (
@@ -37,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
             data = Recording(each.samples, slow, (each.report,))
             arm = known_arm(data, LearnOptions(axes=axes_options(args),
                                                ordered=args.joints is not None))
-            more = arm_facts(data, arm, options)
+            more = arm_facts(data, options, arm)
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
                           describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.

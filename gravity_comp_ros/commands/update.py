@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.api.arm_facts import check_facts, model_facts
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_model
@@ -55,7 +55,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
         arm = None if args.flange is None else _arm(args, model)
-        check_facts(model_facts(recording, arguments.read_options(args), model, OF_UPDATE),
+        check_facts(arm_facts(recording, arguments.read_options(args), None, model, OF_UPDATE),
                     why='A payload changes no axis, no gain and no vertical')
         result, axes = update_model(model, recording, axes)
         estimate = result.report.payload

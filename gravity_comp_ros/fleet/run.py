@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros import __version__
-from gravity_comp_ros.api.learn import learn, learn_gravity, LearnOptions
 from gravity_comp_ros.api.read import bounded, joined
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.steps import with_enough_motion
+from gravity_comp_ros.api.steps import learn, LearnOptions, with_enough_motion
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
@@ -189,7 +188,7 @@ def _result(robot: Robot, options: FleetOptions) -> RobotResult:
     if model is not None and reading.joints is None:
         reading = replace(reading, joints=model.joints)
     recording, failed = _read(robot, reading, None)
-    model = model or learn_gravity(recording, options.learning)
+    model = model or learn(replace(recording, gate=GateOptions()), options.learning).model
     document = diagnose(recording.samples, model,
                         DiagnosisOptions(effects=options.effects)).to_json()
     return RobotResult({'diagnosis': f'{robot.name}.diagnosis.json',

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts, model_facts
+from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import ASKED, known_arm, KnownArm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.read import read_each
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import add_to_model
+from gravity_comp_ros.api.steps import (
+    add_to_model, ASKED, known_arm, KnownArm, learn, Learned, LearnOptions)
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -134,7 +134,7 @@ class JobRunner:
             targets = None if job.effects is None else named_targets(job.effects, model.joints)
             return plan(recording.samples, model, targets, diagnosis=job.diagnosis,
                         progress=progress)
-        check_facts(model_facts(recording, job.read.options, model))
+        check_facts(arm_facts(recording, job.read.options, model=model))
         if job.step is Step.DIAGNOSE:
             return diagnose(recording.samples, model, progress=progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
@@ -174,7 +174,7 @@ def _judged(recordings: Sequence[BagRecording], arm: KnownArm,
     """Return the reports with the facts on the joints against each other."""
     reports = []
     for each in recordings:
-        facts = arm_facts(Recording(each.samples, None, (each.report,)), arm, options)
+        facts = arm_facts(Recording(each.samples, None, (each.report,)), options, arm)
         reports.append(replace(each.report, facts=(*each.report.facts, *facts)))
     return tuple(reports)
 

@@ -12,10 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.learn import Learned
-from gravity_comp_ros.api.model import report_of
+from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import with_enough_motion
+from gravity_comp_ros.api.steps import Learned, with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
@@ -240,7 +239,7 @@ class Session(State):
         if is_first and self.given:
             first = self.given[0]
             self._append(replace(first, choice=self.choice,
-                                 warnings=report_of(first.model).warnings))
+                                 warnings=Model(first.model).report.warnings))
         elif is_first:
             # All samples of a fast recording, as `fit` does.
             recording = Recording(read.samples, self.choice.gate(), read.reports)

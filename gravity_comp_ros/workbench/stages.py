@@ -9,8 +9,8 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import Learned, LearnOptions, WITH_AXES
 from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import Learned, LearnOptions, WITH_AXES
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis

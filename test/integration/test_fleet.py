@@ -11,7 +11,7 @@ import sys
 from bench.shared.serial_arms import poses, samples_of, serial_arm
 import dask
 from gravity_comp_ros import cli
-from gravity_comp_ros.api.learn import LearnOptions
+from gravity_comp_ros.api.steps import LearnOptions
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.fleet import cluster, run as fleet_run
 from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
