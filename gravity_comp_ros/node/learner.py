@@ -18,7 +18,7 @@ from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
-from gravity_comp_ros.worker.worker_process import command, Failure, READY, Supervised
+from gravity_comp_ros.worker.worker_process import command, Failed, READY, Supervised
 
 NICENESS = 10
 # Number of samples from which an epoch is restarted after a refusal for broken effort, so that
@@ -104,7 +104,7 @@ class Learner:
     def _submit(self, wall: float, job: Job, prepare: Callable[[], AnyJob]) -> None:
         """Submit a job that another thread prepares."""
         self.has_started = True
-        self.fits.submit(job, wall, lambda _: prepare())
+        self.fits.submit(job, wall, prepare)
 
     def _submit_fit(self, arm: Arm, wall: float, job: Job) -> None:
         ring, geometry, limits = arm.epoch.snapshot(), arm.geometry, self._limits()
@@ -144,7 +144,7 @@ class Learner:
             return
         if job.kind == FIT and not isinstance(answer, FitResult) or job.is_outdated:
             arm.epoch.fit_ended(False)
-        if isinstance(answer, Failure):
+        if isinstance(answer, Failed):
             self._failed(job, answer)
         elif job.is_outdated and not isinstance(answer, str):
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
@@ -156,7 +156,7 @@ class Learner:
         else:
             job.reply(True, str(answer))
 
-    def _failed(self, job: Job, failure: Failure) -> None:
+    def _failed(self, job: Job, failure: Failed) -> None:
         """
         Report a job without a result.
 
@@ -165,7 +165,7 @@ class Learner:
         text = f'{failure.reason}; {self.kept}'
         if job.kind == FIT:
             self.last_fit = f'failed: {failure.reason}'
-            if failure.lost or job.call is None:
+            if failure.is_lost or job.call is None:
                 self.state, self.report = FAULTY, text
         job.reply(False, text)
         self._log_lines.append((True, text))

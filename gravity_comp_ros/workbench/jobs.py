@@ -31,7 +31,7 @@ from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport, Recording a
 from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 from gravity_comp_ros.worker.worker_process import (
-    command, Done, Failed, Lost, Progress, WorkerProcess)
+    command, Done, Failed, Progress, Ready, WorkerProcess)
 import numpy as np
 
 
@@ -193,7 +193,6 @@ def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Lear
         result.result, model=replace(result.model, provenance=provenance)))
 
 
-PROCESS_ENDED = 'the worker process ended unexpectedly (out of memory?)'
 _NICENESS = 5
 
 
@@ -207,24 +206,19 @@ class Worker:
 
     def __init__(self) -> None:
         self.job: Job | None = None
-        self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
-        self._problem = ''
+        self._process: WorkerProcess | None = None
 
     @property
     def pid(self) -> int | None:
         """The process id; None without a process."""
-        return self._process.pid
+        return None if self._process is None else self._process.pid
 
     def start(self, job: Job) -> None:
         """Start a job; `poll` returns its messages."""
-        self.job, self._problem = job, ''
-        try:
-            if self.pid is None:
-                self._process.start()
-            self._process.send(job)
-        except OSError as problem:
-            # Not enough memory, or too many processes.
-            self._problem = f'no worker process can be started: {problem.strerror or "unknown"}'
+        self.job = job
+        if self._process is None:
+            self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
+        self._process.send(lambda: job)
 
     def cancel(self) -> None:
         """End the running job without a message."""
@@ -233,18 +227,20 @@ class Worker:
 
     def rest(self) -> None:
         """End the process; the next job starts a new one."""
-        self.job, self._problem = None, ''
-        self._process.end()
+        if self._process is not None:
+            self._process.end()
+        self.job = self._process = None
 
     def poll(self) -> list[tuple[Job, Progress | Done | Failed]]:
         """Return the messages since the last call, each with its job."""
-        messages = [Failed(PROCESS_ENDED) if isinstance(message, Lost) else message
-                    for message in self._process.messages()]
-        messages += [Failed(self._problem)] * bool(self._problem)
-        pairs = []
-        for message in messages:
-            if self.job is not None and isinstance(message, (Progress, Done, Failed)):
-                pairs.append((self.job, message))
-                if not isinstance(message, Progress):
-                    self.job, self._problem = None, ''
+        pairs: list[tuple[Job, Progress | Done | Failed]] = []
+        for message in self._process.messages() if self._process else ():
+            job = self.job
+            if isinstance(message, Failed) and message.is_lost:
+                self.rest()
+                message = Failed(f'the worker process {message.reason}; out of memory?')
+            elif isinstance(message, (Done, Failed)):
+                self.job = None
+            if job is not None and not isinstance(message, Ready):
+                pairs.append((job, message))
         return pairs

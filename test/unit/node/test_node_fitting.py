@@ -15,7 +15,7 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
-from gravity_comp_ros.worker.worker_process import BUSY, command, Failure, READY, Supervised
+from gravity_comp_ros.worker.worker_process import BUSY, command, Failed, READY, Supervised
 import numpy as np
 import pytest
 
@@ -79,15 +79,15 @@ def test_it_fits_and_stays_running():
         wait(fits, lambda _: fits.state == READY)
         pid = fits.pid
         for number in (1, 2):
-            assert fits.submit(number, time.monotonic(), lambda _: job()) and fits.state == BUSY
-            assert not fits.submit(9, time.monotonic(), lambda _: job())
+            assert fits.submit(number, time.monotonic(), job) and fits.state == BUSY
+            assert not fits.submit(9, time.monotonic(), job)
             (submitted, outcome), = wait(fits, lambda events: events)
             assert isinstance(outcome, FitResult) and submitted == number
             assert outcome.accepted
             np.testing.assert_allclose(outcome.model.predict(q), here, atol=1e-9)
-        fits.submit(7, time.monotonic(), lambda _: job(train=still))
+        fits.submit(7, time.monotonic(), lambda: job(train=still))
         event, = wait(fits, lambda events: events)
-        assert event == (7, Failure('no joint moves; a fit needs poses that differ', False))
+        assert event == (7, Failed('no joint moves; a fit needs poses that differ'))
         assert fits.state == READY and fits.pid == pid and fits.restarts == 0
     assert fits.pid is None
 

@@ -2,6 +2,7 @@
 
 from contextlib import contextmanager
 import os
+from pathlib import Path
 import subprocess
 import sys
 from threading import get_ident
@@ -10,7 +11,7 @@ import time
 from bench.shared.running_process import is_running
 from bench.shared.worker_tasks import LastJob
 from gravity_comp_ros.worker.worker_process import (
-    command, Done, Failed, Lost, Progress, Ready, WorkerProcess)
+    command, Done, Failed, Progress, Ready, WorkerProcess)
 import pytest
 
 TIMEOUT = 30.0
@@ -19,7 +20,6 @@ TIMEOUT = 30.0
 @contextmanager
 def running(task='bench.shared.worker_tasks:doing'):
     worker = WorkerProcess(command(task, 0))
-    worker.start()
     try:
         yield worker
     finally:
@@ -38,7 +38,7 @@ def wait_for(worker, count):
 
 def test_ready_progress_and_result_are_sent_in_order():
     with running() as worker:
-        worker.send(('sleep', 0.01))
+        worker.send(lambda: ('sleep', 0.01))
         ready, progress, done = wait_for(worker, 3)
         assert (ready, progress) == (Ready(), Progress('sleeping', 0.5))
         assert isinstance(done, Done) and done.answer == 'sleep'
@@ -52,32 +52,32 @@ def test_a_failed_job_does_not_end_the_process(job, reason):
     with running() as worker:
         wait_for(worker, 1)
         pid = worker.pid
-        worker.send(job)
+        worker.send(lambda: job)
         assert wait_for(worker, 1) == [Failed(reason)]
-        worker.send(('done', None))
+        worker.send(lambda: ('done', None))
         assert wait_for(worker, 1)[0].answer == 'done' and worker.pid == pid
 
 
 def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_job():
     with running('bench.shared.worker_tasks:closing') as worker:
         wait_for(worker, 1)
-        worker.send(LastJob(worker))
+        worker.send(lambda: LastJob(worker))
         # Its exit status is known only if it ends soon.
         (lost,) = wait_for(worker, 1)
-        assert isinstance(lost, Lost)
+        assert lost.is_lost
 
 
 def test_sending_a_large_job_does_not_block():
     with running() as worker:
         # The process is still importing, and the pipe buffers about 64 KiB.
-        worker.send(('length', bytes(20_000_000)))
+        worker.send(lambda: ('length', bytes(20_000_000)))
         ready, done = wait_for(worker, 2)
         assert ready == Ready() and done.answer == 20_000_000
 
 
 def test_a_process_that_exits_at_once_is_lost_with_its_exit_code():
     with running('bench.shared.worker_tasks:failing') as worker:
-        assert wait_for(worker, 1) == [Lost('exit code 4')]
+        assert wait_for(worker, 1) == [Failed('died (exit code 4)', True)]
         assert worker.pid is None
 
 
@@ -85,8 +85,7 @@ def test_the_process_ends_with_its_parent_during_a_job():
     program = ('from gravity_comp_ros.worker.worker_process import command, WorkerProcess\n'
                'import os, time\n'
                'worker = WorkerProcess(command("bench.shared.worker_tasks:doing", 0))\n'
-               'worker.start()\n'
-               'worker.send(("sleep", 600.0))\n'
+               'worker.send(lambda: ("sleep", 600.0))\n'
                'received = []\n'
                'while len(received) < 2:\n'
                '    received += worker.messages()\n'
@@ -114,10 +113,8 @@ time.sleep(600.0)
 def test_a_process_that_stops_within_a_message_blocks_no_call():
     """It has announced 50 MB and sends 100 bytes."""
     worker = WorkerProcess((sys.executable, '-c', PARTIAL))
-    worker.start()
-    pid = worker.pid
-    assert wait_until_read(worker)
-    calls = [lambda: worker.messages(), lambda: worker.send(('done', None)), worker.end,
+    pid = read_from(worker)
+    calls = [lambda: worker.messages(), lambda: worker.send(lambda: ('done', None)), worker.end,
              lambda: worker.messages()]
     longest = 0.0
     for call in calls:
@@ -132,15 +129,16 @@ def test_a_process_that_stops_within_a_message_blocks_no_call():
         time.sleep(0.005)
 
 
-def wait_until_read(worker):
-    """Wait until the process has sent its part, so that its thread waits for the rest."""
+def read_from(worker):
+    """Wait until the process has sent its part; return its id."""
     end = time.monotonic() + TIMEOUT
     while time.monotonic() < end:
-        with open(f'/proc/{worker.pid}/wchan', encoding='ascii', errors='replace') as file:
-            if 'nanosleep' in file.read():
-                return True
+        if worker.pid is not None:
+            wchan = Path(f'/proc/{worker.pid}/wchan').read_text(errors='replace')
+            if 'nanosleep' in wchan or wchan == '0':
+                break
         time.sleep(0.005)
-    return os.path.exists(f'/proc/{worker.pid}')
+    return worker.pid
 
 
 def test_a_job_is_prepared_in_another_thread():
@@ -148,18 +146,17 @@ def test_a_job_is_prepared_in_another_thread():
         wait_for(worker, 1)
         threads = []
 
-        def prepare(job):
+        def make():
             threads.append(get_ident())
-            return 'done', job
+            return 'done', 7
 
-        worker.send(7, prepare)
+        worker.send(make)
         assert wait_for(worker, 1)[0].answer == 'done' and threads != [get_ident()]
-        worker.send(7, lambda job: job / 0)
+        worker.send(lambda: 7 / 0)
         assert 'ZeroDivisionError' in wait_for(worker, 1)[0].reason
 
 
 def test_unreadable_messages_end_in_a_lost_process():
     code = "import os, struct, sys; os.write(int(sys.argv[1]), struct.pack('!i', 4) + b'nope')"
     worker = WorkerProcess((sys.executable, '-c', code))
-    worker.start()
-    assert isinstance(wait_for(worker, 1)[0], Lost)
+    assert wait_for(worker, 1)[0].is_lost
