@@ -2,9 +2,9 @@
 Executor that gives joint states priority.
 
 The executors of rclpy collect all services, timers and guards of a node for each message, which
-takes longer than this node's handling of the message. Here the input has a wait set of its own,
-created once, and timers are called directly, without a task. All other callbacks run between
-messages in the same thread, so no lock is needed.
+takes longer than this node's handling of the message. Here the input and the services share a
+wait set, and timers are called directly, without a task. All other callbacks run between messages
+in the same thread, so no lock is needed.
 """
 
 from __future__ import annotations
@@ -20,11 +20,9 @@ from rclpy.executors import (ExternalShutdownException, ShutdownException,
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
-# Period of timers and services during continuous input, s. In a pause of the input they run at
-# once.
-TIMER_PERIOD = 0.01
 # Period of other callbacks during continuous input, s. The search of rclpy for them takes as long
-# as a message, so that at 1 kHz it delays one message in two hundred.
+# as a message, so that at 1 kHz it delays one message in two hundred. In a pause of the input they
+# run at once.
 OTHERS_PERIOD = 0.2
 # Time without input that counts as a pause, s.
 PAUSE = 0.005
@@ -62,15 +60,13 @@ class InputFirstExecutor(SingleThreadedExecutor):
                  handle: Callable[[list[Any]], None], context: Context | None = None) -> None:
         super().__init__(context=context)
         self._subscription, self._handle = subscription, handle
-        self._served: Subscription | None = None
+        # The subscriptions and services of the wait set, and the wait set.
+        self._served: tuple[list[Any], list[Any]] = [], []
         self._wait_set: Any = None
-        self._services: list[Any] = []
-        self._calls: Any = None
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Shut down; release the input before the node is destroyed."""
-        self._served = self._wait_set = self._calls = None
-        self._services = []
+        self._served, self._wait_set = ([], []), None
         return bool(super().shutdown(timeout_sec))
 
     def spin(self) -> None:
@@ -79,44 +75,49 @@ class InputFirstExecutor(SingleThreadedExecutor):
 
         :raises ExternalShutdownException: when it has ended.
         """
-        timers_due = others_due = 0.0
+        others_due = 0.0
         while self._context.ok() and not self._is_shutdown:
-            subscription = self._subscription()
-            if subscription is None:
-                self.spin_once(timeout_sec=0.05)
-                continue
-            received = self._handle_input(subscription, PAUSE)
+            received, is_called = self._handle_input(PAUSE)
+            self._call_timers()
             now = time.monotonic()
-            if not received or now >= others_due:
+            if not received or is_called or now >= others_due:
                 self._handle_others(now + OTHERS_DURATION)
                 others_due = time.monotonic() + OTHERS_PERIOD
-            elif now >= timers_due:
-                self._call_timers()
-                if self._is_called():
-                    self._handle_others(now + OTHERS_DURATION)
-            else:
-                continue
-            timers_due = time.monotonic() + TIMER_PERIOD
         raise ExternalShutdownException()
 
-    def _handle_input(self, subscription: Subscription, timeout: float) -> bool:
-        """Handle all waiting messages at once, and return whether there were any."""
-        if subscription is not self._served:
-            self._served = subscription
+    def _handle_input(self, timeout: float) -> tuple[bool, bool]:
+        """
+        Handle all waiting messages at once.
+
+        :param timeout: longest time to wait for a message or a request, s.
+        :return: whether there were messages, and whether a request waits: one of `~/enable` stops
+            the torque.
+        """
+        subscription = self._subscription()
+        served = ([] if subscription is None else [subscription],
+                  [service for node in self.get_nodes() for service in node.services])
+        if served != self._served or self._wait_set is None:
+            self._served = served
             self._wait_set = rclpy_implementation.WaitSet(
-                1, 0, 0, 0, 0, 0, self._context.handle)
-        handle = subscription.handle
-        with handle, self._context.handle:
-            self._wait_set.clear_entities()
-            self._wait_set.add_subscription(handle)
-            self._wait_set.wait(int(timeout * 1e9))
-            messages: list[Any] = []
-            while len(messages) < MAX_MESSAGES and (
-                    taken := handle.take_message(subscription.msg_type, False)) is not None:
-                messages.append(taken[0])
+                len(served[0]), 0, 0, 0, len(served[1]), 0, self._context.handle)
+        wait_set, messages = self._wait_set, list[Any]()
+        wait_set.clear_entities()
+        for service in served[1]:
+            wait_set.add_service(service.handle)
+        if subscription is None:
+            wait_set.wait(int(timeout * 1e9))
+        else:
+            handle = subscription.handle
+            with handle, self._context.handle:
+                wait_set.add_subscription(handle)
+                wait_set.wait(int(timeout * 1e9))
+                while len(messages) < MAX_MESSAGES and (
+                        taken := handle.take_message(subscription.msg_type, False)) is not None:
+                    messages.append(taken[0])
+        is_called = bool(wait_set.get_ready_entities('service'))
         if messages:
             self._handle(messages)
-        return bool(messages)
+        return bool(messages), is_called
 
     def _call_timers(self) -> None:
         """Call the timers that are due; their callbacks are functions, no coroutines."""
@@ -125,21 +126,6 @@ class InputFirstExecutor(SingleThreadedExecutor):
                 if timer.handle.is_timer_ready():
                     timer.handle.call_timer()
                     timer.callback()
-
-    def _is_called(self) -> bool:
-        """Return whether a request waits: one of `~/enable` stops the torque."""
-        services = [service for node in self.get_nodes() for service in node.services]
-        if services != self._services:
-            self._services = services
-            self._calls = rclpy_implementation.WaitSet(
-                0, 0, 0, 0, len(services), 0, self._context.handle)
-        if not services:
-            return False
-        self._calls.clear_entities()
-        for service in services:
-            self._calls.add_service(service.handle)
-        self._calls.wait(0)
-        return bool(self._calls.get_ready_entities('service'))
 
     def _handle_others(self, until: float) -> None:
         """

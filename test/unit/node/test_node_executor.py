@@ -50,11 +50,11 @@ def test_a_request_is_seen_and_answered_without_the_search_of_rclpy(executor):
         return response
 
     node.create_service(Trigger, '~/call', answer)
-    assert not executor._is_called()
+    assert executor._handle_input(0.0) == (False, False)
     client = node.create_client(Trigger, '/one/call')
     assert client.wait_for_service(LONG)
     answered, end = client.call_async(Trigger.Request()), time.monotonic() + LONG
-    while not executor._is_called():
+    while not executor._handle_input(0.1)[1]:
         assert time.monotonic() < end
     while not answered.done():
         assert time.monotonic() < end
