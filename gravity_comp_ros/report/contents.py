@@ -15,9 +15,6 @@ from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.arm import Arm
 import numpy as np
 
-# Maximum speed at rest, in rad/s, for the colour of a point.
-REST_SPEED = 1e-3
-
 
 @dataclass(frozen=True)
 class Origin:
@@ -93,20 +90,3 @@ class Contents:
     def worst(self) -> str:
         """Return the shown joint with the largest RMSE."""
         return max(self.joints, key=lambda name: self.comparison.joints[name].rmse)
-
-
-def plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
-    """Return time for plots (M,) in s, runs one after another, and start and name of each run."""
-    time = np.asarray(samples.t, dtype=np.float64).copy()
-    starts: list[tuple[float, str]] = []
-    offset, total = 0.0, 0.0
-    for run in np.unique(samples.runs):
-        here = samples.runs == run
-        total += float(np.ptp(samples.t[here]))
-    gap = 0.01 * total
-    for run in np.unique(samples.runs):
-        here = samples.runs == run
-        time[here] += offset - samples.t[here][0]
-        starts.append((offset, samples.run_labels[run]))
-        offset = float(time[here][-1]) + gap
-    return time, starts

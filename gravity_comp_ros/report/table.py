@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from bokeh.models import ColumnDataSource, Span
-from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.report.contents import Contents, plot_time, REST_SPEED
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.style import padded, PURPLE
 import numpy as np
 from numpy.typing import NDArray
 
 # Minimum gap that breaks a line, in median steps and in s.
 _BREAK_STEPS, _BREAK_SECONDS = 20.0, 2.0
+# Maximum speed at rest, in rad/s, for the colour of a point.
+REST_SPEED = 1e-3
 # Approximate maximum number of drawn samples.
 MAX_ROWS = 12_000
 
@@ -32,7 +34,7 @@ class Table:
     def __init__(self, contents: Contents) -> None:
         samples = contents.samples
         self.contents = contents
-        time, self.starts = plot_time(samples)
+        time, self.starts = _plot_time(samples)
         self.end = float(time.max())
         kept, weights = keep_extremes(samples.runs, contents.extent)
         breaks = _breaks(contents, kept)
@@ -77,6 +79,23 @@ class Table:
     def select(self, numbers: list[int]) -> None:
         """Select samples by index, as far as they are drawn."""
         self.source.selected.indices = np.flatnonzero(np.isin(self.rows, numbers)).tolist()
+
+
+def _plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
+    """Return time for plots (M,) in s, runs one after another, and start and name of each run."""
+    time = np.asarray(samples.t, dtype=np.float64).copy()
+    starts: list[tuple[float, str]] = []
+    offset, total = 0.0, 0.0
+    for run in np.unique(samples.runs):
+        here = samples.runs == run
+        total += float(np.ptp(samples.t[here]))
+    gap = 0.01 * total
+    for run in np.unique(samples.runs):
+        here = samples.runs == run
+        time[here] += offset - samples.t[here][0]
+        starts.append((offset, samples.run_labels[run]))
+        offset = float(time[here][-1]) + gap
+    return time, starts
 
 
 def _breaks(contents: Contents, rows: IntArray) -> IntArray:

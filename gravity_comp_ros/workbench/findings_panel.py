@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 from bokeh.layouts import column, row
 from bokeh.models import UIElement
@@ -17,21 +17,14 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
+from gravity_comp_ros.workbench.page_parts import Browser
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 
 _ALL = ''
 
 
-@dataclass(frozen=True)
-class PlanActions:
-    """Actions of the buttons: plan for these effects (None: all open ones), download a file."""
-
-    plan: Callable[[tuple[str, ...] | None], None]
-    give: Callable[[str, str, str], None]
-
-
-def request_controls(session: Session, actions: PlanActions) -> list[UIElement]:
+def request_controls(session: Session) -> list[UIElement]:
     """Return the controls to request a plan; none without a diagnosis."""
     diagnosis, stage = session.diagnosis, session.stage
     if diagnosis is None or stage is None or stage.model.energy is None:
@@ -39,7 +32,7 @@ def request_controls(session: Session, actions: PlanActions) -> list[UIElement]:
     chosen = widgets.select(
         'Next recording resolves', [(_ALL, 'all open findings'), *(
             (name, name) for name in open_effects(diagnosis))], _ALL, name='to-resolve')
-    ask = widgets.button('Plan a motion', lambda: actions.plan(
+    ask = widgets.button('Plan a motion', lambda: session.request_plan(
         (str(chosen.value),) if chosen.value else None), name='plan',
                          disabled=session.worker.job is not None)
     chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
@@ -56,7 +49,7 @@ def open_effects(diagnosis: Diagnosis) -> list[str]:
     return list(dict.fromkeys(effects))
 
 
-def planned(session: Session, actions: PlanActions) -> list[UIElement]:
+def planned(session: Session, browser: Browser) -> list[UIElement]:
     """Return the description, the expected results, and the downloads of a planned motion."""
     plan = session.plan
     if plan is None:
@@ -72,17 +65,16 @@ def planned(session: Session, actions: PlanActions) -> list[UIElement]:
                            f'clear.', 'warning')
         + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
         + markup.paragraph('Play it, record it, and drop the recording into this page.'))
-    files = row(
-        widgets.button('Save as trajectory (YAML)', lambda: actions.give(
-            'motion.yaml', 'application/yaml', to_yaml(plan.trajectory, sentences)),
-            name='plan-yaml'),
-        widgets.button('Save as action goal', lambda: actions.give(
-            'goal.yaml', 'application/yaml', to_yaml(plan.trajectory, sentences, True)),
-            name='plan-goal'),
-        widgets.button('Save as CSV', lambda: actions.give(
-            'motion.csv', 'text/csv', to_csv(plan.trajectory)), name='plan-csv'),
-        styles={'flex-wrap': 'wrap'})
-    return [column(widgets.html(text), files, sizing_mode='stretch_width')]
+    trajectory = plan.trajectory
+    files = [widgets.button(f'Save as {label}', partial(browser.send, 'save', *file), name=name)
+             for label, name, *file in (
+                 ('trajectory (YAML)', 'plan-yaml', 'motion.yaml', 'application/yaml',
+                  to_yaml(trajectory, sentences)),
+                 ('action goal', 'plan-goal', 'goal.yaml', 'application/yaml',
+                  to_yaml(trajectory, sentences, True)),
+                 ('CSV', 'plan-csv', 'motion.csv', 'text/csv', to_csv(trajectory)))]
+    return [column(widgets.html(text), row(*files, styles={'flex-wrap': 'wrap'}),
+                   sizing_mode='stretch_width')]
 
 
 # Number of findings shown at first, so that the first view fits on the same screen.
@@ -91,7 +83,7 @@ _AT_FIRST, _MAX_COEFFICIENTS = 3, 1
 Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
+def parts(results: Results, add: Add, browser: Browser) -> list[UIElement]:
     """Return the panel of a session."""
     session = results.session
     stage = session.stage
@@ -102,8 +94,8 @@ def parts(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
         elements.append(_quiet('No diagnosis yet.' if session.error else
                                'The diagnosis is running; the views below are ready.'))
     else:
-        elements += _findings(results, add, plans)
-        elements += planned(session, plans)
+        elements += _findings(results, add)
+        elements += planned(session, browser)
     if stage is not None and stage.model.applied.effects:
         applied = ', '.join(e.target for e in stage.model.applied.effects)
         elements.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
@@ -111,13 +103,13 @@ def parts(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
     return elements
 
 
-def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]:
+def _findings(results: Results, add: Add) -> list[UIElement]:
     findings, diagnosis = results.findings(), results.session.diagnosis
     if not findings and diagnosis is not None:
         return [widgets.html(markup.paragraph(wording.verdict(diagnosis)))]
     job = results.session.worker.job
     adding = job is not None and job.step is Step.ADD
-    rows = [_row(number, finding, target, add, adding, plans)
+    rows = [_row(number, finding, target, add, adding, results.session)
             for number, (finding, target) in enumerate(findings)]
     elements = [widgets.html('<p class="finding quiet">Held-out errors are relative to the range '
                              'of the torque.</p>'), *rows[:_AT_FIRST]]
@@ -135,7 +127,7 @@ def _findings(results: Results, add: Add, plans: PlanActions) -> list[UIElement]
 
 
 def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
-         plans: PlanActions) -> UIElement:
+         session: Session) -> UIElement:
     entry: list[UIElement] = [widgets.html(_finding_html(number, finding), margin=(1, 5, 1, 5),
                                            styles={'flex': '1 1 220px'})]
     if target:
@@ -144,7 +136,7 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     if finding.effect is not None and finding.verdict in OPEN:
         name = effect_name(finding.effect, finding.joint)
-        entry.append(widgets.button('Plan for this effect', lambda: plans.plan((name,)),
+        entry.append(widgets.button('Plan for this effect', lambda: session.request_plan((name,)),
                                     disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})

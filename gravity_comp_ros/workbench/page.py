@@ -10,20 +10,17 @@ from bokeh.document import Document
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, UIElement
-from gravity_comp_ros.errors import DataError, GravityCompError
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.page import report_html, SECTIONS
+from gravity_comp_ros.report.page import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import findings_panel, page_parts, store, widgets
-from gravity_comp_ros.workbench.findings_panel import PlanActions
+from gravity_comp_ros.workbench import findings_panel, page_parts, widgets
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
-from gravity_comp_ros.workbench.stages import Choice
+from gravity_comp_ros.workbench.sidebar import Sidebar
 from gravity_comp_ros.workbench.views import TwoModels, Views
 
 _LOG = logging.getLogger(__name__)
@@ -65,7 +62,7 @@ class Page:
                                      name='cancel', visible=False, width=90)
         self.retry = widgets.button('Try again', lambda: self._on_session(Session.try_again),
                                     'primary', name='again', visible=False, width=110)
-        self.downloads, self.link = page_parts.Downloads(), page_parts.client_link()
+        self.browser = page_parts.Browser()
         dark = widgets.button('Dark or light', lambda: None, name='style')
         dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
         self.settings = column(widgets.html(''), sizing_mode='stretch_width')
@@ -75,7 +72,7 @@ class Page:
             for name in ('missing', 'history', 'shown'))
         head = column(self.verdict, row(self.status, self.cancel, self.retry,
                                         sizing_mode='stretch_width'),
-                      self.downloads.element, self.link, name='head', sizing_mode='stretch_width')
+                      self.browser.element, name='head', sizing_mode='stretch_width')
         side = column(dark, self.facts, self.settings, self.earlier, name='side',
                       sizing_mode='stretch_width')
         views = column(widgets.tabs(NAMES, self._on_tab), self.shown, name='views',
@@ -97,7 +94,7 @@ class Page:
             self.verdict.text = f'<h1 id="words">{markup.text(problem)}</h1>'
             return
         self.results = Results(session)
-        self.link.tags = ['session', session.id]
+        self.browser.send('session', session.id)
         self.earlier.text = page_parts.earlier_html(self.sessions.earlier(session.id),
                                                     self._token)
         self._refresh(self.results)
@@ -127,20 +124,6 @@ class Page:
         if self.results is not None:
             action(self.results.session)
 
-    def _with_choice(self, action: Callable[[Session, Choice], None]) -> None:
-        def act(session: Session) -> None:
-            if self._side is None:
-                return
-            try:
-                action(session, self._side.choice())
-            except GravityCompError as problem:
-                self._warn(session, str(problem))
-        self._on_session(act)
-
-    def _warn(self, session: Session, reason: str) -> None:
-        session.warning = reason
-        session.version += 1
-
     def _add(self, targets: tuple[str, ...]) -> None:
         self._moves_focus = True
         self._on_session(lambda session: session.add(targets))
@@ -158,16 +141,15 @@ class Page:
         self.facts.text = page_parts.facts_html(session.read.reports if session.read else ())
         self._make_views(results)
         self._show_verdict(session)
-        plans = PlanActions(session.request_plan, self.downloads.give)
-        self.missing.children = findings_panel.parts(results, self._add, plans)
+        self.missing.children = findings_panel.parts(results, self._add, self.browser)
         self.history.children = [*self._history.parts(results),
-                                 *findings_panel.request_controls(session, plans)]
+                                 *findings_panel.request_controls(session)]
         self._show_view()
-        self._fill_side(session)
+        self._fill_side(results)
         self._update_status(results)
         if self._moves_focus and session.worker.job is None:
             # The pressed button has been removed; move the focus to the result for screen readers.
-            self.link.tags = ['focus', 'head', str(session.version)]
+            self.browser.send('focus', 'head')
             self._moves_focus = False
 
     def _make_views(self, results: Results) -> None:
@@ -193,18 +175,11 @@ class Page:
             text = 'Gravity is being fitted. The views compare with a constant torque.'
         self.verdict.text = f'<h1 id="verdict">{markup.text(text)}</h1>'
 
-    def _fill_side(self, session: Session) -> None:
+    def _fill_side(self, results: Results) -> None:
+        session = results.session
         if session.read is None or self._side is not None and self._side.shows is session.choice:
             return
-        self._side = Sidebar(session, Actions(
-            lambda: self._with_choice(Session.learn), lambda: self._with_choice(Session.evaluate),
-            lambda: self._export('arm.json', 'application/json',
-                                 lambda results, model: store.model_text(model)),
-            lambda: self._export('report.html', 'text/html',
-                                 lambda results, model: report_html(results.contents())),
-            lambda: self._export(
-                'workbench.sh', 'text/x-shellscript', lambda results, model: '\n'.join(
-                    ['#!/bin/sh', 'set -e', *results.commands(), '']))))
+        self._side = Sidebar(results, self.browser)
         self.settings.children = [self._side.element]
 
     def _update_status(self, results: Results) -> None:
@@ -233,17 +208,3 @@ class Page:
             return widgets.html(markup.paragraph(
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
-
-    def _export(self, name: str, kind: str,
-                make: Callable[[Results, GravityModel], str]) -> None:
-        """Download a file made from the current model."""
-        results = self.results
-        if results is None:
-            return
-        try:
-            stage = results.session.stage
-            if stage is None:
-                raise DataError('there is no model yet')
-            self.downloads.give(name, kind, make(results, stage.model))
-        except GravityCompError as problem:
-            self._warn(results.session, str(problem))

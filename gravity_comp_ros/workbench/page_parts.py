@@ -12,22 +12,11 @@ from gravity_comp_ros.workbench.access import ARGUMENT
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.store import Entry
 
-_SAVE = """
-if (cb_obj.tags.length < 3) return
-const [name, kind, text] = cb_obj.tags
-const link = document.createElement('a')
-link.href = URL.createObjectURL(new Blob([text], {type: kind}))
-link.download = name
-link.click()
-setTimeout(() => URL.revokeObjectURL(link.href), 10000)
-cb_obj.tags = []
-"""
-
 TOGGLE_DARK = "document.documentElement.classList.toggle('dark')"
 READY = "document.documentElement.dataset.ready = 'yes'"
-# Handles messages of the server. The session is part of the URL, so that a reload finds it.
+# The session is part of the URL, so that a reload finds it.
 _ON_MESSAGE = """
-const [what, value] = cb_obj.tags
+const [what, value, kind, text] = cb_obj.tags
 if (what == 'session') {
   const address = new URL(location.href)
   address.searchParams.set('session', value)
@@ -35,28 +24,28 @@ if (what == 'session') {
 } else if (what == 'focus') {
   const element = document.getElementById(value)
   if (element) element.focus()
+} else if (what == 'save') {
+  const link = document.createElement('a')
+  link.href = URL.createObjectURL(new Blob([text], {type: kind}))
+  link.download = value
+  link.click()
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000)
+  cb_obj.tags = []
 }
 """
 
 
-class Downloads:
-    """An invisible element for downloads."""
+class Browser:
+    """An invisible element whose tags are messages to the browser."""
 
     def __init__(self) -> None:
-        self.element = Div(visible=False, tags=[])
-        self.element.js_on_change('tags', CustomJS(code=_SAVE))
+        self.element = Div(visible=False, tags=[], disable_math=True)
+        self.element.js_on_change('tags', CustomJS(code=_ON_MESSAGE))
 
-    def give(self, name: str, kind: str, text: str) -> None:
-        """Download `text` as a file with this name and MIME type."""
-        self.element.tags = []
-        self.element.tags = [name, kind, text]
-
-
-def client_link() -> Div:
-    """Return an invisible element for messages to the browser, as its tags."""
-    element = Div(visible=False, tags=[], name='link', disable_math=True)
-    element.js_on_change('tags', CustomJS(code=_ON_MESSAGE))
-    return element
+    def send(self, what: str, *values: str) -> None:
+        """Send a message: `session` ID, `focus` ELEMENT, or `save` FILE MIME-TYPE TEXT."""
+        self.element.tags = []  # so that an equal message is sent again
+        self.element.tags = [what, *values]
 
 
 def status_html(results: Results) -> str:

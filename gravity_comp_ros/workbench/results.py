@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
@@ -75,17 +74,25 @@ class Results:
             raise DataError('the recordings are being read')
         if stage is None:
             return self._cached(self._constant, 'constant', session.choice, session.read)
-        base = self._cached(lambda: self._contents(stage), 'base', session.choice, session.read,
-                            stage.model)
+        base = self.contents_of(stage)
         # A new diagnosis does not change the errors.
         diagnosis = session.diagnosis
         return self._cached(lambda: replace(base, diagnosis=diagnosis,
                                             next_command=self._next_command()), base, diagnosis)
 
+    def contents_of(self, stage: Stage) -> Contents:
+        """
+        Return the contents of the views of a model, without a diagnosis.
+
+        :raises ModelMismatchError: if a joint of the model is missing.
+        """
+        return self._cached(lambda: self._contents(stage), 'contents', self.session.choice,
+                            self.session.read, stage.model)
+
     def _contents(self, stage: Stage) -> Contents:
-        session = self.session
-        recording = self.recording.select_joints(stage.model.joints)
-        before = session.stages[session.at - 1] if session.at and stage.effects else None
+        recording, stages = self.recording.select_joints(stage.model.joints), self.session.stages
+        at = next((k for k, each in enumerate(stages) if each.model is stage.model), 0)
+        before = stages[at - 1] if at and stage.effects else None
         return Contents(
             recording.samples, predict_torque(stage.model, recording.samples), stage.model,
             self.compared(stage.model), recording.gated.sentence(), recording.reports,
@@ -109,17 +116,6 @@ class Results:
             return {name: x.rmse for name, x in self.compared(stage.model).joints.items()}
         except GravityCompError:
             return {}
-
-    def residual(self, model: GravityModel) -> FloatArray:
-        """
-        Return the residual of a model on all chosen samples, (M, N) in N·m, for its joints.
-
-        :raises ModelMismatchError: if a joint of the model is missing.
-        """
-        def residual() -> FloatArray:
-            samples = self.recording.samples.joints(model.joints)
-            return np.asarray(samples.tau - predict_torque(model, samples))
-        return self._cached(residual, 'residual', self.session.choice, self.session.read, model)
 
     def _arm(self, joints: tuple[str, ...]) -> Arm | None:
         session = self.session

@@ -9,7 +9,6 @@ import logging
 from pathlib import Path
 import secrets
 import signal
-import socket
 import sys
 import tempfile
 import traceback
@@ -113,7 +112,7 @@ def make_server(host: str, port: int, application: Application, sessions: Sessio
     :raises OptionError: if the address is not available.
     """
     try:
-        sockets, port = bind_sockets(host, port or _free_port(host))
+        sockets, port = bind_sockets(host, port)
     except OSError as problem:
         in_use = problem.errno in (errno.EADDRINUSE, errno.EACCES)
         reason = f'port {port} is in use' if in_use else \
@@ -146,8 +145,3 @@ def _redirection(address: str) -> Iterator[Path]:
         page = Path(name) / 'workbench.html'
         page.write_text(f'<meta http-equiv="refresh" content="0; url={address}">')
         yield page
-
-
-def _free_port(host: str) -> int:
-    with socket.create_server((host, 0)) as probe:
-        return int(probe.getsockname()[1])

@@ -151,6 +151,11 @@ class Session(State):
             self._save()
             self.version += 1
 
+    def warn(self, reason: str) -> None:
+        """Show a warning about the last request."""
+        self.warning = reason
+        self.version += 1
+
     def add_recording(self, path: Path) -> None:
         """Add a recording, which is read next."""
         def add() -> None:
@@ -273,16 +278,13 @@ class Session(State):
         return self.stage
 
     def _submit(self, step: Step, effects: tuple[str, ...] | None) -> None:
-        self._interrupt()
-        try:
+        def submit() -> None:
             model = self._current().model
             if self.read_as is None:
                 raise DataError('no recording has been read')
             self.worker.start(Job(step, self.read_as, self.choice, model, effects,
                                   self.diagnosis))
-        except GravityCompError as problem:
-            self.error = str(problem)
-        self.version += 1
+        self._change(submit)
 
     def _change(self, action: Callable[[], None]) -> None:
         self._interrupt()

@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from bokeh.layouts import column
 from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
 from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.facts.fact import refused
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.page_parts import Browser
+from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Choice
+from gravity_comp_ros.workbench.store import model_text
 
 _SLOW, _ALL = 'slow', 'all'
 _KNOWN, _UNKNOWN = 'known', 'unknown'
 
 
-@dataclass(frozen=True)
-class Actions:
-    """Actions of the buttons of the side bar."""
-
-    learn: Callable[[], None]
-    evaluate: Callable[[], None]
-    save_model: Callable[[], None]
-    save_report: Callable[[], None]
-    save_commands: Callable[[], None]
-
-
 class Sidebar:
     """Widgets of the settings, and the `Choice` that they show."""
 
-    def __init__(self, session: Session, actions: Actions) -> None:
+    def __init__(self, results: Results, browser: Browser) -> None:
+        self._results, self._browser, session = results, browser, results.session
         choice, read = session.choice, session.read
         reports = read.reports if read else ()
         self.shows, self._joints = choice, session.joints
@@ -69,7 +63,7 @@ class Sidebar:
         self.axes: Select = widgets.select(
             'Axes of the arm', known, _UNKNOWN if choice.urdf == NO_DESCRIPTION else _KNOWN,
             name='axes')
-        self.element = column(*self._parts(actions), sizing_mode='stretch_width')
+        self.element = column(*self._parts(), sizing_mode='stretch_width')
 
     def choice(self) -> Choice:
         """
@@ -93,7 +87,25 @@ class Sidebar:
                       self.samples.value == _ALL,
                       NO_DESCRIPTION if self.axes.value == _UNKNOWN else self._urdf)
 
-    def _parts(self, actions: Actions) -> list[UIElement]:
+    def _apply(self, action: Callable[[Choice], None]) -> None:
+        """Call a request of the session with the choice, or show why it is invalid."""
+        try:
+            action(self.choice())
+        except GravityCompError as problem:
+            self._results.session.warn(str(problem))
+
+    def _save(self, name: str, kind: str, make: Callable[[GravityModel], str]) -> None:
+        """Download a file made of the current model."""
+        session = self._results.session
+        try:
+            if session.stage is None:
+                raise DataError('there is no model yet')
+            self._browser.send('save', name, kind, make(session.stage.model))
+        except GravityCompError as problem:
+            session.warn(str(problem))
+
+    def _parts(self) -> list[UIElement]:
+        results, session = self._results, self._results.session
         units = column(widgets.html('<p class="quiet">N·m per unit of effort, e.g. a torque '
                                     'constant; −1 inverts the sign</p>'),
                        *self.scales.values(), self.speeds, sizing_mode='stretch_width',
@@ -105,13 +117,19 @@ class Sidebar:
             widgets.html('<h3>Runs</h3>'), self.runs, self.accept, widgets.html('<h3>Joints</h3>'),
             self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,
             units, self.formulation, self.axes,
-            widgets.button('Fit with these settings', actions.learn, 'primary', name='learn'),
-            widgets.button('Evaluate the current model on these', actions.evaluate,
-                           name='evaluate'),
+            widgets.button('Fit with these settings', lambda: self._apply(session.learn),
+                           'primary', name='learn'),
+            widgets.button('Evaluate the current model on these',
+                           lambda: self._apply(session.evaluate), name='evaluate'),
             widgets.html('<h3>Export</h3>'),
-            widgets.button('Save the model', actions.save_model, name='export-model'),
-            widgets.button('Save a report', actions.save_report, name='export-report'),
-            widgets.button('Save command lines', actions.save_commands, name='export-commands')]
+            widgets.button('Save the model', lambda: self._save(
+                'arm.json', 'application/json', model_text), name='export-model'),
+            widgets.button('Save a report', lambda: self._save(
+                'report.html', 'text/html', lambda model: report_html(results.contents())),
+                name='export-report'),
+            widgets.button('Save command lines', lambda: self._save(
+                'workbench.sh', 'text/x-shellscript', lambda model: '\n'.join(
+                    ['#!/bin/sh', 'set -e', *results.commands(), ''])), name='export-commands')]
 
 
 def _number(text: str, what: str) -> float:

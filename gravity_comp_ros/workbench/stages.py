@@ -90,11 +90,6 @@ class Choice:
         return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
 
 
-def line(*arguments: str) -> str:
-    """Return a command line of these arguments, quoted for the shell."""
-    return shlex.join(arguments)
-
-
 MODEL_FILE = 'arm.json'
 # Maximum number of added effects in the name of a stage.
 _MAX_NAMED = 2
@@ -151,36 +146,28 @@ class State:
     hashes: Mapping[str, str] = field(default_factory=dict)
 
 
-def branch(stages: Sequence[Stage], number: int) -> list[Stage]:
-    """Return the stages from the last fit or file up to this one."""
-    start = max(k for k in range(number + 1) if not stages[k].effects)
-    return list(stages[start:number + 1])
-
-
 def command_lines(stages: Sequence[Stage], number: int, bags: tuple[Path, ...]) -> list[str]:
     """
     Return command lines that reproduce the model exactly.
 
     :param bags: all recordings; the choice of each stage selects among them.
     """
-    return [_command(stage, bags) for stage in branch(stages, number)]
+    # From the last fit or file up to this stage.
+    start = max(k for k in range(number + 1) if not stages[k].effects)
+    return [_command(stage, bags) for stage in stages[start:number + 1]]
 
 
 def reports(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
     """Return command lines for the comparison and the diagnosis of the page."""
-    files = _files(choice, bags)
-    reading = choice.options().words(joints=False)
-    return [line('gravity_comp', 'compare', *files, '--model', MODEL_FILE, *reading,
-                 *choice.gate_options()),
-            line('gravity_comp', 'diagnose', *files, '--model', MODEL_FILE, *reading, '--html',
-                 'report.html')]
+    model = ('--model', MODEL_FILE)
+    return [_line('compare', choice, bags, *model, *choice.gate_options()),
+            _line('diagnose', choice, bags, *model, '--html', 'report.html')]
 
 
 def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...]) -> str:
     """Return the command line that adds effects."""
-    return line('gravity_comp', 'add', ','.join(effects), '--model', MODEL_FILE,
-                *_files(choice, bags), *choice.options().words(joints=False),
-                *choice.gate_options())
+    return _line(f'add {shlex.quote(",".join(effects))}', choice, bags, '--model', MODEL_FILE,
+                 *choice.gate_options())
 
 
 def added_name(effects: tuple[str, ...]) -> str:
@@ -203,14 +190,18 @@ def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
 
 def _command(stage: Stage, bags: tuple[Path, ...]) -> str:
     if stage.given is not None:
-        return line('cp', str(stage.given.resolve()), MODEL_FILE)
-    if stage.effects:
-        return add_command(stage.effects, stage.choice, bags)
+        return shlex.join(['cp', str(stage.given.resolve()), MODEL_FILE])
     choice = stage.choice
-    return line('gravity_comp', 'fit', *_files(choice, bags), *choice.fit_options(),
-                *choice.options().words(), *choice.gate_options(), '-o', MODEL_FILE)
+    if stage.effects:
+        return add_command(stage.effects, choice, bags)
+    return _line('fit', choice, bags, *choice.fit_options(), *choice.gate_options(), '-o',
+                 MODEL_FILE, joints=True)
 
 
-def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
+def _line(verb: str, choice: Choice, bags: tuple[Path, ...], *options: str,
+          joints: bool = False) -> str:
+    """Return a command line for the chosen recordings with their options of reading."""
     # Absolute paths, so that the command lines run in any folder.
-    return [str(bags[run].resolve()) for run in choice.runs]
+    files = [str(bags[run].resolve()) for run in choice.runs]
+    return f'gravity_comp {verb} ' + shlex.join(
+        [*files, *options, *choice.options().words(joints=joints)])

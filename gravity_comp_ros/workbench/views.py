@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from bokeh.layouts import column, gridplot, row
-from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span, UIElement
+from bokeh.models import UIElement
 from bokeh.plotting import figure
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents, plot_time
+from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.page import SECTIONS, selector_of
 from gravity_comp_ros.report.section import ALL, JointSelector, Section
 from gravity_comp_ros.report.style import (
-    AFTER, bar_key, bar_plot, Bars, BEFORE, FAINT, padded, plot, short)
-from gravity_comp_ros.report.table import keep_extremes, Table
+    AFTER, bar_key, bar_plot, Bars, BEFORE, short)
+from gravity_comp_ros.report.table import Table
+from gravity_comp_ros.report.views import time
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Stage
-import numpy as np
 
 # Views with plots of the selected joint.
 _BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
@@ -106,15 +105,13 @@ class TwoModels:
 
 def _compared(results: Results, a: Stage, b: Stage) -> UIElement:
     try:
-        errors = [results.compared(stage.model) for stage in (a, b)]
-        joints = [name for name in b.model.joints if name in a.model.joints]
+        contents = [results.contents_of(stage) for stage in (a, b)]
+        joints = tuple(name for name in b.model.joints if name in a.model.joints)
         if not joints:
             raise GravityCompError('these models have no common joint')
-        residuals = [results.residual(stage.model)[:, [
-            stage.model.joints.index(name) for name in joints]] for stage in (a, b)]
-        plots = _residuals(results.recording.samples.joints(joints), residuals)
     except GravityCompError as problem:
         return widgets.html(markup.paragraph(str(problem)))
+    errors = [each.comparison for each in contents]
     lead = markup.paragraph(f'A is {a.name}, B is {b.name}. Errors are on the selected samples.',
                             'quiet')
     lead += _contents_table(results, a, b) + _error_table(joints, *errors)
@@ -123,7 +120,8 @@ def _compared(results: Results, a: Stage, b: Stage) -> UIElement:
             for letter, stage, error, colour in zip('AB', (a, b), errors, (BEFORE, AFTER))]
     # A grid, because Bokeh lays out a plot next to a grid incorrectly.
     parts = [gridplot([[bar_plot('RMSE, N·m', joints, bars, '0.0000')]],
-                      sizing_mode='stretch_width', toolbar_location=None), plots]
+                      sizing_mode='stretch_width', toolbar_location=None),
+             _residuals(contents, joints)]
     return element(Section('compare', f'{b.name} against {a.name}', lead + bar_key(bars),
                            column(*parts, sizing_mode='stretch_width')))
 
@@ -139,7 +137,7 @@ def _contents_table(results: Results, a: Stage, b: Stage) -> str:
     return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))
 
 
-def _error_table(joints: list[str], a: Comparison, b: Comparison) -> str:
+def _error_table(joints: tuple[str, ...], a: Comparison, b: Comparison) -> str:
     rows = []
     for joint in joints:
         x, y = a.joints[joint], b.joints[joint]
@@ -150,22 +148,17 @@ def _error_table(joints: list[str], a: Comparison, b: Comparison) -> str:
          'largest N·m, A', 'largest N·m, B'], rows)
 
 
-def _residuals(samples: JointSamples, residuals: list[FloatArray]) -> UIElement:
+def _residuals(contents: list[Contents], joints: tuple[str, ...]) -> UIElement:
     """Return a selector of the joint, and plots of its residual, A left and B right."""
-    time, _ = plot_time(samples)
-    rows, _ = keep_extremes(samples.runs, np.hstack(residuals))
-    ends = np.flatnonzero(np.diff(samples.runs[rows]) > 0) + 1
-    data = {'t': np.insert(time[rows], ends, np.nan).astype(np.float32)}
-    span = padded(0.0, float(time.max()), 0.01)
-    selector = JointSelector(samples.names, '0', served=True)
+    tables, selector = [Table(each) for each in contents], JointSelector(joints, '0', served=True)
 
     def plots(n: int) -> list[figure]:
-        limit = max(float(np.abs(residual[:, n]).max()) for residual in residuals) or 1e-9
-        source, scale = ColumnDataSource(data), padded(-limit, limit)
-        for letter, residual in zip('AB', residuals):
-            source.add(np.insert(residual[rows, n], ends, np.nan).astype(np.float32), letter)
-        return [_plot(source, f'{letter} {short(samples.names[n], 30)}', letter, span, scale)
-                for letter in 'AB']
+        figures = [time.residual(each, table, each.model.joints.index(joints[n]))
+                   for each, table in zip(contents, tables)]
+        for letter, fig in zip('AB', figures):
+            fig.title.text = f'{letter} {fig.title.text}'
+            fig.x_range, fig.y_range = figures[0].x_range, figures[0].y_range
+        return figures
 
     place = column(selector.place(plots, 300), sizing_mode='stretch_width')
 
@@ -174,16 +167,3 @@ def _residuals(samples: JointSamples, residuals: list[FloatArray]) -> UIElement:
 
     selector.select.on_change('value', on_joint)
     return column(selector.select, place, sizing_mode='stretch_width')
-
-
-def _plot(source: ColumnDataSource, title: str, column: str, span: Range1d,
-          scale: Range1d) -> figure:
-    fig = plot(title, 'time, s', 'residual, N·m', 180, 'pan,box_zoom,wheel_zoom,reset,save',
-               x_range=span, y_range=scale)
-    line = fig.line('t', column, source=source, line_width=1.0,
-                    color=BEFORE if column == 'A' else AFTER)
-    fig.add_layout(Span(location=0.0, dimension='width', line_color=FAINT, line_width=1))
-    fig.add_tools(HoverTool(renderers=[line], mode='vline', tooltips=[
-        ('time', '@t{0.00} s'), ('residual', f'@{column}{{0.000}} N·m')]))
-    fig.yaxis.ticker.desired_num_ticks = 4
-    return fig

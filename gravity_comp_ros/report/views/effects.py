@@ -10,6 +10,7 @@ determined by a few points, is evidence against the effect.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bokeh.layouts import column, gridplot
@@ -155,10 +156,10 @@ def section(contents: Contents, table: Table) -> Section:
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
     parts: list[UIElement] = [gridplot([[_bar_plot(bars)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
-    plots = _added_variable_plots(contents, table)
+    plots = added(contents, table, range(min(len(findings), _MAX_PLOTS)))
     explanation = ''
-    if plots is not None:
-        parts.append(plots)
+    if plots:
+        parts.append(tiles(plots, 300))
         explanation = markup.paragraph(
             'The small plots are added-variable plots: on the x axis the torque that the effect '
             'explains in addition to gravity and the other effects, on the y axis the measured '
@@ -224,48 +225,32 @@ def summaries(diagnosis: Diagnosis) -> str:
     return table + untestable
 
 
-def _added_variable_plots(contents: Contents, table: Table) -> UIElement | None:
+def added(contents: Contents, table: Table, numbers: Sequence[int]) -> list[figure]:
+    """Return the added-variable plots of findings by number, of those that have columns."""
     findings = contents.diagnosis.findings if contents.diagnosis else ()
-    motion = motion_of(contents.model, contents.samples)
-    variables = [(k, variable) for k, finding in enumerate(findings[:_MAX_PLOTS])
-                 if (variable := _variable(contents, table, motion, finding))]
-    if not variables:
-        return None
-    table.add({f'ax{k}': table.spread(variable.x) for k, variable in variables}
-              | {f'ay{k}': table.spread(variable.y) for k, variable in variables})
-    return tiles([_plot(variable, table, k) for k, variable in variables], 300)
+    motion, variables = motion_of(contents.model, contents.samples), {}
+    for k in numbers:
+        others = [f for f in findings if f is not findings[k] and f.is_missing]
+        variable = added_variable(motion, contents.model, findings[k], others, table.drawn)
+        if variable is not None:
+            variables[k] = variable
+    table.add({f'a{axis}{k}': table.spread(getattr(variable, axis))
+               for k, variable in variables.items() for axis in 'xy'})
+    return [_plot(variable, table, k) for k, variable in variables.items()]
 
 
-def added(contents: Contents, table: Table, finding: Finding) -> figure | None:
-    """Return the added-variable plot of one finding."""
-    motion = motion_of(contents.model, contents.samples)
-    variable = _variable(contents, table, motion, finding)
-    if variable is None or contents.diagnosis is None:
-        return None
-    table.add({'ax_first': table.spread(variable.x), 'ay_first': table.spread(variable.y)})
-    return _plot(variable, table, contents.diagnosis.findings.index(finding), '_first')
-
-
-def _variable(contents: Contents, table: Table, motion: Motion,
-              finding: Finding) -> AddedVariable | None:
-    findings = contents.diagnosis.findings if contents.diagnosis else ()
-    others = [f for f in findings if f is not finding and f.is_missing]
-    return added_variable(motion, contents.model, finding, others, table.drawn)
-
-
-def _plot(variable: AddedVariable, table: Table, k: int, column_name: str = '') -> figure:
-    name = column_name or str(k)
+def _plot(variable: AddedVariable, table: Table, k: int) -> figure:
     x = 'angle, rad' if variable.is_angle else 'explained by the effect, N·m'
     fig = plot(f'{k + 1}  {label(variable.finding)} · {variable.joint}', x,
                'measured, N·m', 250,
                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
-    fig.scatter(f'ax{name}', f'ay{name}', source=table.source, size=3, line_color=None,
+    fig.scatter(f'ax{k}', f'ay{k}', source=table.source, size=3, line_color=None,
                 fill_color=RESIDUAL, fill_alpha=0.4, selection_fill_color=MARKED,
                 selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
                 nonselection_line_color=None, selection_line_color=None)
     fig.xaxis.ticker.desired_num_ticks = 4
-    fig.hover.tooltips = [(x.split(',')[0], f'@ax{name}{{0.000}}'),
-                          ('measured', f'@ay{name}{{0.000}}'),
+    fig.hover.tooltips = [(x.split(',')[0], f'@ax{k}{{0.000}}'),
+                          ('measured', f'@ay{k}{{0.000}}'),
                           ('time', '@t{0.00} s')]
     if not variable.is_angle:
         fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=PREDICTED,

@@ -51,7 +51,7 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
     if not weight:
         return np.zeros(0), np.zeros(0)
     density: FloatArray = np.sqrt(total[1:] / weight)
-    return _thinned(np.asarray(frequency[1:], dtype=np.float64), density)
+    return np.asarray(frequency[1:], dtype=np.float64), density
 
 
 def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -81,16 +81,6 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
         pair = lstsq(gram, np.array([sine @ residual, cosine @ residual]), rcond=1e-6)
         amplitudes[k] = float(np.hypot(*pair))
     return orders, amplitudes
-
-
-def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return at most `_MAX_POINTS` points, the largest y of each interval of log x."""
-    if len(x) <= _MAX_POINTS:
-        return x, y
-    interval = np.floor((_MAX_POINTS - 1e-9) * np.log(x / x[0]) / np.log(x[-1] / x[0]))
-    kept = [rows[np.argmax(y[rows])] for rows in
-            np.split(np.arange(len(x)), np.flatnonzero(np.diff(interval)) + 1)]
-    return np.asarray(x[kept]), np.asarray(y[kept])
 
 
 _HEIGHT = 190

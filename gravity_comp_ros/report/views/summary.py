@@ -169,9 +169,9 @@ def error_bars(contents: Contents) -> list[Bars]:
 def _evidence(contents: Contents, table: Table, finding: Finding | None) -> figure:
     """Return the plot that shows the finding, or the largest error without a finding."""
     letter = 'q' if finding is None else _AGAINST.get(finding.effect or '', '')
-    if finding is not None and not letter:
-        fig = effects.added(contents, table, finding)
-        if fig is not None:
-            return fig
+    if finding is not None and contents.diagnosis is not None and not letter:
+        plots = effects.added(contents, table, [contents.diagnosis.findings.index(finding)])
+        if plots:
+            return plots[0]
     return residuals.against(contents, table, contents.model.joints.index(named_joint(contents)),
                              letter or 'q')

@@ -54,7 +54,7 @@ def section(contents: Contents, table: Table, selector: JointSelector) -> Sectio
     """Return two plots per joint with a common time axis."""
     def plots(k: int) -> list[figure]:
         n = contents.numbers[k]
-        return [_torque(contents, table, n), _residual(contents, table, n)]
+        return [_torque(contents, table, n), residual(contents, table, n)]
 
     runs = contents.samples.n_runs
     more = ', one after another' if runs > 1 else ''
@@ -98,7 +98,8 @@ def _torque(contents: Contents, table: Table, n: int) -> figure:
     return fig
 
 
-def _residual(contents: Contents, table: Table, n: int) -> figure:
+def residual(contents: Contents, table: Table, n: int) -> figure:
+    """Return the residual of joint n over time."""
     name = contents.model.joints[n]
     fig = plot(f'{short(name, 20)}, RMSE {contents.error(name)} N·m', 'time, s',
                'residual, N·m', _LOW, x_range=table.range, min_border_left=_LEFT)

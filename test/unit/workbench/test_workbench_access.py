@@ -235,10 +235,3 @@ def test_other_errors_are_logged():
     # An assertion of this package.
     assert serve.is_of_an_open_page(record(AssertionError()))
     assert serve.is_of_an_open_page(logging.makeLogRecord({'msg': 'anything'}))
-
-
-def test_the_total_size_counts_every_file(tmp_path):
-    (tmp_path / 'a' / 'b').mkdir(parents=True)
-    (tmp_path / 'a' / 'b' / 'x').write_bytes(bytes(10))
-    (tmp_path / 'y').write_bytes(bytes(5))
-    assert access.total_size(tmp_path) == 15 and access.total_size(tmp_path / 'none') == 0

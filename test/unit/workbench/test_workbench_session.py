@@ -21,7 +21,6 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, wr
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
-from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.jobs import Job, Read, Step, Worker
 from gravity_comp_ros.workbench.page_parts import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
@@ -153,13 +152,6 @@ def test_a_model_of_another_robot_is_refused(learned, tmp_path):
     worked(learned, until='DIAGNOSE')
     assert learned.warning.startswith('not added: ') and str(tmp_path) not in learned.warning
     assert learned.error == '' and len(learned.paths) == 2 and not other.exists()
-
-
-def test_an_added_recording_is_selected(learned, tmp_path):
-    write_bag(tmp_path / 'run3.mcap', [joint_states(two_links(3))])
-    learned.add_recording(tmp_path / 'run3.mcap')
-    worked(learned, until='DIAGNOSE')
-    assert learned.choice.runs == (0, 1, 2) and Results(learned).recording.n_runs == 3
 
 
 def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
@@ -401,10 +393,3 @@ def test_jobs_run_in_a_process_that_can_be_cancelled_or_die(paths):
         assert 'died' in until(worker, Failed).reason
     finally:
         worker.rest()
-
-
-def test_seven_joints_have_seven_colours_and_markers():
-    errors = {f'joint_{n}': 0.1 for n in range(7)}
-    lines = [(line.glyph.line_color, dot.glyph.marker) for line, dot in (
-        item.renderers for item in chart([('gravity', errors)] * 2).legend[0].items)]
-    assert len({c for c, _ in lines}) == len({m for _, m in lines}) == len(lines) == 7
