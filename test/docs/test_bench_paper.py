@@ -5,7 +5,7 @@ import re
 from bench.paper import baselines
 from bench.paper.methods import Fitted
 from bench.paper.run import main
-from bench.paper.scenes import PAYLOADS, real, Scene, simulated, TINY
+from bench.paper.scenes import Scene, simulated, TINY
 from bench.paper.score import score, worst
 from gravity_comp_ros.simulation import arms
 import numpy as np
@@ -53,21 +53,3 @@ def test_baselines_with_known_kinematics_are_accurate(scene):
     assert fitted.anywhere.max() < 0.3
     wrong = score('e', baselines.explicit, scene)
     assert 0.1 < wrong.anywhere.max() < 3.0
-
-
-def test_kernel_ridge_fits_its_training_samples(scene):
-    pytest.importorskip('sklearn', reason='requirements/bench.txt is not installed')
-    fitted = baselines.kernel_ridge(quick=True)(scene)
-    residual = fitted.predict(scene.train.q) - scene.train.tau
-    assert (residual.std(axis=0)[1:6] < 0.5 * scene.train.tau.std(axis=0)[1:6]).all()
-
-
-def test_samples_contain_payload_friction_and_noise():
-    name = next(iter(PAYLOADS))
-    loaded, bare = real(0, name, TINY), real(0, None, TINY)
-    change = np.abs(loaded.inside.truth - bare.inside.truth).max(axis=0)
-    assert change[1] > 1.0 and loaded.unloaded is not None
-    assert len(loaded.first_loaded) == TINY.few
-    # Only the measured torque contains friction and noise.
-    disturbance = bare.inside.measured - bare.inside.truth
-    assert 0.2 < disturbance.std() < 0.8

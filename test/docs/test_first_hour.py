@@ -75,14 +75,6 @@ def test_the_model_file_records_addition_and_undo(run):
     assert [step.action for step in model.history] == ['added', 'removed']
 
 
-def test_excerpts_show_whole_sections(script):
-    output = '... fit\nfirst\n\n row\nb\n\nsecond\n\n row\n\nthird\n'
-    assert script.excerpt(output, ('second',)) == ['...', 'second', '', ' row', '...']
-    assert script.excerpt(output, ('',)) == ['first', '', ' row', 'b', '...']
-    assert script.excerpt('undone\n', ('second',)) == ['undone']
-    assert script.excerpt(output, ()) == []
-
-
 def test_the_pages_have_no_local_paths_and_no_crash():
     for word in ('/work', '/tmp', 'Traceback', 'internal error'):
         assert word not in PAGE + TABLES

@@ -8,6 +8,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'gravity_comp_ros'
 MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
@@ -116,35 +118,14 @@ def test_package_xml_lists_every_ros_package_that_is_imported():
     assert listed & ROS <= used, 'listed but not used'
 
 
-def test_the_core_loads_without_the_rest():
-    blocked = ['rclpy', 'mcap', 'rosbags', 'rich', 'yaml', 'pinocchio', 'zstandard']
-    modules = ['gravity_comp_ros.estimation.fit', 'gravity_comp_ros.models.model_file',
-               'gravity_comp_ros.evaluation.compare', 'gravity_comp_ros.data.gate',
-               'gravity_comp_ros.data.sample_buffer']
-    program = ('import sys\n'
-               f'sys.modules.update(dict.fromkeys({blocked!r}))\n'
-               + ''.join(f'import {name}\n' for name in modules) + 'print("loaded")')
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          cwd=ROOT, timeout=60)
-    assert done.stdout == 'loaded\n', done.stderr
-
-
-def test_programs_start_without_slow_modules_of_scipy():
+@pytest.mark.parametrize(('modules', 'slow'), [
     # The import of these three takes longer than all others together; few runs need them.
-    program = ('import sys, gravity_comp_ros.api.loop, gravity_comp_ros.commands.fit, '
-               'gravity_comp_ros.node.jobs, gravity_comp_ros.workbench.jobs\n'
-               'print(sorted({"scipy.stats", "scipy.signal", "scipy.optimize"} '
-               '& set(sys.modules)))')
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          cwd=ROOT, timeout=120)
-    assert done.stdout == '[]\n', done.stdout + done.stderr
-
-
-def test_the_process_of_the_node_imports_neither_scipy_nor_the_estimator():
-    # Its fits run in another process, and a node must restart fast.
-    program = ('import sys, gravity_comp_ros.node.node_core\n'
-               'print(sorted(name for name in sys.modules if name == "scipy" or name.startswith(('
-               '"gravity_comp_ros.estimation.fit", "gravity_comp_ros.diagnosis"))))')
+    ('api.loop commands.fit node.jobs workbench.jobs', 'scipy.stats scipy.signal scipy.optimize'),
+    # The fits of a node run in another process, and it must restart fast.
+    ('node.node_core', 'scipy gravity_comp_ros.estimation.fit gravity_comp_ros.diagnosis')])
+def test_programs_start_without_slow_modules(modules, slow):
+    program = ('import sys\n' + ''.join(f'import {PACKAGE}.{name}\n' for name in modules.split())
+               + f'print(sorted(set({slow.split()!r}) & set(sys.modules)))')
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                           cwd=ROOT, timeout=120)
     assert done.stdout == '[]\n', done.stdout + done.stderr

@@ -1,15 +1,9 @@
-"""
-Prose and names use the field's standard terms: three sets of expressions that stay out.
+"""Prose and names use the field's standard terms: three sets of expressions that stay out."""
 
-`python test/test_language.py [PATH ...]` lists the hits of each file; `--counts` only counts them.
-"""
-
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 import re
 import subprocess
-import sys
 
 import pytest
 
@@ -115,10 +109,7 @@ def prose(path: Path) -> str:
     text = path.read_text(encoding='utf-8')
     if path.suffix == '.md':
         text = re.sub(r'```.*?```', '', text, flags=re.DOTALL)
-    return without_keys(re.sub(r'``[^`]*``|`[^`\n]*`', '', text))
-
-
-def without_keys(text: str) -> str:
+    text = re.sub(r'``[^`]*``|`[^`\n]*`', '', text)
     return re.sub(r'\s', ' ', re.sub(r"'\w+'", "''", text))
 
 
@@ -147,40 +138,3 @@ def files() -> list[Path]:
 def test_prose_and_names_use_standard_terms(name):
     hits = [hit for path in files() for hit in hits_of(path, name)]
     assert not hits, '\n'.join(hits)
-
-
-@pytest.mark.parametrize(('name', 'text'), [
-    ('words', 'the error that is left'), ('clauses', 'Return how many rows'),
-    ('names', '_MOST_ROWS = 3')])
-def test_the_rules_detect(name, text):
-    assert RULES[name].pattern.search(text)
-
-
-def main() -> int:
-    """Print the hits, or their numbers, of all files or the named ones."""
-    parser = argparse.ArgumentParser(description='Expressions that stay out of the text.')
-    parser.add_argument('paths', nargs='*', help='rule sets, files or folders (default: all)')
-    parser.add_argument('--counts', action='store_true', help='numbers only')
-    args = parser.parse_args()
-    sets = [path for path in args.paths if path in RULES] or list(RULES)
-    folders = [(Path.cwd() / path).resolve() for path in args.paths if path not in RULES] or [ROOT]
-    totals = dict.fromkeys(sets, 0)
-    for path in files():
-        if not any(path == folder or folder in path.parents for folder in folders):
-            continue
-        hits = {name: hits_of(path, name) for name in sets}
-        for name in sets:
-            totals[name] += len(hits[name])
-        if not any(hits.values()):
-            continue
-        if args.counts:
-            print(f'{path.relative_to(ROOT)}: '
-                  + ', '.join(f'{len(hits[name])} {name}' for name in sets))
-        else:
-            print(*(hit for name in sets for hit in hits[name]), sep='\n')
-    print('total: ' + ', '.join(f'{count} {name}' for name, count in totals.items()))
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

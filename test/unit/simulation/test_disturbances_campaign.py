@@ -1,13 +1,10 @@
 """Scores of the campaign for given findings, and its files."""
 
-from dataclasses import replace
 from importlib import import_module
 
-from bench.cases.case_list import case, ROLES
-from bench.cases.cases import ARMS, recordings
-from bench.cases.drawn import drawn_case
+from bench.cases.case_list import case
+from bench.cases.cases import ARMS
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
-import numpy as np
 import pytest
 
 # The campaign is not part of the installed package.
@@ -122,16 +119,3 @@ def test_totals_by_hand():
     assert every['false'] == ['seed 1: joint_spring:2 (established)']
     text = table.markdown(rows)
     assert '| iiwa7 coulomb_large | 67 % | 67 % | 0 % | 100 % | 1.1, at most 2.2 |' in text
-
-
-@pytest.mark.parametrize('arm', sorted(ROLES))
-def test_drawn_cases_repeat_and_differ(arm):
-    drawn = [drawn_case(arm, number) for number in range(40)]
-    assert drawn[7] == drawn_case(arm, 7)
-    assert len({truth.effect for entry in drawn for truth in entry.truths}) >= 6
-    assert {len(entry.truths) for entry in drawn} == {0, 1, 2}
-    for entry in drawn:
-        assert (entry.verdict == 'nothing') == (not entry.disturbances)
-    busy = next(entry for entry in drawn if entry.truths)
-    samples = recordings(replace(busy, runs=1, duration=20.0), 1)
-    assert np.isfinite(samples.tau).all()

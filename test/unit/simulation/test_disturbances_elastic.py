@@ -84,9 +84,3 @@ def test_backlash_follows_the_sign_of_the_load():
     assert lead[t < 1.05] == pytest.approx(0.01)
     assert lead[(t > 1.13) & (t < 3.0)] == pytest.approx(-0.01)
     assert np.abs(np.diff(lead)).max() <= 0.02 * 0.01 / 0.05 + 1e-12
-
-
-def test_a_load_below_the_threshold_keeps_the_contact():
-    t = np.arange(0.0, 4.0, 0.01)
-    lead = Backlash(1, 0.02, threshold=0.5).lead(t, 0.4 * np.cos(5 * t))
-    assert lead == pytest.approx(0.01)

@@ -41,14 +41,6 @@ def test_friction_does_not_depend_on_the_sample_rate():
     assert coarse == pytest.approx(fine[::40], abs=1e-9)
 
 
-def test_each_direction_has_its_own_friction():
-    motion = motion_of()
-    torque = added(Friction(2, LuGre(1.6), LuGre(1.6).at_level(0.8)), motion)[:, 2]
-    v = motion.qd[:, 2]
-    assert np.median(torque[v > 0.05]) == pytest.approx(1.6, rel=1e-3)
-    assert np.median(torque[v < -0.05]) == pytest.approx(-0.8, rel=1e-3)
-
-
 def test_load_friction_is_a_fraction_of_load_and_preload():
     motion = motion_of()
     sliding = np.abs(motion.qd[:, 1]) > 0.05
@@ -78,16 +70,6 @@ def test_viscosity_is_given_cold_and_falls_with_temperature():
     assert warm.dry_factor(at) == pytest.approx([1.0, 0.85, 0.43])
 
 
-def test_friction_of_a_warming_gear_falls_during_a_run():
-    motion = motion_of(duration=150.0)
-    cold = added(Friction(1, LuGre(2.5, 6.0)), motion)[:, 1]
-    ratio = added(ThermalFriction(1, LuGre(2.5, 6.0)), motion)[:, 1]
-    moving = np.abs(motion.qd[:, 1]) > 0.05
-    ratio = ratio[moving] / cold[moving]
-    assert ratio[0] > 0.9 and ratio[-1] < 0.75
-    assert np.corrcoef(motion.t[moving], ratio)[0, 1] < -0.8
-
-
 @pytest.mark.parametrize('shafts', [(LuGre(0.3), None), (LuGre(0.3, 0.2), LuGre(0.1, 0.4)),
                                     (None, LuGre(0.2))])
 def test_a_differential_dissipates_the_power_of_its_shafts(shafts):
@@ -103,11 +85,3 @@ def test_a_differential_dissipates_the_power_of_its_shafts(shafts):
     sliding = np.minimum(np.abs(va + vb), np.abs(vb - va)) > 0.04
     assert power[sliding] == pytest.approx(lost[sliding], rel=0.02, abs=1e-4)
     assert power[sliding].min() >= 0
-
-
-def test_a_resting_joint_has_the_friction_of_the_shared_gear():
-    motion = motion_of()
-    torque = added(DifferentialFriction((4, 5), LuGre(0.3)), motion)
-    other = (np.abs(motion.qd[:, 4]) < 0.01) & (np.abs(motion.qd[:, 5]) > 0.1)
-    assert other.sum() > 20
-    assert torque[other, 4] == pytest.approx(0.3 * np.sign(motion.qd[other, 5]), abs=1e-3)

@@ -62,13 +62,6 @@ def test_continuous_joint_equals_a_revolute_one(tmp_path):
     np.testing.assert_allclose(arms.gravity_torque(arm, q), -9.80665 * np.cos(q), atol=1e-12)
 
 
-def test_prismatic_joint_is_refused_with_its_name_and_the_reason(tmp_path):
-    path = tmp_path / 'slide.urdf'
-    path.write_text(pendulum('prismatic'))
-    with pytest.raises(OptionError, match='swing .* is prismatic.*sines'):
-        arms.from_urdf(path)
-
-
 @pytest.mark.parametrize('text', ['', '<robot', '<robot name="x"><link name="a"/></robot>'])
 def test_an_invalid_urdf_gives_one_line(tmp_path, text):
     path = tmp_path / 'x.urdf'
@@ -91,14 +84,3 @@ def test_payload_adds_its_torque_and_leaves_the_arm_unchanged(tmp_path):
     inertial = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
                 - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
     np.testing.assert_allclose(inertial, 0.01 + 0.5 + 3 * 0.04, atol=1e-12)
-
-
-def test_tilt_loads_the_base_joint():
-    arm = arms.iiwa7()
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (50, 7))
-    tilted = arms.with_base_tilt(arm, 0.0, 0.1)
-    assert np.abs(arms.gravity_torque(arm, q)[:, 0]).max() < 1e-12
-    assert np.abs(arms.gravity_torque(tilted, q)[:, 0]).max() > 1
-    inverted = arms.with_base_tilt(arm, np.pi, 0.0)  # ceiling-mounted
-    np.testing.assert_allclose(arms.gravity_torque(inverted, q), -arms.gravity_torque(arm, q),
-                               atol=1e-9)

@@ -10,26 +10,6 @@ import pytest
 ARM = arms.iiwa7()
 
 
-def test_torque_without_noise_is_the_inverse_dynamics():
-    motion = motions.eq15(duration=3)
-    samples = synthesise(ARM, motion)
-    expected = arms.inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
-    np.testing.assert_array_equal(samples.tau, expected)
-    np.testing.assert_array_equal(samples.qd, motion.qd)
-    assert np.abs(samples.tau - arms.gravity_torque(ARM, motion.q)).max() > 1
-
-
-def test_payload_at_a_time():
-    motion = motions.eq17(duration=20, start=100.0)
-    payload = arms.Payload(2.0)
-    bare = synthesise(ARM, motion)
-    full = synthesise(ARM, motion, SynthesisOptions(payload=payload))
-    part = synthesise(ARM, motion, SynthesisOptions(payload=payload, payload_at=110.0))
-    np.testing.assert_array_equal(part.tau[:50], bare.tau[:50])
-    np.testing.assert_array_equal(part.tau[50:], full.tau[50:])
-    assert np.abs(full.tau - bare.tau)[:, 1].max() > 5
-
-
 def test_noise_is_seeded_and_has_the_given_level():
     motion = motions.random_poses(ARM.lower, ARM.upper, 3000, seed=1)
     clean = synthesise(ARM, motion)
