@@ -194,17 +194,17 @@ class Core:
                 tau = tau + contacts.torque(arm, data, s)
             self.send(s, tau + NOISE * rng.standard_normal(7))
             self._finish_tests(s.t)
-            while self.live.learner.events:
-                events.append((s.t, self.live.learner.events.popleft().text))
+            while self.live.events.payloads:
+                events.append((s.t, self.live.events.payloads.popleft().text))
             if events and until_event:
                 break
         return events
 
     def _finish_tests(self, now: float) -> None:
         self.live.tick(now, time.monotonic())
-        if self.live.learner.fits.job is not None:
+        if self.live.fits.job is not None:
             self.tests += 1
-        while self.live.learner.fits.state != 'ready':
+        while self.live.fits.state != 'ready':
             time.sleep(0.002)
             self.live.tick(now, time.monotonic())
 
@@ -216,7 +216,7 @@ def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int,
     start = time.monotonic()
     low, high = model.coverage.q_min, model.coverage.q_max
     events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, contacts, False)
-    core.live.learner.close()
+    core.live.close()
     for t, text in events:
         print(f'  false alarm at {t:.0f} s: {text}')
     print(f'{hours:g} h of motion, {contacts.count} contacts, axes '
@@ -234,7 +234,7 @@ def delay(model: GravityModel, payload: Payload, axes: bool, seed: int) -> float
     start = 60.0
     events = core.run(moves(low, high, 300.0, rng, start), with_payload(ARM, payload), rng, None,
                       True)
-    core.live.learner.close()
+    core.live.close()
     return events[0][0] - start if events else float('inf')
 
 

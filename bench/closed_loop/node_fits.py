@@ -50,7 +50,7 @@ def measure(build: str, seed: int) -> list[float]:
             now = play(node, second.select(part), now + PAUSE)
             models.append((fitted(node), loaded))
     finally:
-        node.learner.close()
+        node.close()
     return [np.nan if model is None else error(model, arm, poses) for model, arm in models]
 
 

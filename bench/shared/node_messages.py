@@ -28,18 +28,20 @@ class Nodes:
         """Return a node with these parameters."""
         node = NodeCore(Parameters(**settings), '/joint_states', 0.0)
         if self._ready is not None:
-            node.learner.fits, self._ready = self._ready, None
-            node.learner.fits.timeout = node.settings.fit_timeout
+            node.fits, self._ready = self._ready, None
+            if node.learner is not None:
+                node.learner.fits = node.fits
+            node.fits.timeout = node.settings.fit_timeout
         self._open.append(node)
         return node
 
     def close(self) -> None:
         """Close the nodes, and keep the process of one of them."""
         for node in self._open:
-            fits = node.learner.fits
+            fits = node.fits
             if self._ready is None and fits.state == READY and not fits.restarts:
-                self._ready, node.learner.fits = fits, Supervised((), 1.0)
-            node.learner.close()
+                self._ready, node.fits = fits, Supervised((), 1.0)
+            node.close()
         self._open.clear()
 
     def end(self) -> None:
@@ -88,7 +90,7 @@ def play(node, samples, start=1.0):
 
 def refit(node):
     """Request a fit of a `NodeCore`, and wait for it; return the reply."""
-    until(node, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.fits.state == 'ready')
     replies = []
     node.request(time.monotonic(), lambda *reply: replies.append(reply))
     until(node, lambda: replies)

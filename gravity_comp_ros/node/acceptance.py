@@ -168,14 +168,15 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
     body = table.explain(table.body)
     unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
-    faults = [each for one in tables for each in _faults(one, scale)
-              if each.log_evidence > unchanged and each.residual <= OPTIONS.max_residual]
-    # A fault alone is named unless one with a body is clearly better.
     margin = OPTIONS.max_fault_lead
-    named = max(faults, key=lambda each: each.log_evidence - margin * each.has_body, default=None)
-    yield Check(checks.NO_FAULT,
-                max((each.log_evidence for each in faults), default=-np.inf) - explained,
-                margin, text='' if named is None else named.text)
+    faults = [(fit.log_evidence, text, has_body) for one in tables
+              for fit, text, has_body in _faults(one) if fit.log_evidence > unchanged
+              and (fit.ratio(samples.qd) / scale).max() <= OPTIONS.max_residual]
+    # A fault alone is named unless one with a body is clearly better.
+    _, named, _ = max(faults, key=lambda fault: fault[0] - margin * fault[2],
+                      default=(0.0, '', False))
+    yield Check(checks.NO_FAULT, max((evidence for evidence, _, _ in faults), default=-np.inf)
+                - explained, margin, text=named)
     ratio = body.ratio(samples.qd) / scale
     worst = int(np.argmax(ratio))
     text = ''
@@ -190,35 +191,24 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
     yield from _within_limits(table, body, limits)
 
 
-@dataclass(frozen=True)
-class _Fault:
-    """A fault that may explain a window; `residual` is its largest, in units of the noise."""
+def _faults(table: Hypotheses) -> Iterator[tuple[Explanation, str, bool]]:
+    """
+    Yield the gains of a joint, with and without a body, and a common factor, that differ from 1.
 
-    text: str
-    log_evidence: float
-    residual: float
-    has_body: bool
-
-
-def _faults(table: Hypotheses, scale: FloatArray | float) -> Iterator[_Fault]:
-    """Yield the fit of each gain of a joint, and of a common factor, that differs from 1."""
-    def fault(fit: Explanation, sentence: str, name: str,
-              has_body: bool = False) -> Iterator[_Fault]:
+    :return: the fit, a sentence, and whether it includes a body.
+    """
+    names = table.samples.names
+    fits = [(table.factor(), 'all joints', ': another unit or gain, no payload', False)]
+    for k in table.loaded_joints():
+        fits += [(table.gain(k), names[k], ', and that of no other joint has changed: its sensor '
+                  'or its drive is faulty', False),
+                 (table.body_and_gain(k), names[k], ', also with a body that explains the rest: '
+                  'its sensor or its drive is faulty', True)]
+    for fit, name, why, has_body in fits:
         change = float(fit.mean[0])
         if abs(change) >= OPTIONS.min_gain_change:
-            yield _Fault(sentence.format(name, 1.0 + change), fit.log_evidence,
-                         float((fit.ratio(table.samples.qd) / scale).max()), has_body)
-
-    for k in table.loaded_joints():
-        name = table.samples.names[k]
-        yield from fault(table.gain(k), 'the effort of {} is {:.3g} times the earlier one, and '
-                         'that of no other joint has changed: its sensor or its drive is faulty',
-                         name)
-        yield from fault(table.body_and_gain(k), 'a body explains the change only with an effort '
-                         'of {} of {:.3g} times the earlier one: its sensor or its drive is '
-                         'faulty', name, has_body=True)
-    yield from fault(table.factor(), 'the effort of {} is {:.3g} times the earlier one: another '
-                     'unit or gain, no payload', 'all joints')
+            yield fit, (f'the effort of {name} is {1.0 + change:.3g} times the earlier one'
+                        f'{why}'), has_body
 
 
 def _within_limits(table: Hypotheses, body: Explanation, limits: PayloadLimits) -> Iterator[Check]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
@@ -15,7 +15,9 @@ from gravity_comp_ros.estimation.fit import fit_as, FitResult as FullFit
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.evaluation.expected_residual import residual_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node.comparison import Prediction
 from gravity_comp_ros.node.job_messages import FitJob
 
 # Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
@@ -27,15 +29,24 @@ CHANGE, FULL_FIT = 'change of the old model', 'full fit'
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A candidate model, how it was fitted, and its full fit if it is one."""
+    """A candidate model, how it was fitted, its prediction, and its full fit if it is one."""
 
     how: str
     model: GravityModel
+    predicted: Prediction
     fit: FullFit | None = None
 
     @classmethod
-    def full(cls, fit: FullFit) -> Candidate:
-        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, fit)
+    def full(cls, fit: FullFit, job: FitJob) -> Candidate:
+        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, predicted(fit.model, job),
+                   fit)
+
+
+def predicted(model: GravityModel, job: FitJob) -> Prediction:
+    """Return the torque of a model at the samples of a job, effects included."""
+    samples = job.rows.samples
+    return Prediction(predict_torque(model, samples), residual_noise(model),
+                      fitted_torque(model, samples))
 
 
 def candidates(job: FitJob, chain: GravityModel | None,
@@ -57,7 +68,8 @@ def candidates(job: FitJob, chain: GravityModel | None,
         yield from _full_fits(job, first)
         return
     samples = replace(train, tau=train.tau - effect_torque(base, train))
-    yield Candidate(CHANGE, update(base, samples, geometry=base.geometry).model)
+    changed = update(base, samples, geometry=base.geometry).model
+    yield Candidate(CHANGE, changed, predicted(changed, job))
     if len(train) >= MIN_FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
@@ -71,10 +83,10 @@ def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
     With `auto` these are the chain and, with its effects, the sparse potential.
     """
     first = first or full_fit(job)
-    yield Candidate.full(first)
+    yield Candidate.full(first, job)
     if job.formulation == 'auto':
         with suppress(FitError, DataError):
-            yield Candidate.full(fit_as('potential', first, options_of(job)))
+            yield Candidate.full(fit_as('potential', first, options_of(job)), job)
 
 
 def options_of(job: FitJob) -> FitOptions:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
@@ -15,7 +14,6 @@ from gravity_comp_ros.node.messages import (
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.watch import Watch
 from gravity_comp_ros.worker.worker_process import BUSY, READY
-import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -39,12 +37,19 @@ class Status:
     values: Mapping[str, str] = field(default_factory=dict)
 
 
-def input_status(topic: str, arm: Arm, now: float, late: int) -> Status:
+def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: int) -> Status:
     """
     Return the state of the input since the last report.
 
+    :param arm: None while no message has named the joints of an arm.
     :param late: messages that a newer one replaced before it was answered.
+    :param unusable: messages that name no arm.
     """
+    if arm is None:
+        values = {'topic': topic, 'messages': str(unusable)}
+        if unusable:
+            return Status('input', ERROR, f'dropped: {MISSING_JOINT} {unusable}', values)
+        return Status('input', STALE, f'no message on {topic}', values)
     reader, age = arm.reader, None if arm.last_seen is None else now - arm.last_seen
     new, counts = reader.take_new()
     values = {'topic': topic, 'messages': str(reader.received),
@@ -80,14 +85,6 @@ def input_status(topic: str, arm: Arm, now: float, late: int) -> Status:
     else:
         level, message = OK, f'{new} messages'
     return Status('input', level, message, values)
-
-
-def unnamed_status(topic: str, unusable: int) -> Status:
-    """Return the state of the input while no message has named the joints of an arm."""
-    if unusable:
-        return Status('input', ERROR, f'dropped: {MISSING_JOINT} {unusable}',
-                      {'topic': topic, 'messages': str(unusable)})
-    return Status('input', STALE, f'no message on {topic}', {'topic': topic, 'messages': '0'})
 
 
 def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
@@ -155,46 +152,31 @@ def payload_status(watch: Watch) -> Status:
                   watch.other or 'no other payload is suspected')
 
 
-def arm_statuses(arm: Arm) -> list[Status]:
-    """Return one status per joint, with its residual since the last call."""
-    noise = outside = None
-    residual, in_use = arm.take_residual(), arm.in_use
-    if in_use is not None:
-        noise = np.array([in_use.model.noise, expected_residual(in_use.model)])
-        outside = None if arm.pose is None else in_use.distance(arm.pose)
-    return joint_statuses(arm.joints, arm.epoch.coverage().span, residual, noise, outside,
-                          not arm.epoch.is_open)
-
-
-def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArray | None,
-                   noise: FloatArray | None, outside: FloatArray | None,
-                   is_closed: bool) -> list[Status]:
+def joint_statuses(arm: Arm) -> list[Status]:
     """
-    Return one status per joint.
+    Return one status per joint, and restart the sums of its residual.
 
-    :param span: range of motion in this epoch (N,), rad.
-    :param residual: RMS over the slow samples since the last report (2, N), N·m, of measured
-        minus predicted torque, with and without nuisance terms; None without samples.
-    :param noise: residual of the training, and expected residual without nuisance terms (2, N),
-        N·m; None without a model.
-    :param outside: distance outside the trained range (N,), rad; None without a model.
-    :param is_closed: whether the epoch is closed; in an open epoch a large residual is expected.
+    In an open epoch a large residual is expected.
     """
-    statuses = []
-    for k, name in enumerate(joints):
+    statuses, in_use, span = [], arm.in_use, arm.epoch.coverage().span
+    residual = arm.take_residual()
+    outside = None if in_use is None or arm.pose is None else in_use.distance(arm.pose)
+    for k, name in enumerate(arm.joints):
         values = {'range in this epoch [rad]': f'{span[k]:.3f}'}
-        level, message = OK, 'no model' if noise is None else 'ok'
-        if noise is not None and outside is not None:
-            values['training residual [Nm]'] = f'{noise[0, k]:.4f}'
+        level, message = OK, 'no model' if in_use is None else 'ok'
+        if in_use is not None and outside is not None:
+            values['training residual [Nm]'] = f'{in_use.model.noise[k]:.4f}'
             values['outside trained range [rad]'] = f'{outside[k]:.3f}'
-        if residual is not None and noise is not None:
-            values['residual [Nm]'] = f'{residual[0, k]:.4f}'
-            values['residual beside friction [Nm]'] = f'{residual[1, k]:.4f}'
-            message = f'residual {residual[0, k]:.3g} N·m'
-            here = outside is None or not outside.any()
-            if is_closed and here and residual[1, k] > CHANGED * noise[1, k]:
+        if in_use is not None and residual is not None:
+            whole, other = residual[:, k]
+            values['residual [Nm]'] = f'{whole:.4f}'
+            values['residual beside friction [Nm]'] = f'{other:.4f}'
+            message = f'residual {whole:.3g} N·m'
+            ratio = other / expected_residual(in_use.model)[k]
+            if not arm.epoch.is_open and ratio > CHANGED and (
+                    outside is None or not outside.any()):
                 level = WARN
-                message += (f', {residual[1, k] / noise[1, k]:.0f} times that of the training: '
-                            'another payload? call payload_changed')
+                message += (f', {ratio:.0f} times that of the training: another payload? call '
+                            'payload_changed')
         statuses.append(Status(f'joint {name}', level, message, values))
     return statuses

@@ -219,25 +219,27 @@ class Hypotheses:
         :return: sum of the squared residuals of the others, and the torque (M,) in N·m of this
             joint that the fit predicts.
         """
-        others = np.repeat(np.arange(self._noise.size) != joint, len(self.samples))
-        design = np.concatenate((self.body, self._loaded))
-        gram = np.eye(len(design)) + design[:, others] @ design[:, others].T
-        mean = np.linalg.solve(gram, design[:, others] @ self._r[others])
-        error = self._r[others] - mean @ design[:, others]
-        predicted = self._sigma[joint] * (mean @ design[:, ~others])
-        return float(error @ error), np.asarray(self.before[:, joint] + predicted)
+        here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
+        predicted = self._body_without(here)
+        error = (self._r - predicted)[~here]
+        return float(error @ error), np.asarray(
+            self.before[:, joint] + self._sigma[joint] * predicted[here])
 
     def explained(self, parts: Sequence[BoolArray]) -> FloatArray:
         """Return the share of the squared residual of each part (M,) that the rest predicts."""
-        design, shares = np.concatenate((self.body, self._loaded)), []
+        shares = []
         for part in parts:
             here = np.tile(part, self._noise.size)
-            rest = design[:, ~here]
-            mean = np.linalg.solve(np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here])
-            error = self._r[here] - mean @ design[:, here]
-            shares.append(1.0 - float(error @ error) / max(
-                float(self._r[here] @ self._r[here]), 1e-30))
+            error, r = (self._r - self._body_without(here))[here], self._r[here]
+            shares.append(1.0 - float(error @ error) / max(float(r @ r), 1e-30))
         return np.array(shares)
+
+    def _body_without(self, here: BoolArray) -> FloatArray:
+        """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
+        design = np.concatenate((self.body, self._loaded))
+        rest = design[:, ~here]
+        return np.asarray(np.linalg.solve(
+            np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here]) @ design)
 
     def body_of(self, fit: Explanation) -> tuple[float, float, float] | None:
         """Return mass and its standard deviation in kg, and reach in m; None without axes."""

@@ -11,13 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import Rows
-import numpy as np
 
 # Checks that fail where the effort is faulty.
 FAULTS = (checks.NO_FACT, checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS,
@@ -30,16 +28,10 @@ class PayloadLimits:
     Limits of a payload: up to `mass` kg attached or removed, at most `reach` m away.
 
     Without known axes `reach` also bounds the distance between neighbouring joints.
-
-    :raises OptionError: if a number is not positive.
     """
 
     mass: float = 20.0
     reach: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.mass < np.inf and 0.0 < self.reach < np.inf):
-            raise OptionError('payload limits: mass and reach must be positive')
 
     @property
     def moment(self) -> float:

@@ -34,9 +34,10 @@ from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import reference_noise
-from gravity_comp_ros.node.candidates import Candidate, candidates, full_fit, options_of
+from gravity_comp_ros.node.candidates import (
+    Candidate, candidates, full_fit, options_of, predicted)
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.comparison import compare, not_output, Prediction
+from gravity_comp_ros.node.comparison import compare, not_output
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms
 from gravity_comp_ros.node.job_messages import (
@@ -53,7 +54,6 @@ _SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
 NEW_EFFECTS_FACTOR = 2.0
 # Largest share of outliers. A larger share means that the model or the effort is wrong.
 MAX_OUTLIERS = 0.3
-Tried = tuple[Candidate, Prediction]
 _chains = ChainOfModel()
 
 
@@ -175,30 +175,28 @@ def _compared_fit(job: FitJob) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
-    tried = [(candidate, predicted(candidate.model, job))
-             for candidate in candidates(job, chain, first)]
-    candidate, prediction = _best(tried, job)
-    comparison = compare(prediction, None if job.old is None else predicted(job.old, job),
+    tried = list(candidates(job, chain, first))
+    best = _best(tried, job)
+    comparison = compare(best.predicted, None if job.old is None else predicted(job.old, job),
                          job.rows, job.old is not None
                          and len(job.rows.train) > job.old.coverage.n_samples)
     judged = list(comparison.checks)
     if not comparison.is_compensated:
-        judged = [*_checks(job, chain, candidate.model, prediction), *judged]
-        if checks.failed(judged) is None and candidate.fit is not None:
-            judged.append(_converged(candidate.fit, job))
+        judged = [*_checks(job, chain, best), *judged]
+        if checks.failed(judged) is None and best.fit is not None:
+            judged.append(_converged(best.fit, job))
     figures = comparison.figures
     if len(tried) > 1:
         figures += f'; tried: {_errors(tried, job)}'
     q = job.rows.train.q
-    return FitResult(candidate.model, tuple(judged), figures, candidate.how,
+    return FitResult(best.model, tuple(judged), figures, best.how,
                      time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out,
                      comparison.is_compensated)
 
 
-def _checks(job: FitJob, chain: GravityModel | None, model: GravityModel,
-            prediction: Prediction) -> Iterator[Check]:
+def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
     """Yield the checks of the samples themselves: an echo, faulty effort, payload limits."""
-    base, samples = job.base, job.rows.samples
+    base, samples, model, prediction = job.base, job.rows.samples, best.model, best.predicted
     has_new_effects = base is not None and _targets(model) != _targets(base)
     echo = not_output(job.rows, prediction, has_new_effects)
     if echo is not None:
@@ -307,7 +305,7 @@ def _none_if_too_many(outliers: BoolArray) -> BoolArray:
     return outliers
 
 
-def _best(tried: list[Tried], job: FitJob) -> Tried:
+def _best(tried: list[Candidate], job: FitJob) -> Candidate:
     """
     Return the first candidate unless a later one has a smaller held-out error by a margin.
 
@@ -316,27 +314,20 @@ def _best(tried: list[Tried], job: FitJob) -> Tried:
     """
     best, *others = tried
     for other in others:
-        margin = _FULL_FIT_MARGIN if best[0].fit is None else _SPARSE_MARGIN
-        if compare(other[1], best[1], job.rows, margin=margin).is_better:
+        margin = _FULL_FIT_MARGIN if best.fit is None else _SPARSE_MARGIN
+        if compare(other.predicted, best.predicted, job.rows, margin=margin).is_better:
             best = other
     return best
 
 
-def _errors(tried: list[Tried], job: FitJob) -> str:
+def _errors(tried: list[Candidate], job: FitJob) -> str:
     """Return the held-out RMSE of each candidate over all joints as text."""
     held_out, texts = job.rows.held_out, []
-    for candidate, prediction in tried:
-        error = prediction.residual(job.rows.samples)[held_out]
+    for candidate in tried:
+        error = candidate.predicted.residual(job.rows.samples)[held_out]
         size = rms(moving_rms(error, job.rows.samples.qd[held_out]))
         texts.append(f'{candidate.how} {size:.3g} N·m')
     return ', '.join(texts)
-
-
-def predicted(model: GravityModel, job: FitJob) -> Prediction:
-    """Return the torque of a model at the samples of a job, effects included."""
-    samples = job.rows.samples
-    return Prediction(predict_torque(model, samples), residual_noise(model),
-                      fitted_torque(model, samples))
 
 
 def without_effects(model: GravityModel, samples: JointSamples

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 import math
+from typing import Any
 
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
@@ -15,19 +16,15 @@ from gravity_comp_ros.node.epoch import rows_of
 from gravity_comp_ros.node.job_messages import (
     AnyJob, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadLimits, PayloadResult)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
-from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
-from gravity_comp_ros.worker.worker_process import command, Failed, READY, Supervised
+from gravity_comp_ros.worker.worker_process import Failed, READY, Supervised
 
-NICENESS = 10
 # Number of samples from which an epoch is restarted after a refusal for broken effort, so that
 # samples after a repair are not fitted together with broken ones. Below it more samples may
 # resolve the refusal.
 MIN_DROPPED = 100
 FIT, DIAGNOSIS, PAYLOAD = 'fit', 'diagnosis', 'payload test'
-# Checks of the last decisions that are kept until they are published.
-MAX_CHECKS = 20
 # States of learning: nothing to report, a model that was not used, a fault.
 FINE, REFUSED, FAULTY = range(3)
 
@@ -52,107 +49,109 @@ class Job:
             call(success, text)
 
 
+@dataclass(frozen=True)
+class Events:
+    """
+    What happened and is not published yet.
+
+    `log` has pairs (is it a warning, sentence), `checks` decisions as JSON, `payloads` suspicions.
+    """
+
+    log: deque[tuple[bool, str]] = field(default_factory=lambda: deque(maxlen=100))
+    checks: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    payloads: deque[PayloadResult] = field(default_factory=lambda: deque(maxlen=10))
+
+
 class Learner:
     """
     Starts fits of an arm's samples, takes models into use, and rolls back wrong ones.
 
-    :param log_lines: events for the log: (is it a warning, sentence).
+    :param fits: the fit process.
     """
 
-    def __init__(self, settings: Parameters, models: ModelHistory,
-                 log_lines: deque[tuple[bool, str]]) -> None:
-        self.settings = settings
-        self.models = models
-        self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NICENESS),
-                               settings.fit_timeout)
-        # Suspected payloads, and checks of decisions as JSON, that are not published yet.
-        self.events: deque[PayloadResult] = deque(maxlen=10)
-        self.decisions: deque[str] = deque(maxlen=MAX_CHECKS)
+    def __init__(self, arm: Arm, models: ModelHistory, fits: Supervised, events: Events) -> None:
+        self.arm, self.models, self.fits, self._events = arm, models, fits, events
         # The checks of the last decision about a model.
         self.last_checks: tuple[Check, ...] = ()
         # The last fit as text, and what diagnostics report about it.
         self.last_fit = 'none'
         self.state, self.report = FINE, ''
         self.has_started = False
-        self._log_lines = log_lines
         # The job of a call that has not started.
         self._queued: Job | None = None
         # The model in use when the epoch began, whose change by a payload is fitted.
-        self.base: GravityModel | None = None
+        self._base = models.model
 
-    def poll(self, arm: Arm | None, now: float, wall: float) -> None:
-        """Handle the results of the fit process, and submit the next job."""
-        for job, answer in self.fits.poll(wall):
-            self._ended(arm, job, answer, now)
-        if arm is None:
-            return
+    def poll(self, answers: Sequence[tuple[Job | None, Any]], now: float, wall: float) -> None:
+        """Handle jobs of the fit process that have ended, and submit the next job."""
+        for job, answer in answers:
+            if job is not None:
+                self._ended(job, answer, now)
         self._expire(wall)
-        judged = arm.watch.model_checks()
+        judged = self.arm.watch.model_checks()
         if judged and not any(check.passed for check in judged):
             self._decided('rollback', judged[0].text, tuple(judged))
-            self._roll_back_automatically(arm, judged[0].text, now)
+            self._roll_back_automatically(judged[0].text, now)
         if self.fits.state == READY:
             if self._queued is not None:
-                self._start_queued(arm, wall, self._queued)
-            elif (model := self._tested_model(arm)) is not None and arm.watch.is_due():
-                window, geometry, limits = arm.watch.window(), arm.geometry, self._limits()
-                self._submit(wall, Job(PAYLOAD), lambda: PayloadJob(
-                    window, model, limits, geometry))
-            elif self.settings.auto_fit and arm.epoch.fit_is_due():
-                self._submit_fit(arm, wall, Job(FIT))
+                self._start_queued(wall, self._queued)
+            elif (model := self._tested_model()) is not None and self.arm.watch.is_due():
+                window = self.arm.watch.window()
+                test = PayloadJob(window, model, self._limits(), self.arm.geometry)
+                self._submit(wall, Job(PAYLOAD), lambda: test)
+            elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
+                self._submit_fit(wall, Job(FIT))
 
     def _submit(self, wall: float, job: Job, prepare: Callable[[], AnyJob]) -> None:
         """Submit a job that another thread prepares."""
         self.has_started = True
         self.fits.submit(job, wall, prepare)
 
-    def _submit_fit(self, arm: Arm, wall: float, job: Job) -> None:
-        ring, geometry, limits = arm.epoch.snapshot(), arm.geometry, self._limits()
-        base, old, settings = self.base, self.models.model, self.settings
+    def _submit_fit(self, wall: float, job: Job) -> None:
+        ring, geometry, limits = self.arm.epoch.snapshot(), self.arm.geometry, self._limits()
+        base, old, settings = self._base, self.models.model, self.arm.settings
         on_request = job.call is not None
         self._submit(wall, job, lambda: FitJob(
             rows_of(ring), base, old, settings.formulation, settings.effects, on_request, limits,
             geometry, settings.accept))
-        arm.epoch.fit_started()
+        self.arm.epoch.fit_started()
 
-    def _start_queued(self, arm: Arm, wall: float, job: Job) -> None:
+    def _start_queued(self, wall: float, job: Job) -> None:
         """Submit the job of a call."""
         self._queued = None
-        if (missing := arm.epoch.missing_for_fit()) is not None:
+        if (missing := self.arm.epoch.missing_for_fit()) is not None:
             # The payload has changed since the call.
             job.reply(False, missing)
         elif job.kind == DIAGNOSIS:
-            ring, model = arm.epoch.snapshot(), self.models.model
+            ring, model = self.arm.epoch.snapshot(), self.models.model
             self._submit(wall, job, lambda: DiagnosisJob(ring.samples(), model))
         else:
-            self._submit_fit(arm, wall, job)
+            self._submit_fit(wall, job)
 
     def _limits(self) -> PayloadLimits:
-        return PayloadLimits(self.settings.max_payload, self.settings.max_payload_reach)
+        return PayloadLimits(self.arm.settings.max_payload, self.arm.settings.max_payload_reach)
 
-    def _tested_model(self, arm: Arm) -> GravityModel | None:
+    def _tested_model(self) -> GravityModel | None:
         """Return the model in use if it is confirmed and of the present payload."""
         entry = self.models.entry
-        if entry is None or not arm.watch.is_confirmed or (
-                arm.epoch.is_open and entry.epoch != arm.epoch.number):
+        if entry is None or not self.arm.watch.is_confirmed or (
+                self.arm.epoch.is_open and entry.epoch != self.arm.epoch.number):
             return None
         return entry.model
 
-    def _ended(self, arm: Arm | None, job: Job | None, answer: object, now: float) -> None:
+    def _ended(self, job: Job, answer: object, now: float) -> None:
         """Handle the result or failure of a job."""
-        if job is None or arm is None:
-            return
         if job.kind == FIT and not isinstance(answer, FitResult) or job.is_outdated:
-            arm.epoch.fit_ended(False)
+            self.arm.epoch.fit_ended(False)
         if isinstance(answer, Failed):
             self._failed(job, answer)
         elif job.is_outdated and not isinstance(answer, str):
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
                       'was discarded')
         elif isinstance(answer, FitResult):
-            self._fit_ended(arm, job, answer, now)
+            self._fit_ended(job, answer, now)
         elif isinstance(answer, PayloadResult):
-            self._payload_tested(arm, answer, now)
+            self._payload_tested(answer, now)
         else:
             job.reply(True, str(answer))
 
@@ -168,32 +167,32 @@ class Learner:
             if failure.is_lost or job.call is None:
                 self.state, self.report = FAULTY, text
         job.reply(False, text)
-        self._log_lines.append((True, text))
+        self._events.log.append((True, text))
 
     @property
     def kept(self) -> str:
         """The model in use after a refusal, as text."""
         return 'no model yet' if self.models.model is None else 'the old model stays in use'
 
-    def _payload_tested(self, arm: Arm, result: PayloadResult, now: float) -> None:
+    def _payload_tested(self, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
-        self._decided('payload', result.text, (*result.checks, arm.watch.lasts()))
-        if not arm.watch.add_finding(result):
+        self._decided('payload', result.text, (*result.checks, self.arm.watch.lasts()))
+        if not self.arm.watch.add_finding(result):
             return
-        self.events.append(result)
-        self._log_lines.append((True, result.text))
-        if self.settings.on_suspected_payload == LEARN:
-            success, text = self.payload_changed(arm, now)
-            arm.epoch.note = f'opened automatically: {result.text}'
-            self._log_lines.append((not success, text))
+        self._events.payloads.append(result)
+        self._events.log.append((True, result.text))
+        if self.arm.settings.on_suspected_payload == LEARN:
+            success, text = self.payload_changed(now)
+            self.arm.epoch.note = f'opened automatically: {result.text}'
+            self._events.log.append((not success, text))
 
     def _decided(self, decision: str, result: str, judged: tuple[Check, ...]) -> None:
         """Keep the checks of a decision for `~/checks`."""
-        self.decisions.append(checks.to_json(decision, result, judged))
+        self._events.checks.append(checks.to_json(decision, result, judged))
 
-    def _fit_ended(self, arm: Arm, job: Job, result: FitResult, now: float) -> None:
+    def _fit_ended(self, job: Job, result: FitResult, now: float) -> None:
         """Use or refuse the model of a fit; reply, log, and publish its checks."""
-        arm.epoch.fit_ended(not result.fault)
+        self.arm.epoch.fit_ended(not result.fault)
         # Friction at the start of a motion causes a single outlier.
         outliers = ', '.join(f'{n} of {name}' for name, n in result.outliers.items() if n > 1)
         left_out = f' (without outliers: {outliers})' if outliers else ''
@@ -205,7 +204,7 @@ class Learner:
             self.state, self.report = (REFUSED, f'samples left out as outliers: {outliers} (an '
                                        'intermittent brake, or a contact with the arm)'
                                        ) if outliers else (FINE, '')
-            self._use(arm, result, now)
+            self._use(result, now)
         else:
             text = f'{self.kept}: {self.last_fit}'
             self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
@@ -214,64 +213,65 @@ class Learner:
             elif result.fault:
                 self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
         job.reply(result.accepted, text)
-        self._log_lines.append((not result.accepted,
+        self._events.log.append((not result.accepted,
                                 f'{text} [{checks.summary(result.checks)}]'))
         self._decided('model', text, result.checks)
         if result.fault or result.is_compensated:
-            self._refuse(arm, result, now)
+            self._refuse(result, now)
 
-    def _use(self, arm: Arm, result: FitResult, now: float) -> None:
+    def _use(self, result: FitResult, now: float) -> None:
         """Take a new model into use."""
-        entry = self.models.use(result.model, f'{result.how} in epoch {arm.epoch.number}', now,
-                                arm.epoch.number)
-        before, base = self.models.before, self.base
+        epoch, base = self.arm.epoch, self._base
+        entry = self.models.use(result.model, f'{result.how} in epoch {epoch.number}', now,
+                                epoch.number)
+        before = self.models.before
         # The samples of a closed epoch determine the whole change.
         change = UncertainChange(result.model, base, result.low, result.high) if (
-            arm.epoch.is_open and base is not None
+            epoch.is_open and base is not None
             and base.joints == result.model.joints) else None
-        arm.use(entry.model, None if before is None else before.model,
-                result.model.coverage.n_samples, change)
-        arm.epoch.note = ''
+        self.arm.use(entry.model, None if before is None else before.model,
+                     result.model.coverage.n_samples, change)
+        self.arm.epoch.note = ''
         self.models.problem = ''
         self._save()
 
     def _save(self) -> None:
         """Write the model in use with `auto_save`: a restart must not use another one."""
-        if self.settings.auto_save and self.models.path:
+        if self.arm.settings.auto_save and self.models.path:
             self.models.save(self._saved)
 
     def _saved(self, success: bool, text: str) -> None:
-        self._log_lines.append((not success, text))
+        self._events.log.append((not success, text))
 
-    def _refuse(self, arm: Arm, result: FitResult, now: float) -> None:
+    def _refuse(self, result: FitResult, now: float) -> None:
         """Record broken effort; roll back an unconfirmed model of it, and drop its samples."""
-        entry, why = self.models.entry, result.fault or result.reason
-        if entry is not None and entry.epoch == arm.epoch.number and self.models.n_past and (
-                not arm.watch.is_confirmed):
-            self._roll_back_automatically(arm, why, now)
+        entry, why, epoch = self.models.entry, result.fault or result.reason, self.arm.epoch
+        if entry is not None and entry.epoch == epoch.number and self.models.n_past and (
+                not self.arm.watch.is_confirmed):
+            self._roll_back_automatically(why, now)
             return
-        arm.epoch.note = f'a model was refused: {why}'
-        if len(arm.epoch) >= MIN_DROPPED and arm.epoch.is_open and not result.is_compensated:
-            arm.epoch.restart_after_broken_effort()
-            arm.epoch.note += '; its samples were dropped'
+        epoch.note = f'a model was refused: {why}'
+        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.is_compensated:
+            epoch.restart_after_broken_effort()
+            epoch.note += '; its samples were dropped'
 
-    def _roll_back_automatically(self, arm: Arm, why: str, now: float) -> None:
+    def _roll_back_automatically(self, why: str, now: float) -> None:
         """Roll back to the last model of the previous payload, and start to collect again."""
-        entry = self._roll_back(arm, now)
+        entry = self._roll_back(now)
         if entry is None:
             return
-        self.base = entry.model
-        arm.epoch.restart_after_broken_effort()
-        arm.epoch.note = f'rolled back automatically to the {entry.describe()}: {why}'
-        self.last_fit = arm.epoch.note
-        self.state, self.report = FAULTY, f'broken effort: {arm.epoch.note}'
-        self._log_lines.append((True, arm.epoch.note))
+        self._base = entry.model
+        self.arm.epoch.restart_after_broken_effort()
+        self.arm.epoch.note = f'rolled back automatically to the {entry.describe()}: {why}'
+        self.last_fit = self.arm.epoch.note
+        self.state, self.report = FAULTY, f'broken effort: {self.arm.epoch.note}'
+        self._events.log.append((True, self.arm.epoch.note))
 
-    def _roll_back(self, arm: Arm, now: float) -> Entry | None:
+    def _roll_back(self, now: float) -> Entry | None:
         """Take the last model of the previous payload into use, if there is one."""
         entry = self.models.roll_back(now)
         if entry is not None:
-            arm.use(entry.model, None, 0)
+            self.arm.use(entry.model, None, 0)
             self._discard_running()
             self._save()
         return entry
@@ -280,42 +280,43 @@ class Learner:
         if self.fits.job is not None:
             self.fits.job.is_outdated = True
 
-    def payload_changed(self, arm: Arm, now: float) -> tuple[bool, str]:
+    def payload_changed(self, now: float) -> tuple[bool, str]:
         """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
-        dropped, was_open = len(arm.epoch), arm.epoch.is_open
-        number = arm.epoch.number + (dropped > 0 or not was_open)
+        dropped, was_open = len(self.arm.epoch), self.arm.epoch.is_open
+        number = self.arm.epoch.number + (dropped > 0 or not was_open)
         # Also in an open epoch without samples: a sample may wait, and the payload may swing.
-        arm.new_epoch(number, now, can_change(self.models.model))
+        self.arm.new_epoch(number, now, can_change(self.models.model))
         self._discard_running()
-        self.base = self.models.model
+        self._base = self.models.model
         self.state, self.report = FINE, ''
         if was_open and not dropped:
-            return True, f'{arm.epoch.describe()}; it was open already'
-        return True, (f'epoch {arm.epoch.number} open, {dropped} old samples dropped; '
+            return True, f'{self.arm.epoch.describe()}; it was open already'
+        return True, (f'epoch {self.arm.epoch.number} open, {dropped} old samples dropped; '
                       f'{self.kept} until a better one is learned: move the arm slowly '
                       'through its range')
 
-    def roll_back(self, arm: Arm, now: float) -> tuple[bool, str]:
+    def roll_back(self, now: float) -> tuple[bool, str]:
         """Bring back the last model of the previous payload; no automatic fit follows."""
-        entry = self._roll_back(arm, now)
+        entry = self._roll_back(now)
         if entry is None:
             return False, 'there is no model of an earlier payload to roll back to'
-        arm.epoch.is_open = False
+        self.arm.epoch.is_open = False
         return True, (f'rolled back to the {entry.describe()}, of the previous payload; models of '
                       f'{self.models.n_past} earlier payloads remain; no fit until '
                       'payload_changed or refit is called')
 
-    def request(self, arm: Arm, wall: float, reply: Reply, is_diagnosis: bool) -> None:
+    def request(self, wall: float, reply: Reply, is_diagnosis: bool) -> None:
         """Queue a fit or a diagnosis; `reply` is called once, now or at its end."""
         job = self.fits.job
         if self._queued is not None or (job is not None and job.kind != PAYLOAD):
             reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
                   'result will be in /diagnostics')
-        elif (missing := arm.epoch.missing_for_fit()) is not None:
+        elif (missing := self.arm.epoch.missing_for_fit()) is not None:
             reply(False, missing)
         else:
+            self.has_started = True
             self._queued = Job(DIAGNOSIS if is_diagnosis else FIT, reply,
-                               wall + self.settings.refit_timeout)
+                               wall + self.arm.settings.refit_timeout)
 
     def _expire(self, wall: float) -> None:
         """Reply to calls past their deadline."""
@@ -328,13 +329,11 @@ class Learner:
             running.reply(False, 'the fit is still running; its result will be in /diagnostics')
 
     def close(self) -> None:
-        """End the fit process, and reply to pending calls."""
+        """Reply to pending calls."""
         for job in (self._queued, self.fits.job):
             if job is not None:
                 job.reply(False, 'the node shuts down')
         self._queued = None
-        self.fits.stop()
-        self.models.close()
 
 
 def can_change(model: GravityModel | None) -> bool:

@@ -10,7 +10,6 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
-from gravity_comp_ros.errors import OptionError
 import numpy as np
 
 # Faults: the message, or the faulty field, is dropped.
@@ -100,17 +99,10 @@ class JointStateReader:
     :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
     :param continuous: the continuous joints.
     :param max_age: largest difference of a stamp from the time of arrival, s; 0 for any.
-    :raises OptionError: if the number of scales is wrong, or a continuous joint is unknown.
     """
 
     def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = (),
                  continuous: Sequence[str] = (), max_age: float = 0.0) -> None:
-        if unknown := sorted(set(continuous) - set(joints)):
-            raise OptionError(f'continuous_joints: {", ".join(unknown)} is not among the joints '
-                              f'{", ".join(joints)}')
-        if len(effort_scale) not in (0, 1, len(joints)):
-            raise OptionError(f'effort_scale has {len(effort_scale)} values for '
-                              f'{len(joints)} joints')
         self.joints = tuple(joints)
         self.max_age = max_age
         # Difference of the last stamp from its time of arrival, s.
@@ -120,12 +112,10 @@ class JointStateReader:
         self._reported, self._reported_received = Counter[str](), 0
         # Whether messages of the last report had earlier or equal stamps.
         self.are_out_of_order = False
-        scale = effort_scale if effort_scale else (1.0,)
-        self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
+        self._scale = np.broadcast_to(np.array(effort_scale or (1.0,)), (len(joints),))
         self._efforts = Bounds(MAX_EFFORT / np.abs(self._scale))
-        self._largest = np.array([MAX_CONTINUOUS_POSITION if name in continuous else MAX_POSITION
-                                  for name in joints])
-        self._bounds = Bounds(self._largest)
+        self._largest = np.full(len(joints), MAX_POSITION)
+        self.allow_continuous(continuous)
         self._names: list[str] | None = None
         self._size = 0
         self._order = np.zeros(0, dtype=np.intp)

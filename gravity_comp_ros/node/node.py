@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import time
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
@@ -16,6 +15,7 @@ from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
 from gravity_comp_ros.node.services import Services
+from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -55,9 +55,6 @@ class GravityCompNode(LifecycleNode):
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
         self._active = False
-        # The arm whose joint names the messages have.
-        self._named_arm: Arm | None = None
-        self._sent_model: GravityModel | None = None
         self._ticks = 0
         self._clock_is_simulated = False
         self._input = InputGroup()
@@ -103,11 +100,10 @@ class GravityCompNode(LifecycleNode):
             self.get_logger().error(self._core.models.problem)
         self._use_description(self._core)
         self._outputs = Outputs(self, self.settings.values)
-        self._named_arm = self._sent_model = None
         self.subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
-        self._core.learner.fits.start(time.monotonic())
+        self._core.fits.start(time.monotonic())
         return super().on_configure(state)
 
     def _use_description(self, core: NodeCore) -> None:
@@ -147,7 +143,7 @@ class GravityCompNode(LifecycleNode):
         """End the fit process, and destroy topics."""
         self._active = False
         if self._core is not None:
-            self._core.learner.close()
+            self._core.close()
         for subscription in (self.subscription, self._description):
             if subscription is not None:
                 self.destroy_subscription(subscription)
@@ -188,13 +184,11 @@ class GravityCompNode(LifecycleNode):
         read = core.read_all(messages, arrival)
         if not read:
             return
-        if core.arm is not None and core.arm is not self._named_arm:
-            outputs.name_joints(core.arm.joints)
-            self._named_arm = core.arm
         tau = core.torque([reading for _, reading in read], now)
-        if tau is not None:
-            outputs.torque(read[-1][0].header.stamp, tau)
         if core.arm is not None:
+            outputs.name_joints(core.arm.joints)
+            if tau is not None:
+                outputs.torque(read[-1][0].header.stamp, tau)
             self._publish_model_outputs(core.arm, outputs, read)
             for _, reading in read:
                 core.arm.learn(reading, now)
@@ -226,15 +220,13 @@ class GravityCompNode(LifecycleNode):
             return
         outputs.update_subscriptions()
         tau = core.tick(self.now(), time.monotonic())
-        while core.log_lines:
-            self._log(*core.log_lines.popleft())
-        if core.models.model is not None and core.models.model is not self._sent_model:
-            self._sent_model = core.models.model
-            outputs.model(self._sent_model)
-        while core.learner.decisions:
-            outputs.checks(core.learner.decisions.popleft())
-        while core.learner.events:
-            outputs.payload_suspected(core.learner.events.popleft())
+        while core.events.log:
+            self._log(*core.events.log.popleft())
+        while core.events.checks:
+            outputs.checks(core.events.checks.popleft())
+        while core.events.payloads:
+            outputs.payload_suspected(core.events.payloads.popleft())
+        outputs.model(core.models.model)
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
@@ -243,7 +235,8 @@ class GravityCompNode(LifecycleNode):
                 and self._ticks % TICKS_PER_EXTRAPOLATION == 0
                 and outputs.is_read('extrapolation')):
             outputs.joints('extrapolation', self.get_clock().now().to_msg(),
-                           arm.in_use.distance(arm.pose), arm.in_use.std(arm.pose))
+                           arm.in_use.distance(arm.pose),
+                           std_of(arm.in_use.model, arm.pose))
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,16 +11,19 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
-from gravity_comp_ros.node.learner import can_change, Learner
+from gravity_comp_ros.node.learner import can_change, Events, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.node.torque_source import compensable
+from gravity_comp_ros.worker.worker_process import command, Supervised
 
 Answer = tuple[bool, str]
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
+# Minimum nice value of the fit process.
+NICENESS = 10
 NO_JOINTS = 'no joint states yet: check the topic and the driver'
 
 
@@ -38,11 +40,12 @@ class NodeCore:
         # Messages that a newer one replaced before they were answered, since the last report.
         self._replaced = 0
         self._topic = topic
-        # Events for the log: (is it a warning, sentence).
-        self.log_lines: deque[tuple[bool, str]] = deque(maxlen=100)
+        self.events = Events()
         self.models = ModelHistory(settings.model_file)
-        self.learner = Learner(settings, self.models, self.log_lines)
+        self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NICENESS),
+                               settings.fit_timeout)
         self.arm: Arm | None = None
+        self.learner: Learner | None = None
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.
         self._guessed = False
@@ -59,8 +62,8 @@ class NodeCore:
 
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on; they have been checked."""
-        self.settings = self.learner.settings = settings
-        self.learner.fits.timeout = settings.fit_timeout
+        self.settings = settings
+        self.fits.timeout = settings.fit_timeout
         if self.arm is not None:
             self.arm.set(self.settings)
 
@@ -74,8 +77,8 @@ class NodeCore:
         self.arm.enable(is_allowed)
         if entry is not None:
             self.arm.use(entry.model, None, 0)
-            self.learner.base = entry.model
-        self.log_lines.append((
+        self.learner = Learner(self.arm, self.models, self.fits, self.events)
+        self.events.log.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
             f'{entry.describe() if entry else "none yet"}; formulation of fits: '
             f'{self.settings.formulation}; torque limits: '
@@ -90,7 +93,7 @@ class NodeCore:
         torque limits of an arm that is being supported.
         """
         if self._description and text != self._description:
-            self.log_lines.append((
+            self.events.log.append((
                 True, 'another robot description was received and is not used; configure the node '
                 'again to use it'))
             return
@@ -107,7 +110,7 @@ class NodeCore:
         assert described is not None
         axes = f'not used: {described.problem}' if described.geometry is None else 'used'
         limits = ', '.join(f'{limit:g}' for limit in described.max_effort) or 'none'
-        self.log_lines.append((
+        self.events.log.append((
             bool(described.problem), f'robot description: axes {axes}; effort limits {limits} '
             f'N·m; continuous joints: {", ".join(described.continuous) or "none"}'))
 
@@ -155,8 +158,9 @@ class NodeCore:
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
-        return (self.models.model is None and not self.learner.has_started
-                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MAX_JOINTS)
+        return (self.models.model is None and self.learner is not None
+                and not self.learner.has_started and len(set(names)) == len(names)
+                and len(arm.joints) < len(names) <= MAX_JOINTS)
 
     def _begin_with_message(self, names: tuple[str, ...]) -> Arm | None:
         """Use the joint names of a message; return None if they name no arm."""
@@ -182,7 +186,7 @@ class NodeCore:
         """Warn if the joints of the messages are not ordered from the base outwards."""
         order = joint_order(names, self._description or None)
         if order.joints != names:
-            self.log_lines.append((
+            self.events.log.append((
                 True, f'the order of the joints in the messages is {", ".join(names)}; from the '
                 f'base outwards it is {", ".join(order.joints)} ({order.source}): set the '
                 'parameter joints to that order, or no chain explains this arm'))
@@ -194,23 +198,27 @@ class NodeCore:
         :param wall: wall-clock time in s for timeouts of fits and calls, where `now` is
             simulated time, which pauses and jumps.
         """
-        self.learner.poll(self.arm, now, now if wall is None else wall)
-        return None if self.arm is None else self.arm.tick(now)
+        wall = now if wall is None else wall
+        answers = self.fits.poll(wall)
+        if self.learner is None or self.arm is None:
+            return None
+        self.learner.poll(answers, now, wall)
+        return self.arm.tick(now)
 
     def payload_changed(self, now: float) -> Answer:
         """Open a new epoch; see `Learner.payload_changed`."""
-        return self.learner.payload_changed(self.arm, now) if self.arm else (False, NO_JOINTS)
+        return self.learner.payload_changed(now) if self.learner else (False, NO_JOINTS)
 
     def rollback(self, now: float) -> Answer:
         """Bring back the last model of the previous payload; no automatic fit follows."""
-        return self.learner.roll_back(self.arm, now) if self.arm else (False, NO_JOINTS)
+        return self.learner.roll_back(now) if self.learner else (False, NO_JOINTS)
 
     def request(self, wall: float, reply: Reply, is_diagnosis: bool = False) -> None:
         """Fit or diagnose the samples of the epoch; `reply` is called once, now or at its end."""
-        if self.arm is None:
+        if self.learner is None:
             reply(False, NO_JOINTS)
         else:
-            self.learner.request(self.arm, wall, reply, is_diagnosis)
+            self.learner.request(wall, reply, is_diagnosis)
 
     def enable(self, enabled: bool) -> Answer:
         """Ramp torque up or down."""
@@ -229,17 +237,23 @@ class NodeCore:
         if self.arm is not None:
             self.arm.deactivate()
 
+    def close(self) -> None:
+        """End the fit process, reply to pending calls, and finish pending saves."""
+        if self.learner is not None:
+            self.learner.close()
+        self.fits.stop()
+        self.models.close()
+
     def statuses(self, now: float) -> list[diagnostics.Status]:
         """Return the statuses for /diagnostics, and restart their counts."""
-        arm, model = self.arm, diagnostics.model_status(
-            self.models, now, self._no_arm)
-        if arm is None:
-            return [diagnostics.unnamed_status(self._topic, self._unusable), model]
-        replaced, self._replaced = self._replaced, 0
-        return [diagnostics.input_status(self._topic, arm, now, replaced), model,
-                diagnostics.learning_status(self.learner, arm),
+        arm, (replaced, self._replaced) = self.arm, (self._replaced, 0)
+        statuses = [diagnostics.input_status(self._topic, arm, now, replaced, self._unusable),
+                    diagnostics.model_status(self.models, now, self._no_arm)]
+        if arm is None or self.learner is None:
+            return statuses
+        return [*statuses, diagnostics.learning_status(self.learner, arm),
                 diagnostics.payload_status(arm.watch),
-                diagnostics.feedforward_status(arm, now), *diagnostics.arm_statuses(arm)]
+                diagnostics.feedforward_status(arm, now), *diagnostics.joint_statuses(arm)]
 
 
 def check_effects(settings: Parameters, joints: tuple[str, ...]) -> None:

@@ -95,6 +95,8 @@ class Outputs:
         self._joints = {topic: node.create_lifecycle_publisher(JointState, f'~/{topic}', DEPTH)
                         for topic in topics}
         self._messages = {topic: JointState() for topic in topics}
+        self._names: Sequence[str] = ()
+        self._sent_model: GravityModel | None = None
         # The topics that have subscribers.
         self._read: frozenset[str] = frozenset()
         self._commands = node.create_lifecycle_publisher(
@@ -109,7 +111,10 @@ class Outputs:
         self._command = Float64MultiArray()
 
     def name_joints(self, joints: Sequence[str]) -> None:
-        """Write the joint names into all messages."""
+        """Write the joint names into all messages, unless they have them."""
+        if joints is self._names:
+            return
+        self._names = joints
         for message in self._messages.values():
             message.name = list(joints)
 
@@ -145,8 +150,11 @@ class Outputs:
         """Publish /diagnostics."""
         self._diagnostics.publish(self._array(statuses))
 
-    def model(self, model: GravityModel) -> None:
-        """Publish the numbers of the model in use (`export.c_source`), and its payload."""
+    def model(self, model: GravityModel | None) -> None:
+        """Publish the numbers of another model in use (`export.c_source`), and its payload."""
+        if model is None or model is self._sent_model:
+            return
+        self._sent_model = model
         self._model.publish(model_message(parameters_of(model)))
         try:
             payload = payload_of(model)

@@ -7,7 +7,7 @@ docs/parameters.md is generated from it: `python3 docs/make_parameters.py > docs
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, Field, field, fields, MISSING
+from dataclasses import dataclass, field, fields
 import math
 from typing import Any
 
@@ -104,23 +104,15 @@ class Parameter:
 
 
 def parameter(default: Value, description: str, unit: str = '', low: float | None = None,
-              high: float | None = None, choices: tuple[str, ...] = (),
-              read_only: bool = False, may_be_off: bool = False) -> Any:
+              high: float | None = None, **options: Any) -> Any:
     """Return a dataclass field with the metadata of a parameter; see `Parameter`."""
     return field(default=default, metadata={
-        'description': description, 'unit': unit, 'low': low, 'high': high, 'choices': choices,
-        'read_only': read_only, 'may_be_off': may_be_off})
+        'description': description, 'unit': unit, 'low': low, 'high': high, **options})
 
 
 # ROS type of each Python type of a field.
 _KINDS = {'bool': 'bool', 'int': 'int', 'float': 'double', 'str': 'string',
           'tuple[float, ...]': 'double[]', 'tuple[str, ...]': 'string[]'}
-
-
-def row_of(each: Field[Any]) -> Parameter:
-    """Return the table row of a field created by `parameter`."""
-    assert each.default is not MISSING
-    return Parameter(each.name, _KINDS[str(each.type)], each.default, **each.metadata)
 
 
 # Maximum number of joints of the node; `fit` takes twelve.
@@ -284,6 +276,9 @@ class Parameters:
             if n and count not in (0, 1, n):
                 raise OptionError(f'parameter {name}: {count} values for {n} joints '
                                   f'({", ".join(known)}); give one for all or one per joint')
+        if known and (unknown := sorted(set(self.continuous_joints) - set(known))):
+            raise OptionError(f'parameter continuous_joints: {", ".join(unknown)} is not among '
+                              f'the joints {", ".join(known)}')
         if len(self.joints) > MAX_JOINTS:
             raise OptionError(f'parameter joints: {len(self.joints)} joints; the node '
                               f'takes at most {MAX_JOINTS}')
@@ -296,5 +291,6 @@ class Parameters:
                                   f'full_samples, {self.full_samples}')
 
 
-TABLE = tuple(row_of(each) for each in fields(Parameters))
+TABLE = tuple(Parameter(each.name, _KINDS[str(each.type)], each.default,  # type: ignore[arg-type]
+                        **each.metadata) for each in fields(Parameters))
 BY_NAME = {row.name: row for row in TABLE}

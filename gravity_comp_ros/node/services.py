@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from gravity_comp_ros.node.model_history import Reply
-from gravity_comp_ros.node.node_core import Answer, NodeCore
+from gravity_comp_ros.node.node_core import NodeCore
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -18,6 +18,8 @@ from std_srvs.srv import SetBool, Trigger
 SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
                          reliability=ReliabilityPolicy.RELIABLE)
 INACTIVE = 'the node is not active: activate it first'
+# Starts the action of a request; the reply is given once, now or later.
+Action = Callable[[NodeCore, Any, Reply], None]
 
 
 class Services:
@@ -31,52 +33,38 @@ class Services:
     def __init__(self, node: Node, core: Callable[[], NodeCore | None],
                  now: Callable[[], float]) -> None:
         self._node, self._core = node, core
+        actions: dict[str, Action] = {
+            'payload_changed': lambda core, _, reply: reply(*core.payload_changed(now())),
+            'rollback': lambda core, _, reply: reply(*core.rollback(now())),
+            'enable': lambda core, request, reply: reply(*core.enable(request.data)),
+            'refit': lambda core, _, reply: core.request(time.monotonic(), reply),
+            'diagnose': lambda core, _, reply: core.request(time.monotonic(), reply, True),
+            'save_model': lambda core, _, reply: core.models.save(reply)}
         # Fits and disks are slow: these reply later, while joint states are handled.
-        waiting = ReentrantCallbackGroup()
-        deferred: dict[str, Callable[[NodeCore, Reply], None]] = {
-            'refit': lambda core, reply: core.request(time.monotonic(), reply),
-            'diagnose': lambda core, reply: core.request(time.monotonic(), reply, True),
-            'save_model': lambda core, reply: core.models.save(reply)}
-        for name, start in deferred.items():
-            node.create_service(Trigger, f'~/{name}', self._deferred(start),
-                                qos_profile=SERVICE_QOS, callback_group=waiting)
-        immediate: dict[str, tuple[type, Callable[[NodeCore, Any], Answer]]] = {
-            'payload_changed': (Trigger, lambda core, _: core.payload_changed(now())),
-            'rollback': (Trigger, lambda core, _: core.rollback(now())),
-            'enable': (SetBool, lambda core, request: core.enable(request.data))}
-        for name, (kind, answer) in immediate.items():
-            node.create_service(kind, f'~/{name}', self._immediate(answer),
-                                qos_profile=SERVICE_QOS)
+        group = ReentrantCallbackGroup()
+        for name, action in actions.items():
+            node.create_service(SetBool if name == 'enable' else Trigger, f'~/{name}',
+                                self._answered(action), qos_profile=SERVICE_QOS,
+                                callback_group=group)
 
-    def _immediate(self, answer: Callable[[NodeCore, Any], Answer]) -> Callable[[Any, Any], Any]:
-        def respond(request: Any, response: Any) -> Any:
-            core = self._core()
-            return self._logged(response, (False, INACTIVE) if core is None
-                                else answer(core, request))
-        return respond
-
-    def _deferred(self, start: Callable[[NodeCore, Reply], None]) -> Callable[
-            [Any, Any], Coroutine[Any, Any, Any]]:
-        async def respond(_: Any, response: Any) -> Any:
+    def _answered(self, action: Action) -> Callable[[Any, Any], Coroutine[Any, Any, Any]]:
+        async def respond(request: Any, response: Any) -> Any:
             future, core = Future(executor=self._node.executor), self._core()
+
+            def reply(success: bool, text: str) -> None:
+                if not future.done():
+                    future.set_result((success, text))
+
             if core is None:
-                future.set_result((False, INACTIVE))
+                reply(False, INACTIVE)
             else:
-                start(core, lambda *answer: _complete(future, answer))
-            return self._logged(response, await future)
+                action(core, request, reply)
+            response.success, response.message = success, text = await future
+            # Throttled, because the caller has the reply. rclpy raises an error if one line of
+            # code logs with different severities.
+            if success:
+                self._node.get_logger().info(text, throttle_duration_sec=0.1)
+            else:
+                self._node.get_logger().warning(text, throttle_duration_sec=0.1)
+            return response
         return respond
-
-    def _logged(self, response: Any, answer: Answer) -> Any:
-        response.success, response.message = success, text = answer
-        # Throttled, because the caller has the reply. rclpy raises an error if one line of code
-        # logs with different severities.
-        if success:
-            self._node.get_logger().info(text, throttle_duration_sec=0.1)
-        else:
-            self._node.get_logger().warning(text, throttle_duration_sec=0.1)
-        return response
-
-
-def _complete(future: Future, answer: Answer) -> None:
-    if not future.done():
-        future.set_result(answer)

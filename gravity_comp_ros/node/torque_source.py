@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -46,12 +46,6 @@ class TorqueSource:
     q_max: FloatArray
     reach: float = math.inf
     effects: Compensation | None = None
-
-    @classmethod
-    def of(cls, model: GravityModel) -> TorqueSource:
-        """Return the torque source of a model, with the reach of its formulation."""
-        reach = PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf
-        return cls(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """
@@ -110,12 +104,12 @@ class UncertainChange:
                  high: FloatArray) -> None:
         self._model, self._before = model, before
         self._low, self._high = low, high
+        self.share: FloatArray | float = 0.0
 
-    def share(self, q: FloatArray) -> FloatArray:
-        """Return the share (N,) of the change to use at pose q (N,), 0 to 1."""
-        try:
-            std = self._model.predict_std(q)[0]
-        except (DataError, np.linalg.LinAlgError):
+    def share_at(self, q: FloatArray) -> FloatArray:
+        """Return the share (N,) of the change to use at pose q (N,), 0 to 1; it takes 0.2 ms."""
+        std = std_of(self._model, q)
+        if not std.size:
             return np.zeros(len(q))
         change = self._model.predict_one(q) - self._before.predict_one(q)
         outside = float(np.maximum(np.maximum(self._low - q, q - self._high), 0.0).max())
@@ -123,14 +117,18 @@ class UncertainChange:
         share = 1.0 - (uncertain / np.maximum(np.abs(change), _MIN_CHANGE)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 
-    def with_share(self, share: FloatArray) -> Predict:
-        """Return the torque of the previous model plus a share (N,) of the change."""
-        old, new = self._before.predict_one, self._model.predict_one
+    def predict(self, q: FloatArray) -> FloatArray:
+        """Return the torque (N,) in N·m: that of the previous model and `share` of the change."""
+        before = self._before.predict_one(q)
+        return before + self.share * (self._model.predict_one(q) - before)
 
-        def predict(q: FloatArray) -> FloatArray:
-            before = old(q)
-            return before + share * (new(q) - before)
-        return predict
+
+def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
+    """Return the standard deviation of a model's torque (N,) in N·m; empty if there is none."""
+    try:
+        return model.predict_std(q)[0]
+    except (DataError, np.linalg.LinAlgError):
+        return np.zeros(0)
 
 
 def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...]:
@@ -167,15 +165,11 @@ class ModelInUse:
                  change: UncertainChange | None = None) -> None:
         self.model = model
         self._change = change
-        self._share = np.zeros(model.n_joints)
         # Friction that persists at rest has a memory: one of the messages, one of the samples.
         self._effects, self._effects_of_samples = (
             LiveEffects(model, model.applied.effects) for _ in range(2))
         self._fitted = LiveEffects(model, model.fitted.effects)
         self._external: ExternalTorqueObserver | None = None
-        self.source = TorqueSource.of(model)
-        if change is not None:
-            self.source = replace(self.source, predict=change.with_share(self._share))
         self.compensate(settings)
 
     def compensate(self, settings: Parameters) -> None:
@@ -191,23 +185,19 @@ class ModelInUse:
         def torque(q: FloatArray, qd: FloatArray | None) -> FloatArray | None:
             return None if qd is None else sent.torque(q, qd, model.predict_one(q))
 
-        effects: Compensation | None = torque if sent.targets else None
-        self.source = replace(self.source, effects=effects)
+        self.source = TorqueSource(
+            model.predict_one if self._change is None else self._change.predict,
+            model.coverage.q_min, model.coverage.q_max,
+            PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
+            torque if sent.targets else None)
 
     def update_share(self, q: FloatArray) -> bool:
-        """
-        Determine the share of an uncertain change at a pose q (N,); return whether it differs.
-
-        `source` is then another one. This takes 0.2 ms.
-        """
+        """Determine the share of an uncertain change at pose q (N,); return whether it differs."""
         if self._change is None:
             return False
-        share = self._change.share(self.source.nearest(q))
-        if np.array_equal(share, self._share):
-            return False
-        self._share = share
-        self.source = replace(self.source, predict=self._change.with_share(share))
-        return True
+        before = self._change.share
+        self._change.share = self._change.share_at(self.source.nearest(q))
+        return bool((self._change.share != before).any())
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""
@@ -240,10 +230,3 @@ class ModelInUse:
     def distance(self, q: FloatArray) -> FloatArray:
         """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
         return self.model.coverage.distance(self.source.nearest(q))
-
-    def std(self, q: FloatArray) -> FloatArray:
-        """Return the standard deviation of the torque (N,) in N·m; empty if there is none."""
-        try:
-            return self.model.predict_std(q)[0]
-        except (DataError, np.linalg.LinAlgError):
-            return np.zeros(0)

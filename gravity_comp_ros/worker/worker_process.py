@@ -20,8 +20,6 @@ import sys
 from threading import Lock, Thread
 from typing import Any
 
-from gravity_comp_ros.errors import OptionError
-
 
 @dataclass(frozen=True)
 class Ready:
@@ -172,25 +170,11 @@ BUSY = 'fitting'
 DOWN = 'down'
 
 
-@dataclass(frozen=True)
-class RestartOptions:
-    """
-    Times of the supervision in s.
-
-    A process that is not ready after `start_timeout` is killed. After a loss it is started again
-    with a delay of `first_delay`, which doubles with each loss up to `max_delay`, so that a
-    process that dies as it starts does not occupy the machine.
-
-    :raises OptionError: if a time is not positive.
-    """
-
-    start_timeout: float = 60.0
-    first_delay: float = 0.5
-    max_delay: float = 30.0
-
-    def __post_init__(self) -> None:
-        if min(self.start_timeout, self.first_delay, self.max_delay) <= 0.0:
-            raise OptionError('worker: times of the supervision must be positive')
+# Time after which a process that is not ready is killed, s.
+START_TIMEOUT = 60.0
+# Delay of the start after a loss, s. It doubles with each loss up to the maximum, so that a
+# process that dies as it starts does not occupy the machine.
+FIRST_DELAY, MAX_DELAY = 0.5, 30.0
 
 
 class Supervised:
@@ -201,8 +185,7 @@ class Supervised:
     :param timeout: time after which a job counts as hanging, s.
     """
 
-    def __init__(self, command: Sequence[str], timeout: float,
-                 options: RestartOptions = RestartOptions()) -> None:
+    def __init__(self, command: Sequence[str], timeout: float) -> None:
         self.timeout = timeout
         self.restarts = 0
         # Reason of the last loss of the process.
@@ -210,10 +193,10 @@ class Supervised:
         self.state = DOWN
         # The running job.
         self.job: Any = None
-        self._options, self._command = options, tuple(command)
+        self._command = tuple(command)
         self._worker: WorkerProcess | None = None
         self._since = 0.0
-        self._delay = options.first_delay
+        self._delay = FIRST_DELAY
         self._start_at = 0.0
 
     @property
@@ -261,15 +244,15 @@ class Supervised:
                 events.append((self.job, message.answer if isinstance(message, Done)
                                else message))
             if not isinstance(message, Progress):
-                self._delay = self._options.first_delay
+                self._delay = FIRST_DELAY
                 self.job, self.state, self._since = None, READY, now
         waited = now - self._since
         if self.state == BUSY and waited > self.timeout:
             return [*events, self._lose(f'the fit hung: no result after {waited:.1f} s; its '
                                         'process was killed', now)]
-        if self.state == STARTING and waited > self._options.start_timeout:
-            return [*events, self._lose('the fit process did not start within '
-                                        f'{self._options.start_timeout:g} s', now)]
+        if self.state == STARTING and waited > START_TIMEOUT:
+            return [*events, self._lose(
+                f'the fit process did not start within {START_TIMEOUT:g} s', now)]
         return events
 
     def stop(self) -> None:
@@ -282,7 +265,7 @@ class Supervised:
         self.restarts += 1
         self.last_loss = reason
         self._since = now
-        self._delay = min(2 * self._delay, self._options.max_delay)
+        self._delay = min(2 * self._delay, MAX_DELAY)
         return job, Failed(reason, is_lost=True)
 
     def _end(self, start_at: float) -> None:

@@ -220,12 +220,6 @@ def test_limits_of_the_checks_are_positive():
         AcceptanceOptions(max_echo=0.0)
 
 
-@pytest.mark.parametrize('bad', [{'mass': 0.0}, {'reach': -1.0}, {'mass': float('inf')}])
-def test_limits_must_be_positive(bad):
-    with pytest.raises(OptionError, match='payload limits'):
-        PayloadLimits(**bad)
-
-
 def with_wrong_axes(model, angle):
     """Return a chain model with wrong axes, as after a fit to too little motion."""
     turned = np.random.default_rng(0).uniform(-angle, angle, 14)

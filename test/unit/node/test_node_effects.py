@@ -77,7 +77,7 @@ def nodes():
 def node(nodes, model_file):
     node = nodes.make(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
                       ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,), full_samples=250)
-    until(node, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.fits.state == 'ready')
     yield node
     nodes.close()
 
@@ -169,4 +169,4 @@ def test_a_per_joint_model_is_held_near_its_range(tmp_path):
         status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
         assert status.level == WARN and 'outside the trained range' in status.message
     finally:
-        node.learner.close()
+        node.close()

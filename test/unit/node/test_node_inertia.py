@@ -45,7 +45,7 @@ def live():
 
     yield make
     for each in nodes:
-        each.learner.close()
+        each.close()
 
 
 def test_samples_of_the_node_are_means_of_the_recording(live):

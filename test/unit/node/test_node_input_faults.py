@@ -63,7 +63,7 @@ def field(iiwa_model_file):
     field = Field(iiwa_model_file, read_bag(BAGS / 'eq17_later.mcap').samples)
     assert field.send(field.message())
     yield field
-    field.core.learner.close()
+    field.core.close()
 
 
 def shuffled(message):
@@ -148,4 +148,4 @@ def test_angles_in_degrees_are_never_answered(iiwa_model_file):
         report = field.status()
         assert report.level == ERROR and 'position_absurd 40' in report.message
     finally:
-        field.core.learner.close()
+        field.core.close()

@@ -71,6 +71,8 @@ def test_integers_are_accepted_for_doubles():
 
 @pytest.mark.parametrize('change, why', [
     ({'joints': ('a', 'b'), 'max_torque': (1.0, 2.0, 3.0)}, 'max_torque: 3 values for 2'),
+    ({'joints': ('a', 'b'), 'effort_scale': (1.0, 1.0, 1.0)}, 'effort_scale: 3 values for 2'),
+    ({'joints': ('a', 'b'), 'continuous_joints': ('c',)}, 'continuous_joints: c'),
     ({'joints': tuple('abcdefghijk')}, 'at most 10'), ({'effort_scale': (0.0,)}, 'would erase'),
     ({'min_samples': 600}, 'more than full_samples'),
     ({'hold_time': float('nan')}, 'hold_time.*finite'),

@@ -214,7 +214,7 @@ def test_a_share_of_an_uncertain_change_is_used(change, std):
 
     uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
                                 np.ones(2))
-    here, far = uncertain.share(np.full(2, 0.5)), uncertain.share(np.full(2, 1.5))
+    here, far = uncertain.share_at(np.full(2, 0.5)), uncertain.share_at(np.full(2, 1.5))
     assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
     if 1e-3 < change <= 2.0 * std:
         assert here[0] == 0.0
@@ -237,7 +237,7 @@ def play(core, samples, until):
             q = samples.q[k] + 0.1 * j * samples.qd[k]
             core.send(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
         core.live.tick(t, time.monotonic())
-        while core.live.learner.fits.state != 'ready':
+        while core.live.fits.state != 'ready':
             time.sleep(0.002)
             core.live.tick(t, time.monotonic())
         if until():
@@ -249,22 +249,22 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
     core = core_with(model, on_suspected_payload=action, settle_time=0.0)
     live = core.live
     try:
-        play(core, window(seed=1), lambda: live.learner.events)
-        assert not live.learner.events
-        play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.learner.events)
-        event = live.learner.events.popleft()
+        play(core, window(seed=1), lambda: live.events.payloads)
+        assert not live.events.payloads
+        play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.events.payloads)
+        event = live.events.payloads.popleft()
         assert 'another payload is suspected' in event.text and event.since > 185.0
-        assert any('another payload' in text for _, text in live.log_lines)
+        assert any('another payload' in text for _, text in live.events.log)
         status = {each.name: each for each in live.statuses(212.0)}['payload']
         if action == 'learn':
             assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
             assert 'opened automatically' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
-            play(core, window(2.0, start=212.0), lambda: live.learner.events)
-            assert not live.learner.events, 'suspected once'
+            play(core, window(2.0, start=212.0), lambda: live.events.payloads)
+            assert not live.events.payloads, 'suspected once'
             play(core, window(start=222.0), lambda: False)
             status = {each.name: each for each in live.statuses(232.0)}['payload']
             assert status.level == OK
     finally:
-        live.learner.close()
+        live.close()
