@@ -152,14 +152,30 @@ def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Ch
         errors = [_without_friction(error, qd) for error in errors]
     spread = torque[:, 0].std(axis=0)
     counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
-    model, *echoes = (float(np.sqrt((rms(error)[counts] ** 2).mean())) for error in errors)
-    best = int(np.argmin(echoes))
-    return Check(checks.NOT_OUTPUT, model / max(echoes[best], 1e-30), OPTIONS.max_echo, text=(
+    model, *echoes = (error[:, counts] for error in errors)
+    # Of the least RMS difference, and the delay.
+    echo, delay = min((_between(*pair, *delays) for pair, delays in zip(
+        zip(echoes, echoes[1:]), zip(DELAYS, DELAYS[1:]))), key=lambda fit: fit[0])
+    residual = float(np.sqrt((model ** 2).mean()))
+    return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), OPTIONS.max_echo, text=(
         'the effort is the torque that this node published '
-        f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echoes[best]:.3g} N·m, '
-        f'residual of the new model {model:.3g} N·m. Either the model in use is right already, '
+        f'{1e3 * delay:.0f} ms before: RMS difference {echo:.3g} N·m, '
+        f'residual of the new model {residual:.3g} N·m. Either the model in use is right already, '
         'or the arm floats on that torque and is guided by hand, which gives no new data: '
         'move it by its own controller'))
+
+
+def _between(first: FloatArray, second: FloatArray, start: float, end: float
+             ) -> tuple[float, float]:
+    """
+    Return the smallest RMS difference in N·m at a delay from `start` to `end` in s, and the delay.
+
+    :param first: measured minus published torque (M, N) at the first delay, `second` at the other.
+    """
+    step = first - second
+    share = min(max(float((first * step).sum()) / max(float((step ** 2).sum()), 1e-30), 0.0), 1.0)
+    return (float(np.sqrt(((first - share * step) ** 2).mean())),
+            start + share * (end - start))
 
 
 def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 
-def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1):
-    t = 0.2 * np.arange(n)
+def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1, shift=0.0):
+    t = 0.2 * np.arange(n) - shift
     q = np.stack([0.7 * np.sin(0.1 * t), 0.5 * np.cos(0.13 * t)], axis=1)
     truth = np.sin(q) * np.array(gain)
     tau = truth + noise * np.random.default_rng(seed).standard_normal(q.shape)
@@ -40,6 +40,21 @@ def test_an_echo_of_the_published_torque_is_refused(delay):
     check = echo_of(sent, measured, wrong)
     assert check.name == checks.NOT_OUTPUT and not check.passed
     assert f'{1e3 * DELAYS[delay]:.0f} ms' in check.text
+
+
+def test_an_echo_with_a_delay_between_those_of_the_history_is_refused():
+    samples = motion()
+
+    def published(delay):
+        return np.sin(motion(shift=delay).q) * [10.0, 4.0]
+
+    measured = replace(samples, tau=published(0.035) + 0.01 * np.random.default_rng(3)
+                       .standard_normal(samples.q.shape))
+    sent = np.stack([published(delay) for delay in DELAYS], axis=1)
+    # The new model explains the noise in part.
+    check = echo_of(sent, measured, 0.1 * published(0.035) + 0.9 * measured.tau)
+    assert '35 ms' in check.text
+    assert check.statistic == pytest.approx(0.1, rel=0.1)
 
 
 def test_an_arm_moved_by_its_controller_is_no_echo():
