@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 import tempfile
+from xml.etree import ElementTree
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, from_urdf
@@ -93,6 +94,22 @@ def arm_of(description: str) -> Arm:
         path = Path(folder) / 'arm.urdf'
         path.write_text(description, encoding='utf-8')
         return from_urdf(path)
+
+
+def with_other_masses(description: str, seed: int) -> str:
+    """
+    Return a URDF text whose masses and inertias are not those of the arm.
+
+    Masses change by factors with a standard deviation of 25 %, inertias by further 30 %.
+    """
+    rng, tree = np.random.default_rng([seed, 35]), ElementTree.fromstring(description)
+    for inertial in tree.iter('inertial'):
+        mass, inertia = np.exp(np.cumsum([0.25, 0.3] * rng.standard_normal(2)))
+        for part, factor in (('mass', mass), ('inertia', inertia)):
+            each = inertial.find(part)
+            each.attrib = {key: repr(float(value) * float(factor))
+                           for key, value in each.attrib.items()}
+    return ElementTree.tostring(tree, encoding='unicode')
 
 
 def _chain_urdf(name: str, model: pin.Model) -> str:

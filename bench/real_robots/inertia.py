@@ -23,7 +23,7 @@ import sys
 import tempfile
 from zlib import crc32
 
-from bench.real_robots.arms import arm_of, SOURCES, urdf
+from bench.real_robots.arms import arm_of, SOURCES, urdf, with_other_masses
 from bench.real_robots.cases import recorded, regressor, scales
 from bench.real_robots.run import arm_names, seeds
 import gravity_comp_ros as gc
@@ -81,7 +81,7 @@ def errors_of(name: str, seed: int) -> tuple[float, float, float]:
     torques = [floor(arm, motions, [run.tau for run in runs], noise, q)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'arm.urdf'
-        path.write_text(urdf(name), encoding='utf-8')
+        path.write_text(with_other_masses(urdf(name), seed), encoding='utf-8')
         for model in (gc.fit(recording), gc.fit(recording, urdf=path)):
             torques.append(model.predict(q))
     return tuple(100.0 * float(np.sqrt(((torque - truth) ** 2).mean(axis=0)).max() / largest)

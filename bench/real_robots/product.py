@@ -9,6 +9,7 @@ import tempfile
 from time import process_time
 from typing import Any
 
+from bench.real_robots.arms import with_other_masses
 from bench.real_robots.cases import Case, Run
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import FloatArray
@@ -94,7 +95,7 @@ def fit(one: Case, train: gc.Recording, described: bool, effects: Sequence[str] 
         return gc.fit(train, effects=effects)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f'{one.arm}.urdf'
-        path.write_text(one.urdf, encoding='utf-8')
+        path.write_text(with_other_masses(one.urdf, one.seed), encoding='utf-8')
         return gc.fit(train, urdf=path, effects=effects)
 
 

@@ -12,6 +12,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
@@ -34,8 +35,9 @@ class OwnGravity(Shared):
     def point(self) -> FloatArray:
         return self.weights
 
-    def prior_std(self, scale: Scale) -> FloatArray:
-        return np.full(len(self.weights), 3.0 * scale.largest)
+    def prior(self, scale: Scale) -> Prior:
+        k = len(self.weights)
+        return Prior(np.zeros(k), 3.0 * scale.largest * (np.eye(k) + np.tri(k, k, -1)))
 
     def columns(self, state: State) -> FloatArray:
         n = state.q.shape[1]
@@ -83,8 +85,7 @@ def linear_problem(samples: JointSamples, shared: Shared,
     motion = problem.motion.with_gravity(shared.gravity(samples.q), shared.gradient)
     columns = problem.states.mean(shared.columns)
     weights = np.repeat(problem.rows.weights[:, None], samples.n_joints, axis=1)
-    design = Design(problem.rows, problem.y, columns, shared.prior_mean(),
-                    shared.prior_std(problem.scale), weights)
+    design = Design(problem.rows, problem.y, columns, shared.prior(problem.scale), weights)
     return problem, design, TermFactory(lambda: motion, problem.rows, problem.scale)
 
 

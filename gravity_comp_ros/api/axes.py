@@ -121,14 +121,14 @@ def _recorded(reports: Sequence[ReadReport]) -> RecordedDescription | None:
 def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOptions,
           choose: bool, text: str | bytes, source: str) -> KnownAxes:
     # Imports the XML parser.
+    from gravity_comp_ros.description.links import described_arm
     from gravity_comp_ros.description.robot_tree import arm_joints
-    from gravity_comp_ros.description.urdf import parse_urdf
     chosen, left_out = tuple(joints), {}
     if choose:
         arm = arm_joints(text, joints, source)
         chosen, left_out = arm.joints, arm.left_out
     held = _held_positions(reports, options.fixed, text, chosen, source)
-    geometry = parse_urdf(text, chosen, source, held)
+    geometry = described_arm(text, chosen, source, held).geometry
     notes = [f'axes from {source}']
     notes += [f'joint {name} is left out: it {reason}' for name, reason in left_out.items()]
     notes += [f'joint {joint.name} of the description is held at {joint.value:.4g} '

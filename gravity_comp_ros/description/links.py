@@ -19,6 +19,10 @@ from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Reach in m that is added to the lengths of an arm: its last link has none.
+_MIN_REACH = 0.5
+# Negative second moment of a thin link, as a share of the largest, by rounded numbers.
+_ROUNDING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +94,10 @@ def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URD
     """
     Return the arm of these joints in a URDF with the links that it carries.
 
-    Other joints beyond an axis of the arm, such as those of a gripper, are at rest.
+    Other joints beyond an axis of the arm, such as those of a gripper, are at rest. The geometry
+    has the inertial parameters of links that are possible.
 
-    :raises DataError: if the text is not a URDF.
+    :raises DataError: if the text is not a URDF, or a number of an <inertial> is wrong.
     :raises ModelMismatchError: if it describes another arm.
     """
     geometry = parse_urdf(text, joints, source, held)
@@ -112,7 +117,12 @@ def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URD
             places[joint.child] = _beyond(places[joint.parent], tree, joint, values)
             del remaining[joint.child]
         placed = [joint.child for joint in children]
-    return DescribedArm(geometry, places)
+    arm = DescribedArm(geometry, places)
+    reach = float(np.linalg.norm(geometry.origins, axis=1).sum()) + _MIN_REACH
+    possible = {name: inertial for name, inertial
+                in urdf_inertials(text, arm, source, required=False).items()
+                if inertial.is_possible(reach)}
+    return replace(arm, geometry=replace(geometry, inertials=frame_parameters(arm, possible)))
 
 
 def _beyond(parent: LinkPlace, tree: RobotTree, joint: TreeJoint,
@@ -148,6 +158,13 @@ class Inertial:
     def second_moment(self) -> FloatArray:
         """Return the second moment of the mass about the centre (3, 3) in kg m^2."""
         return 0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
+
+    def is_possible(self, reach: float) -> bool:
+        """Return whether a link of an arm of this reach in m can have these numbers."""
+        second = np.linalg.eigvalsh(self.second_moment)
+        return bool(self.mass > 0.0 and np.linalg.norm(self.centre) < reach
+                    and second.min() >= -_ROUNDING * abs(second).max()
+                    and second.sum() < self.mass * reach ** 2)
 
     def about_origin(self) -> FloatArray:
         """Return m, m c and the six inertias about the frame's origin (10,)."""

@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
-from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -53,7 +53,7 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     largest = BY_NAME['max_torque'].high or math.inf
     max_effort = tuple(limits) if all(0.0 < limit <= largest for limit in limits) else ()
     try:
-        geometry = parse_urdf(text, joints, SOURCE)
+        geometry = described_arm(text, joints, SOURCE).geometry
     except GravityCompError as problem:
         return ArmDescription(None, continuous, max_effort, str(problem))
     if geometry.joints != joints:

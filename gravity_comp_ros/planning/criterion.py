@@ -196,8 +196,9 @@ class Gravity:
         problem = regression.problem
         q = problem.samples.q[evenly_picked(problem.samples.n_samples, _POSES)]
         columns = regression.shared.columns(State(q, 0.0 * q, 0.0 * q))
-        square = np.einsum('pni,pnj->nij', columns, columns) / len(q)
         sums = Sums(regression, regression.terms, 0.0)
+        columns = columns @ sums.root
+        square = np.einsum('pni,pnj->nij', columns, columns) / len(q)
         std = cls(sums, square, np.zeros(0), ()).std(sums.recorded[None])[0]
         limit = np.maximum(_MIN_OF_TORQUE * problem.scale.torque,
                            _MIN_OF_NOISE * regression.noise)

@@ -22,6 +22,7 @@ from gravity_comp_ros.regression.rows import Rows, rows_of
 from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
+from scipy.linalg import block_diag
 
 Path = Sequence[Line]
 
@@ -80,9 +81,10 @@ class Sums:
     """
     Weighted sums of products of L coefficients: those of the shared part, then of some terms.
 
-    `std` (L,) are their prior standard deviations, `recorded` (L, L) the products of the
-    recordings' columns with themselves, and `score` (L,) those with the torque plus the prior
-    means over their variances. `positive` (L,) tells which cannot be negative. `n_shared` is the
+    The shared part is in units `root` (P, P) of its prior, in which it is independent. `std` (L,)
+    are the prior standard deviations, `recorded` (L, L) the products of the recordings' columns
+    with themselves, and `score` (L,) those with the torque plus the prior means over their
+    variances. `positive` (L,) tells which cannot be negative. `n_shared` is the
     number of the shared coefficients.
     """
 
@@ -97,7 +99,8 @@ class Sums:
         self.n_shared = p = design.n_shared
         ends = p + np.cumsum([0, *(term.n_columns for term in self.terms)])
         self._at = {t: np.arange(a, b) for t, a, b in zip(self.terms, ends, ends[1:])}
-        self.std = np.concatenate([design.prior_std, total_std(self.terms)])
+        self.root = design.prior.root
+        self.std = np.concatenate([np.ones(p), total_std(self.terms)])
         self.positive = np.repeat([False, *(bool(t.effect.why_not_negative) for t in self.terms)],
                                   np.diff([0, *ends]))
         discrepancy = (problem.options.discrepancy * problem.scale.torque) ** 2
@@ -105,13 +108,14 @@ class Sums:
                                          + discrepancy * seconds / row_seconds(regression)))
         design.add(self.terms)
         self.recorded, self.score = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
-        self.score[:p] = design.prior_mean * self.std[:p] ** -2.0
+        self.score[:p] = design.prior.whitened(design.prior.mean)
         for j, weight in enumerate(self.weights):
             acting = self._acting(j)
             columns, places = design.selected(j, acting), self.places(acting)
-            self.recorded[np.ix_(places, places)] += weight * design.gram[j][
-                np.ix_(columns, columns)]
-            self.score[places] += weight * design.cross[j][columns]
+            units = block_diag(self.root, np.eye(len(columns) - p))
+            self.recorded[np.ix_(places, places)] += weight * (
+                units.T @ design.gram[j][np.ix_(columns, columns)] @ units)
+            self.score[places] += weight * (design.cross[j][columns] @ units)
 
     def at(self, terms: Sequence[Term]) -> IntArray:
         """Return the numbers of the coefficients of some terms."""
@@ -132,7 +136,7 @@ class Sums:
         # A path is smooth: the shared columns in the middle of a row are their mean.
         middle = rows.samples[rows.first + rows.count // 2]
         shared = self.regression.shared.columns(State(
-            samples.q[middle], samples.qd[middle], motion.qdd[middle]))
+            samples.q[middle], samples.qd[middle], motion.qdd[middle])) @ self.root
         own = {t: replace(t, columns=rows.mean(np.asarray(t.effect.columns(
             motion, t.joint_number, t.setting)))) for t in self.terms}
         total = np.zeros((len(paths), *self.recorded.shape))

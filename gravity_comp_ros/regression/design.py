@@ -7,6 +7,7 @@ from copy import copy
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.rows import Rows
 from gravity_comp_ros.regression.term import Term
 import numpy as np
@@ -27,9 +28,9 @@ class Design:
     """
 
     def __init__(self, rows: Rows, y: FloatArray, shared: FloatArray,
-                 prior_mean: FloatArray, prior_std: FloatArray, weights: FloatArray) -> None:
+                 prior: Prior, weights: FloatArray) -> None:
         self.root = np.ascontiguousarray(np.sqrt(weights).T)
-        self.rows, self.prior_mean, self.prior_std = rows, prior_mean, prior_std
+        self.rows, self.prior = rows, prior
         self.n_joints, self.n_shared = y.shape[1], shared.shape[2]
         self.y = y.T * self.root
         self.x = [shared[:, j].T * self.root[j] for j in range(self.n_joints)]
@@ -51,8 +52,7 @@ class Design:
     def with_narrow(self, n_angles: int, factor: float = FIXED) -> Design:
         """Return the same sums with the prior of the first parameters narrowed by a factor."""
         other = copy(self)
-        other.prior_std = self.prior_std.copy()
-        other.prior_std[:n_angles] *= factor
+        other.prior = self.prior.narrow(n_angles, factor)
         return other
 
     @property

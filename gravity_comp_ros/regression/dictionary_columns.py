@@ -12,6 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
@@ -30,8 +31,9 @@ class Energy(Shared):
     def point(self) -> FloatArray:
         return self.energy.weights
 
-    def prior_std(self, scale: Scale) -> FloatArray:
-        return np.full(len(self.point), _WEIGHT * scale.largest)
+    def prior(self, scale: Scale) -> Prior:
+        return Prior.independent(0.0 * self.point, np.full(len(self.point),
+                                                           _WEIGHT * scale.largest))
 
     def columns(self, state: State) -> FloatArray:
         design = EnergyDesign(state.q, np.ones(state.q.shape))
@@ -56,8 +58,9 @@ class Torques(Shared):
     def point(self) -> FloatArray:
         return np.concatenate([np.zeros(0), *(torque.weights for torque in self.torques)])
 
-    def prior_std(self, scale: Scale) -> FloatArray:
-        return np.full(len(self.point), _WEIGHT * scale.largest)
+    def prior(self, scale: Scale) -> Prior:
+        return Prior.independent(0.0 * self.point, np.full(len(self.point),
+                                                           _WEIGHT * scale.largest))
 
     def columns(self, state: State) -> FloatArray:
         columns, start = np.zeros((*state.q.shape, len(self.point))), 0

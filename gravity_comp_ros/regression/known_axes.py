@@ -11,7 +11,7 @@ angle of the description by their evidence (the ratio of Savage and Dickey).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
@@ -21,11 +21,17 @@ from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
+from scipy.linalg import block_diag
 
 _POSES = 60
+# Singular value below which moments depend on others, as a share of the largest.
+_INDEPENDENT = 1e-6
+# Minimum size of a column, as a share of the largest.
+_SMALL = 0.01
 # Rotation in rad of a finite difference.
 _DIFFERENCE = 1e-6
 
@@ -35,13 +41,12 @@ class KnownPriors:
     """
     Priors of an arm with a description; standard deviations unless stated.
 
-    `parameter` of a parameter that acts at rest, as a multiple of the largest torque over the RMS
-    of its column at speeds and accelerations of 1. The mean of the others is that of the nominal
-    arm with the estimated moments (`models.kinematic.nominal_arm`): first moments determine
-    masses, and masses inertias. `inertia` is the share of a joint's dynamic torque by which one
-    parameter may change it, that of largest evidence on five arms; before the moments are known
-    the torque is `unknown` in s^2 times the torque scale. `rotor` in s^2 times the joint's torque
-    scale is the reflected inertia of a rotor.
+    `moment` of a first moment, as a multiple of the largest torque. The mean of the parameters is
+    that of the nominal arm with the estimated moments (`models.kinematic.nominal_arm`).
+    `inertia` is the share of a joint's dynamic torque by which one parameter of a link may change
+    it, of large evidence on 14 arms with and without described masses; before the moments are
+    known the torque is `unknown` in s^2 times the torque scale. `rotor` in s^2 times the joint's
+    torque scale is the reflected inertia of a rotor.
 
     `tilt` in rad of the base and `zero` in rad of a zero angle: a base is levelled and encoders
     are set to within half a degree. `vertical` in rad is that of the tilts of a vertical that was
@@ -49,8 +54,8 @@ class KnownPriors:
     description, and `fixed` the standard deviation of one that is as described.
     """
 
-    parameter: float = 3.0
-    inertia: float = 0.05
+    moment: float = 3.0
+    inertia: float = 0.08
     unknown: float = 0.3
     rotor: float = 0.02
     tilt: float = 0.01
@@ -94,16 +99,8 @@ class KnownAxes(Shared):
     @property
     def chain(self) -> Chain:
         """Return gravity as a chain on these axes."""
-        return Chain(self.geometry.rotations, (self._moments @ self.values).reshape(-1, 2))
-
-    @cached_property
-    def _moments(self) -> FloatArray:
-        """Return the chain's moments per base parameter, (2N, K)."""
-        n, q = self.geometry.n_joints, _random_poses(self.geometry.n_joints)
-        still = described_columns(self.geometry, q, 0.0 * q, 0.0 * q)
-        chain = ForwardKinematics(self.geometry.rotations, q).moment_columns()
-        return _lstsq(chain.transpose(2, 1, 0).reshape(-1, 2 * n),
-                      still.reshape(len(q) * n, -1))
+        moments = _moments_of(self.geometry) @ self.values
+        return Chain(self.geometry.rotations, moments.reshape(-1, 2))
 
     @property
     def point(self) -> FloatArray:
@@ -124,23 +121,30 @@ class KnownAxes(Shared):
         steps = self.chain.jacobian(q).transpose(2, 1, 0).reshape(-1, 4 * n)
         return _lstsq(steps, self.columns(still).reshape(len(steps), -1))
 
-    def prior_mean(self) -> FloatArray:
-        inertia = np.where(self.basis.is_static, 0.0, self.basis.grouped @ self.nominal)
-        return np.concatenate([np.zeros(self.n_angles), inertia])
+    def prior(self, scale: Scale) -> Prior:
+        """
+        Return the prior of the angles and base parameters.
 
-    def prior_std(self, scale: Scale) -> FloatArray:
-        basis, p = self.basis, self.priors
-        static = p.parameter * scale.largest / basis.size
-        std = np.sqrt(basis.grouped ** 2 @ self._inertia_std(scale) ** 2)
-        return np.concatenate([np.where(self.is_exact, p.fixed, self._angle_std),
-                               np.where(basis.is_static, static, std)])
+        Of the base parameters, sums of the parameters of links, the moments are wide. The others
+        follow them as in the normal distribution of the parameters about the nominal arm.
+        """
+        k, basis, moments = self.n_angles, self.basis, _moments_of(self.described)
+        factor = basis.grouped * self._inertia_std(scale)
+        own = moments @ factor
+        following = factor @ np.linalg.pinv(own, rcond=_INDEPENDENT)
+        factors = np.hstack([factor - following @ own,
+                             self.priors.moment * scale.largest * following])
+        angles = np.where(self.is_exact, self.priors.fixed, self._angle_std)
+        root = block_diag(np.diag(angles), np.asarray(np.linalg.qr(factors.T, 'r')).T)
+        return Prior(np.concatenate([np.zeros(k), basis.grouped @ self.nominal]), root)
 
     def _inertia_std(self, scale: Scale) -> FloatArray:
         """Return the standard deviations (10 N,) of the parameters about the nominal arm."""
         dynamic, rotor = self.basis.dynamic, self.priors.rotor * scale.torque
         nominal = _rms(dynamic @ self.nominal) if self.nominal.any() \
             else self.priors.unknown * scale.torque
-        size = np.maximum(_rms(dynamic), 1e-12)                                   # (N, 10 N)
+        size = _rms(dynamic)                                                      # (N, 10 N)
+        size = np.maximum(size, _SMALL * size.max(axis=1, keepdims=True))
         std = self.priors.inertia * (np.hypot(nominal, rotor)[:, None] / size).min(axis=0)
         std[PARAMETERS.index('Izz')::len(PARAMETERS)] += rotor
         return std
@@ -210,6 +214,19 @@ class KnownAxes(Shared):
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,
                        is_exact=is_exact)
+
+
+@lru_cache(maxsize=16)
+def _moments_of(geometry: Geometry) -> FloatArray:
+    """
+    Return the chain's moments per base parameter, (2N, K).
+
+    Those without gravity torque, of joint 1 on a level base, are 0.
+    """
+    n, q = geometry.n_joints, _random_poses(geometry.n_joints)
+    still = described_columns(geometry, q, 0.0 * q, 0.0 * q)
+    chain = ForwardKinematics(geometry.rotations, q).moment_columns()
+    return _lstsq(chain.transpose(2, 1, 0).reshape(-1, 2 * n), still.reshape(len(q) * n, -1))
 
 
 def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:

@@ -183,4 +183,4 @@ def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
     are 0 at the point.
     """
     return Design(problem.rows, problem.y, problem.states.mean(shared.columns),
-                  shared.prior_mean(), shared.prior_std(problem.scale), weights)
+                  shared.prior(problem.scale), weights)

@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.special import log_ndtr
 
@@ -85,17 +85,18 @@ class Posterior:
     @cached_property
     def log_evidence(self) -> float:
         """Return the log evidence of the terms at this precision, up to a constant."""
-        std = np.concatenate([self.design.prior_std, total_std(self.terms)])
+        prior, std = self.design.prior, np.ones(len(self.beta))
+        std[self.design.n_shared:] = total_std(self.terms)
         scaled = self.covariance / np.outer(std, std)
         return float(-0.5 * (self.precision @ self.squares) - 0.5 * (self.from_prior() ** 2).sum()
-                     + 0.5 * np.linalg.slogdet(scaled)[1]
+                     + 0.5 * (np.linalg.slogdet(scaled)[1] + prior.log_det)
                      + sum(t.log_odds + self._log_share_allowed(t) for t in self.terms))
 
     def from_prior(self) -> FloatArray:
         """Return the distance (K,) of the coefficients from their prior means, in its std."""
-        p, terms = self.design.n_shared, total_std(self.terms)
-        return np.concatenate([(self.beta[:p] - self.design.prior_mean) / self.design.prior_std,
-                               self.beta[p:] / terms])
+        p, prior = self.design.n_shared, self.design.prior
+        return np.concatenate([prior.whitened(self.beta[:p] - prior.mean),
+                               self.beta[p:] / total_std(self.terms)])
 
     def _log_share_allowed(self, term: Term) -> float:
         """Return the log evidence that a prior of positive coefficients adds (`gains`)."""
@@ -133,10 +134,11 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     :param precision: (N,) weight of a squared residual of each joint.
     """
     design.add(terms)
-    std = np.concatenate([design.prior_std, total_std(terms)])
-    a, b = np.diag(std ** -2.0), np.zeros(len(std))
-    b[:design.n_shared] = design.prior_mean * std[:design.n_shared] ** -2.0
-    draft, p = Posterior(design, terms, precision, b, a), design.n_shared
+    p, prior = design.n_shared, design.prior
+    a = block_diag(prior.precision, np.diag(total_std(terms) ** -2.0))
+    b = np.zeros(len(a))
+    b[:p] = prior.precision @ prior.mean
+    draft = Posterior(design, terms, precision, b, a)
     for j in range(design.n_joints):
         cols, places = draft.columns(j), draft.places(j)
         b[places] += precision[j] * design.cross[j][cols]

@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.scale import Scale
 import numpy as np
 
@@ -49,12 +50,8 @@ class Shared(ABC):
         return 0
 
     @abstractmethod
-    def prior_std(self, scale: Scale) -> FloatArray:
-        """Return the prior standard deviations (P,); angles are 0 at the point."""
-
-    def prior_mean(self) -> FloatArray:
-        """Return the prior means (P,), 0 by default."""
-        return np.zeros_like(self.point)
+    def prior(self, scale: Scale) -> Prior:
+        """Return the prior of the parameters; angles are 0 at the point."""
 
     @abstractmethod
     def columns(self, state: State) -> FloatArray:

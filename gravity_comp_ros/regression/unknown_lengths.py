@@ -26,6 +26,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque_by_tilts
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
+from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
@@ -116,20 +117,16 @@ class UnknownLengths(Shared):
         result[:2 * n, :2 * n] = block_diag(*_turns(self.chain))
         return result
 
-    def prior_mean(self) -> FloatArray:
-        size, (x, y) = self._moment()
+    def prior(self, scale: Scale) -> Prior:
+        n, p, (size, (x, y)) = self.chain.n_joints, self.priors, self._moment()
         across = np.stack([y * y, x * x, np.ones_like(x), -x * y, 0 * x, 0 * x], axis=1)
-        return np.concatenate([np.zeros(7 * self.chain.n_joints - 3), (
-            self.priors.radius * size[:, None] * across).ravel()])
-
-    def prior_std(self, scale: Scale) -> FloatArray:
-        n, p = self.chain.n_joints, self.priors
+        mean = np.concatenate([np.zeros(7 * n - 3), (p.radius * size[:, None] * across).ravel()])
         beyond = np.maximum.accumulate(scale.torque[::-1])[::-1] / STANDARD_GRAVITY
-        inertia = np.repeat(p.others * beyond + p.inertia * self._moment()[0], 6)
+        inertia = np.repeat(p.others * beyond + p.inertia * size, 6)
         inertia[2::6] += p.rotor * scale.torque
-        return np.concatenate([
+        return Prior.independent(mean, np.concatenate([
             np.where(self.is_right, p.right, p.tilt), np.full(2 * n, p.moment * scale.largest),
-            np.full(3 * (n - 1), p.length), inertia])
+            np.full(3 * (n - 1), p.length), inertia]))
 
     def _moment(self) -> tuple[FloatArray, FloatArray]:
         """Return size (N,) in kg·m and direction (2, N) of the first moments of the links."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
@@ -229,14 +229,11 @@ class Basis:
     """
     Base parameters of a geometry: `kept` (K,) among the 10 N parameters of the links.
 
-    `size` (K,) is the RMS of each column at random states with rates of 1, `is_static` (K,)
-    whether it acts at rest. `grouped` (K, 10 N) are the base parameters of a unit of each
-    parameter, and `dynamic` (B, N, 10 N) the columns of its torque of motion at these states.
+    `grouped` (K, 10 N) are the base parameters of a unit of each parameter, and `dynamic`
+    (B, N, 10 N) the columns of its torque of motion at random states with rates of 1.
     """
 
     kept: IntArray
-    size: FloatArray
-    is_static: BoolArray
     grouped: FloatArray
     dynamic: FloatArray
 
@@ -265,10 +262,8 @@ def basis_of(geometry: Geometry) -> Basis:
             kept.append(number)
             basis = np.column_stack([basis, outside / length])
     still = regressor(geometry, q, 0.0 * q, 0.0 * q, STANDARD_GRAVITY)
-    size = np.sqrt((columns[:, kept] ** 2).mean(axis=0))
-    static = (still[:, :, kept] ** 2).mean(axis=(0, 1)) > 1e-12
     grouped = np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0]
-    return Basis(np.array(kept, dtype=np.int64), size, static, np.asarray(grouped), each - still)
+    return Basis(np.array(kept, dtype=np.int64), np.asarray(grouped), each - still)
 
 
 def described_columns(geometry: Geometry, q: FloatArray, qd: FloatArray,

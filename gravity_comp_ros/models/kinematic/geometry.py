@@ -9,7 +9,7 @@ of two moments of every link.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
@@ -53,7 +53,9 @@ class Geometry:
     is the axis) to frame i-1, the first to the base frame, whose z points up. `origins` (N, 3) in
     m are the origins of frame i in frame i-1. `link` is the name of the last joint's link, and
     `link_rotation` (3, 3) transforms that link's own coordinates to frame N. `held` are the other
-    joints that the geometry depends on. `source` names the description in messages.
+    joints that the geometry depends on. `source` names the description in messages. `inertials`
+    (N, 10) are the described parameters of the links in frames i (`rigid_body.PARAMETERS`), 0
+    where the description has none.
 
     :raises DataError: if shapes disagree, a number is not finite, or a matrix is not a rotation.
     """
@@ -65,11 +67,14 @@ class Geometry:
     link_rotation: FloatArray
     held: tuple[HeldJoint, ...] = ()
     source: str = ''
+    inertials: FloatArray = field(default_factory=lambda: np.zeros((0, 10)))
 
     def __post_init__(self) -> None:
         n = len(self.joints)
+        if not len(self.inertials):
+            object.__setattr__(self, 'inertials', np.zeros((n, 10)))
         for name, shape in (('rotations', (n, 3, 3)), ('origins', (n, 3)),
-                            ('link_rotation', (3, 3))):
+                            ('link_rotation', (3, 3)), ('inertials', (n, 10))):
             array = np.asarray(getattr(self, name), dtype=np.float64)
             if array.shape != shape or not n:
                 raise DataError(f'geometry: {name} {array.shape} for {n} joints')
@@ -89,13 +94,15 @@ class Geometry:
         held = tuple(HeldJoint(str(h['name']), float(h['value']), str(h['by']))
                      for h in parts['held'])
         return cls(tuple(map(str, parts['joints'])), parts['rotations'], parts['origins'],
-                   str(parts['link']), parts['link_rotation'], held, str(parts['source']))
+                   str(parts['link']), parts['link_rotation'], held, str(parts['source']),
+                   parts['inertials'])
 
     def to_json(self) -> dict[str, Any]:
         """Return the geometry as plain lists, for a model file."""
         return {'joints': list(self.joints), 'rotations': self.rotations.tolist(),
                 'origins': self.origins.tolist(), 'link': self.link,
                 'link_rotation': self.link_rotation.tolist(), 'source': self.source,
+                'inertials': self.inertials.tolist(),
                 'held': [{'name': h.name, 'value': h.value, 'by': h.by} for h in self.held]}
 
     @property

@@ -1,9 +1,10 @@
 """
-A nominal arm with given axes and first moments: point masses along its links.
+A nominal arm with given axes and first moments: described links, and point masses along them.
 
 Gravity determines first moments only. Among all arms with the same moments, one with non-negative
 masses at the ends and in the middle of each link is physical, and its inertias have the right
-order of magnitude.
+order of magnitude. The links of a description have better ones: each has a factor that is not
+negative, and the point masses are added to them.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ import numpy as np
 _RADIUS = 0.5
 # Minimum length of a link, in m.
 _MIN_LENGTH = 0.05
-# Regularisation: weight of 1 kg against a moment error of the size of the largest moment. It
-# distributes undetermined masses evenly.
+# Regularisation: weight of 1 kg, more or less than described, against a moment error of the size
+# of the largest moment. It distributes undetermined masses evenly.
 _REGULARISATION = 0.03
 # A moment is without gravity torque if 1 kg anywhere changes it by less than this, in m.
 _NO_TORQUE = 1e-6
@@ -60,19 +61,31 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
 
     :param weights: of the moments, (2 N, 2 N); None for equal weights.
     """
-    parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
-                                 for link, places in enumerate(_points(geometry))])
+    described, masses = _described(geometry)
+    parameters = np.concatenate([described, *(
+        _of_points(places, link, geometry.n_joints)
+        for link, places in enumerate(_points(geometry)))])
+    expected = np.concatenate([masses, np.zeros(len(parameters) - len(masses))])
     per_mass = _moments_of(geometry, parameters)
     weights = np.eye(len(per_mass)) if weights is None else weights
     target = weights @ moments.ravel()
     size = max(float(np.abs(target).max()), 1e-9)
     a = np.concatenate([weights @ per_mass / size, _REGULARISATION * np.eye(len(parameters))])
-    b = np.concatenate([target / size, np.zeros(len(parameters))])
+    b = np.concatenate([target / size, _REGULARISATION * expected])
     masses = non_negative(a, b)
     missing = moments - (per_mass @ masses).reshape(-1, 2)
     # Moments about a vertical axis have no gravity torque and are not identifiable.
     missing[np.abs(per_mass).max(axis=1).reshape(-1, 2) < _NO_TORQUE] = 0.0
     return parameters, masses, missing
+
+
+def _described(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters (L, 10 N) per kg of the described links, and their masses (L,)."""
+    masses = geometry.inertials[:, 0]
+    links = np.flatnonzero(masses > 0.0)
+    parameters = np.zeros((len(links), *geometry.inertials.shape))
+    parameters[np.arange(len(links)), links] = geometry.inertials[links] / masses[links, None]
+    return parameters.reshape(len(links), geometry.inertials.size), masses[links]
 
 
 def _points(geometry: Geometry) -> list[FloatArray]:

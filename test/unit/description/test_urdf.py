@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from bench.shared.serial_arms import poses
+from gravity_comp_ros.description.links import (
+    described_arm, frame_parameters, urdf_inertials)
 from gravity_comp_ros.description.urdf import parse_urdf, read_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -137,3 +139,25 @@ def test_geometry_is_checked():
         Geometry(('a',), eye[None], np.full((1, 3), np.nan), 'l', eye)
     with pytest.raises(DataError, match='not given by a rotation'):
         Geometry(('a',), 2.0 * eye[None], np.zeros((1, 3)), 'l', eye)
+
+
+def test_the_geometry_has_the_inertials_of_links_that_are_possible():
+    # Inertias of 1 kg·m^2 of 1 kg at the hand: a radius of gyration of 1 m, beyond its reach.
+    slim = TILTED.replace('ixx="1" iyy="1" izz="1"', 'ixx="0.01" iyy="0.01" izz="0.01"')
+    joints = ('a', 'b', 'c')
+    arm = described_arm(slim, joints)
+    np.testing.assert_allclose(arm.geometry.inertials, frame_parameters(
+        arm, urdf_inertials(slim, arm, 'arm.urdf')))
+    np.testing.assert_allclose(arm.geometry.inertials[:, 0], [2.0, 1.5, 1.0])
+    again = Geometry.from_json(arm.geometry.to_json())
+    np.testing.assert_array_equal(again.inertials, arm.geometry.inertials)
+
+    for old, new in (('mass value="1.5"', 'mass value="0"'), ('ixx="0.01"', 'ixx="1"'),
+                     ('xyz="0.2 -0.1 0.1"', 'xyz="200 -100 100"'),
+                     ('ixx="0.01" iyy="0.01"', 'ixx="0.01" iyy="-0.01"')):
+        text = slim.replace(old, new)
+        masses = described_arm(text, joints).geometry.inertials[:, 0]
+        assert masses[1] == 0.0
+        # Each fault is that of the links whose numbers changed, and the others are kept.
+        assert (masses > 0.0).sum() == 3 - sum(
+            (a != b) for a, b in zip(slim.split('</inertial>'), text.split('</inertial>')))

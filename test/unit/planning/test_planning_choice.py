@@ -70,8 +70,8 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
     motion = problem.motion.with_gravity(shared.gravity(q), shared.gradient, shared.chain)
     factory = TermFactory(lambda: motion, problem.rows, old.scale)
     columns = problem.rows.mean(shared.columns(State(q, qd, motion.qdd)))
-    design = Design(problem.rows, problem.y, columns, shared.prior_mean(),
-                    shared.prior_std(old.scale), np.ones_like(problem.y))
+    design = Design(problem.rows, problem.y, columns @ sums.root, shared.prior(old.scale),
+                    np.ones_like(problem.y))
     terms = [factory.term(term.effect, term.joint, term.setting) for term in sums.terms]
     design.add(terms)
     expected = np.zeros_like(sums.recorded)

@@ -16,6 +16,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 SIGNED = ('torque_offset', 'joint_spring', 'torque_drift')
@@ -73,7 +74,7 @@ def test_the_evidence_is_the_normal_density_of_the_data():
     names = [('torque_offset', 0), ('joint_spring', 1), ('torque_drift', 0), ('tool_force', None)]
 
     def density(selected):
-        y, blocks, prior = [], [], [design.prior_std, *(t.prior_std for t in selected)]
+        y, blocks, prior = [], [], [design.prior.root, *(np.diag(t.prior_std) for t in selected)]
         for j in range(2):
             columns = [design.x[j][:4]]
             for term in selected:
@@ -82,9 +83,9 @@ def test_the_evidence_is_the_normal_density_of_the_data():
                                np.zeros((term.n_columns, design.n_rows)))
             blocks.append(np.concatenate(columns).T)
             y.append(design.y[j])
-        x, s = np.concatenate(blocks), np.concatenate(prior) ** 2
+        x = np.concatenate(blocks) @ block_diag(*prior)
         noise = np.repeat(1.0 / PRECISION, design.n_rows)
-        return multivariate_normal(cov=np.diag(noise) + (x * s) @ x.T).logpdf(
+        return multivariate_normal(cov=np.diag(noise) + x @ x.T).logpdf(
             np.concatenate(y)) + sum(t.log_odds for t in selected)
 
     constant = solve(design, (), PRECISION).log_evidence - density([])
@@ -168,7 +169,7 @@ def test_leaving_rows_out_is_solving_without_them(seed, draw, share):
     again = Design(design.rows, (design.y / design.root).T,
                    np.stack([design.x[j][:4].T / design.root[j][:, None] for j in range(2)],
                             axis=1),
-                   design.prior_mean, design.prior_std, (design.root ** 2).T * ~out[:, None])
+                   design.prior, (design.root ** 2).T * ~out[:, None])
     expected = solve(again, selected, PRECISION)
     np.testing.assert_allclose(reduced.beta, expected.beta, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(reduced.covariance, expected.covariance, rtol=1e-5, atol=1e-12)

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
-from bench.real_robots.arms import arm_of, descriptions, urdf
+from bench.real_robots.arms import arm_of, descriptions, SOURCES, urdf, with_other_masses
 from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
@@ -171,8 +172,8 @@ def test_the_step_of_the_chain_reproduces_changes_of_gravity(arm, make):
     shared, rng = make(arm()), np.random.default_rng(5)
     n, q = shared.chain.n_joints, state_of(shared.chain.n_joints, 3).q
     shared = shared.moved(shared.point + np.r_[0.2, 0.1, np.zeros(len(shared.point) - 2)])
-    size = shared.prior_std(Scale(np.ones(n), 1.0, -np.ones(n), np.ones(n)))
-    change = 1e-5 * size * rng.normal(size=len(size))
+    root = shared.prior(Scale(np.ones(n), 1.0, -np.ones(n), np.ones(n))).root
+    change = 1e-5 * root @ rng.normal(size=len(root))
     moved = shared.moved(shared.point + change).gravity(q) - shared.gravity(q)
     step = np.tensordot(shared.step_map() @ change, shared.chain.jacobian(q), axes=1).T
     np.testing.assert_allclose(step, moved, atol=2e-4 * np.abs(moved).max())
@@ -204,27 +205,27 @@ def test_the_energy_of_a_pendulum_by_hand():
 def test_priors_have_the_scale_of_the_torque():
     n, chain = np.ones(2), augmented(serial_arm(2)).chain
     shared = UnknownLengths.of(Chain(chain.axes, 0.0 * chain.moments))
-    one, ten = (shared.prior_std(Scale(c * n, c, -n, n)) for c in (1.0, 10.0))
+    one, ten = (np.diag(shared.prior(Scale(c * n, c, -n, n)).root) for c in (1.0, 10.0))
     tilts, moments, lengths, inertias = np.split(ten / one, [4, 8, 11])
     assert (tilts == 1).all() and (lengths == 1).all()
     np.testing.assert_allclose(moments, 10.0)
     np.testing.assert_allclose(inertias, 10.0)
     assert one[0] == LengthPriors().tilt
     arm = KnownAxes.of(geometry_of(serial_arm(2)))
-    ratio = arm.prior_std(Scale(10 * n, 10.0, -n, n)) / arm.prior_std(Scale(n, 1.0, -n, n))
-    np.testing.assert_allclose(ratio[:4], 1.0)
-    np.testing.assert_allclose(ratio[4:], 10.0)
-    assert basis_of(arm.geometry).is_static.any()
+    one, ten = (arm.prior(Scale(c * n, c, -n, n)).root for c in (1.0, 10.0))
+    np.testing.assert_allclose(np.diag(ten)[:4], np.diag(one)[:4])
+    np.testing.assert_allclose((ten @ ten.T)[4:, 4:], 100.0 * (one @ one.T)[4:, 4:], atol=1e-9)
 
 
 def test_a_chain_is_expected_to_have_the_inertias_of_long_links():
     # 3 kg·m along x: 3 * 0.25 kg·m^2 about y and z, and nothing about x.
     axes, p = np.repeat(np.eye(3)[None], 2, axis=0), LengthPriors()
     shared = UnknownLengths.of(Chain(axes, np.array([[3.0, 0.0], [0.0, 4.0]]) * STANDARD_GRAVITY))
-    inertias = shared.prior_mean()[-12:].reshape(2, 6)
+    mean = shared.prior(Scale(np.ones(2), 1.0, -np.ones(2), np.ones(2))).mean
+    inertias = mean[-12:].reshape(2, 6)
     np.testing.assert_allclose(inertias[0], 3.0 * p.radius * np.array([0, 1, 1, 0, 0, 0]))
     np.testing.assert_allclose(inertias[1], 4.0 * p.radius * np.array([1, 0, 1, 0, 0, 0]))
-    assert not shared.prior_mean()[:-12].any()
+    assert not mean[:-12].any()
 
 
 @pytest.mark.skipif(descriptions() is None, reason='example-robot-data is not installed')
@@ -234,11 +235,9 @@ def test_the_prior_of_described_axes_has_the_inertias_of_the_real_arm(name):
     geometry = geometry_of(arm)
     q = np.random.default_rng(3).uniform(-1.0, 1.0, (200, geometry.n_joints))
     known, still = KnownAxes.of(geometry), State(q, 0.0 * q, 0.0 * q)
-    static = np.where(known.basis.is_static)[0]
-    columns = known.columns(still)[:, :, known.n_angles:][:, :, static]
-    values = np.zeros(len(known.values))
-    values[static] = np.linalg.lstsq(columns.reshape(-1, len(static)),
-                                     gravity_torque(arm, q).ravel(), rcond=None)[0]
+    columns = known.columns(still)[:, :, known.n_angles:]
+    values = np.linalg.lstsq(columns.reshape(-1, len(known.values)),
+                             gravity_torque(arm, q).ravel(), rcond=1e-9)[0]
     known = replace(known, values=values).renewed()
     nominal = replace(known, values=known.basis.grouped @ known.nominal)
     for joint in range(3):
@@ -257,3 +256,34 @@ def test_scales_are_those_of_the_samples_without_spikes():
     scale = Scale.of(JointSamples.single_run(('a', 'b'), t, q, q, tau), EngineOptions())
     np.testing.assert_allclose(scale.torque, [20.0, 2.0])
     assert scale.largest == 20.0 and scale.low[0] == -1.0 and scale.high[0] == 2.0
+
+
+@pytest.mark.skipif(descriptions() is None, reason='example-robot-data is not installed')
+@pytest.mark.parametrize('name', list(SOURCES))
+def test_described_masses_determine_the_inertia_that_gravity_does_not_show(name):
+    # The inertia about the vertical joint 1, with masses in the description that are 25 % off.
+    arm, other = (described_arm(text, SOURCES[name].joints).geometry
+                  for text in (urdf(name), with_other_masses(urdf(name), 3)))
+    true = arm.inertials.ravel()
+    base = basis_of(arm).grouped @ true
+    n = arm.n_joints
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, (50, n))
+    still = np.zeros_like(q)
+    about = np.tile(np.eye(n)[0], (50, 1))
+    torque = np.abs(described_columns(arm, q, still, still) @ base).max(axis=0)
+    largest = float(torque.max())
+    scale = Scale(np.maximum(torque, 0.1 * largest), largest, q.min(axis=0), q.max(axis=0))
+    known = KnownAxes.of(other)
+    known = known.moved(np.concatenate([np.zeros(known.n_angles), base])).renewed()
+    prior, columns = known.prior(scale), (described_columns(arm, q, still, about)
+                                          - described_columns(arm, q, still, still))[:, 0]
+    inertia = columns @ base
+    np.testing.assert_allclose(columns @ prior.mean[known.n_angles:], inertia, rtol=0.25)
+    # With moments as known as gravity determines them, to 0.1 % of the torque.
+    rest = described_columns(arm, q, still, still).reshape(-1, len(base))
+    root = prior.root[known.n_angles:, known.n_angles:]
+    visible = rest @ root / (1e-3 * largest)
+    covariance = np.linalg.inv(np.eye(len(base)) + visible.T @ visible)
+    std = np.sqrt(np.einsum('ni,ij,nj->n', columns @ root, covariance, columns @ root))
+    assert (std < np.maximum(0.2 * inertia, 0.03 * largest)).all()
+    assert (np.abs(columns @ prior.mean[known.n_angles:] - inertia) < 3.0 * std).all()
