@@ -39,8 +39,8 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
     removed = 'would be removed from' if args.dry_run else 'removed from'
     terminal.answer(args, {'model': str(args.model), 'removed': list(step.effects),
                            'effects': remaining, 'written': not args.dry_run},
-                    lambda: terminal.say(f'{", ".join(step.effects)} {removed} {args.model}; '
-                                         f'remaining effects: {", ".join(remaining) or "none"}'))
+                    lambda: terminal.show(f'{", ".join(step.effects)} {removed} {args.model}; '
+                                          f'remaining effects: {", ".join(remaining) or "none"}'))
     return 0
 
 
@@ -79,13 +79,13 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
           holdout: dict[str, dict[str, float]]) -> None:
-    terminal.say(*reading.bag_lines(reports))
+    terminal.show(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
     if holdout:
         terminal.show('', refitting.held_out_table(holdout))
     for name, others in result.ties.items():
-        terminal.say(
+        terminal.show(
             f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
             f'Motion that distinguishes them: '
             f'{_tie(name, others)["settled_by"]}')
@@ -93,7 +93,7 @@ def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ..
         terminal.show('', 'nothing written (--dry-run)')
         return
     undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
-    terminal.show('', terminal.safe(f'written to {args.model}; to undo:'))
+    terminal.show('', f'written to {args.model}; to undo:')
     terminal.show_command(undo)
     if not result.helps:
         next_step.show('undo the addition: it does not reduce the error (see the warning)', undo)

@@ -56,12 +56,10 @@ def run(args: argparse.Namespace) -> int:
         'bags': [each.to_json() for each in reports]}
 
     def show() -> None:
-        terminal.say(*reading.bag_lines(reports))
-        terminal.show('', _table(result, read))
-        terminal.say(*_centre(result, weight))
-        terminal.say(*(f'{joint} is not calibrated: {why}'
-                       for joint, why in result.left_out.items()))
-        terminal.show('', 'option for all verbs, and for the parameter effort_scale of the node:')
+        terminal.show(*reading.bag_lines(reports), '', _table(result, read),
+                      *_centre(result, weight), *(f'{joint} is not calibrated: {why}'
+                                                  for joint, why in result.left_out.items()),
+                      '', 'option for all verbs, and for the parameter effort_scale of the node:')
         terminal.show_command(option)
 
     terminal.answer(args, document, show)
@@ -90,15 +88,15 @@ def _stiffness(args: argparse.Namespace) -> int:
         'bags': [bag.to_json()]}
 
     def show() -> None:
-        terminal.say(*reading.lines(recording))
-        terminal.show('', terminal.table(
+        table = terminal.table(
             '', ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
             [(joint, f'{k.value:.4g}', f'{k.ci95[0]:.4g} … {k.ci95[1]:.4g}',
               f'{result.sag[joint]:.4f}', f'{result.rmse[joint]:.4f}')
-             for joint, k in result.stiffness.items()]))
-        terminal.say(*(f'{joint} gets no offset: {why}'
-                       for joint, why in result.left_out.items()))
-        terminal.show('', 'parameter of the node:')
+             for joint, k in result.stiffness.items()])
+        terminal.show(*reading.lines(recording), '', table,
+                      *(f'{joint} gets no offset: {why}'
+                        for joint, why in result.left_out.items()),
+                      '', 'parameter of the node:')
         terminal.show_command(parameter)
 
     terminal.answer(args, document, show)

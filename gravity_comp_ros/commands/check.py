@@ -55,16 +55,16 @@ def _checked(slow: JointSamples, arm: DescribedArm, text: bytes | str,
 
 def _show(recording: Recording, source: str, result: DescriptionCheck, faults: list[Finding],
           unchecked: list[str]) -> None:
-    terminal.say(*reading.lines(recording), '')
+    terminal.show(*reading.lines(recording), '')
     if not faults:
-        terminal.say(f'{source}: no fault found')
+        terminal.show(f'{source}: no fault found')
     for number, one in enumerate(faults, start=1):
-        terminal.say(f'{number}. {one.sentence}')
+        terminal.show(f'{number}. {one.sentence}')
         terminal.show_command(one.correction)
         for other in one.alternatives:
-            terminal.say(f'   or, as probable: {other}')
+            terminal.show(f'   or, as probable: {other}')
     terminal.show('', _table(result))
-    terminal.say(*unchecked)
+    terminal.show(*unchecked)
 
 
 def _table(result: DescriptionCheck) -> Table:

@@ -62,13 +62,11 @@ def run(args: argparse.Namespace) -> int:
                  **recording.to_json()}
 
     def show() -> None:
-        terminal.say(*reading.lines(recording))
-        terminal.show('', _table(model, joints, samples),
-                      *_failures(joints, comparison.share_outside))
-        terminal.say(*_band(comparison.band))
-        if since is not None:
-            terminal.show('', _drift_table(args.previous.name, selected, since))
-            terminal.say(*_drift_lines(since, selected))
+        changes: list[Table | Text | str] = [] if since is None else [
+            '', _drift_table(args.previous.name, selected, since), *_drift_lines(since, selected)]
+        terminal.show(*reading.lines(recording), '', _table(model, joints, samples),
+                      *_failures(joints, comparison.share_outside), *_band(comparison.band),
+                      *changes)
         if few:
             next_step.show('evaluate fast samples as well', f'{args.command} --all-samples')
         next_step.show('identify missing effects', _diagnose_command(args))
@@ -155,14 +153,13 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
-    """Return lines of markup on the worst joint and on each joint's regions of large error."""
+    """Return lines on the worst joint and on each joint's regions of large error."""
     worst = _worst(joints)
-    lines = [terminal.safe(f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m')]
+    lines = [f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m']
     if outside > 0.0:
         lines.append(f'{100 * outside:.1f} % of the samples are outside the trained poses')
     for name, errors in joints.items():
-        lines += [f'  {terminal.safe(f"{name} {region.words}")}'
-                  for region in errors.where[:_MAX_REGIONS]]
+        lines += [f'  {name} {region.words}' for region in errors.where[:_MAX_REGIONS]]
     return lines
 
 

@@ -22,8 +22,8 @@ def run(args: argparse.Namespace) -> int:
     topic = converted.topic
 
     def show() -> None:
-        terminal.say(f'wrote {args.output}: {counted(len(topic.t), "sample")} over '
-                     f'{topic.t[-1]:.4g} s, joints {shown_names(topic.joints)}')
+        terminal.show(f'wrote {args.output}: {counted(len(topic.t), "sample")} over '
+                      f'{topic.t[-1]:.4g} s, joints {shown_names(topic.joints)}')
         next_step.show('check the recording',
                        shlex.join(['gravity_comp', 'info', str(args.output)]))
 

@@ -43,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(recording: Recording, parts: list[Part]) -> None:
-    terminal.say(*reading.bag_lines([recording.report]))
+    terminal.show(*reading.bag_lines([recording.report]))
     for part in parts:
-        terminal.say(
+        terminal.show(
             f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from {part.begin:.6g} to '
             f'{part.end:.6g} s, joints {shown_names(part.topic.joints)}')
     next_step.show(f'check the {"recording" if len(parts) == 1 else "recordings"}',

@@ -82,8 +82,8 @@ def run(args: argparse.Namespace) -> int:
     def show() -> None:
         # Faults of the recording precede its findings.
         terminal.warn(*(fact.sentence for fact in facts))
-        terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
-        terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
+        terminal.show(terminal.styled('bold', wording.verdict(diagnosis)), '')
+        terminal.show(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
         if recording.use is not None:
             terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
                           'the fit are excluded, for `compare --holdout`')
@@ -180,18 +180,16 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts
           rest: Mapping[str, float], model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
         applied = ', '.join(effect.target for effect in model.applied.effects)
-        terminal.say(f'the model already includes {applied}')
+        terminal.show(f'the model already includes {applied}')
     terminal.show('', _data_table(diagnosis, motion, rest))
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
     show_next_steps(args, diagnosis)
-    for line in motion.remarks:
-        terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
+    terminal.show(*(terminal.styled('yellow', '  •', f' {line}') for line in motion.remarks))
     untestable = wording.untestable(diagnosis)
     if untestable:
-        terminal.show('', '[bold]not identifiable from this recording[/bold]')
-        for line in untestable:
-            terminal.show(f'  {terminal.safe(line)}')
+        terminal.show('', terminal.styled('bold', 'not identifiable from this recording'),
+                      *(f'  {line}' for line in untestable))
     terminal.show('')
 
 
@@ -201,7 +199,7 @@ def _show_outcomes(planned: list[Outcome]) -> None:
              _width(each.found_half_width, each.unit)] for each in planned]
     terminal.show('', terminal.table('expectations of the plan', _PLANNED, rows,
                                      left=('verdict now',)),
-                  terminal.safe(summary(planned)), '')
+                  summary(planned), '')
 
 
 def _width(value: float | None, unit: str) -> str:
@@ -252,10 +250,8 @@ def _fit_command(args: argparse.Namespace, model: Path | str) -> str:
 
 
 def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
-    terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")}')
-    for finding in findings:
-        for line in _open_lines(finding):
-            terminal.show(line)
+    terminal.show('', terminal.styled('bold', 'open', f': {counted(len(findings), "finding")}'),
+                  *(f'  {line}' for finding in findings for line in _open_lines(finding)))
     motions = [f for f in findings if f.next_step and f.effect is not None]
     if motions:
         model = args.model or next_step.new_name()
@@ -267,7 +263,7 @@ def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
 
 
 def _open_lines(finding: Finding) -> list[str]:
-    """Return lines of markup on an open finding, its alternatives and its motion."""
+    """Return lines on an open finding, its alternatives and its motion."""
     name = finding.effect or 'unknown'
     lines = [f'{name} on {wording.where(finding)}: {finding.verdict}, '
              f'{_WHY_OPEN[finding.verdict]}']
@@ -275,4 +271,4 @@ def _open_lines(finding: Finding) -> list[str]:
         lines.append(f'  alternative: {", ".join(finding.rivals)}, with similar evidence')
     if finding.next_step:
         lines.append(f'  to resolve it: {finding.next_step}')
-    return ['  ' + '  ' * line.startswith('  ') + terminal.safe(line) for line in lines]
+    return lines

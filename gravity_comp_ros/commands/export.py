@@ -94,11 +94,11 @@ def _c(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
     parameters = code.parameters
     if args.json != '-':
         effects = f', with {", ".join(code.effects)}' if code.effects else ''
-        terminal.say(*(f'wrote {path}' for path in sorted(files)),
-                     f'{model.formulation} of {model.n_joints} joints{effects}; '
-                     f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}')
-        terminal.say(*(f'{target} persists at rest; here it acts in motion only, as '
-                       f'tanh(qd / {COMPENSATION_SPEED} rad/s)' for target in code.in_motion))
+        terminal.show(*(f'wrote {path}' for path in sorted(files)),
+                      f'{model.formulation} of {model.n_joints} joints{effects}; '
+                      f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}')
+        terminal.show(*(f'{target} persists at rest; here it acts in motion only, as '
+                        f'tanh(qd / {COMPENSATION_SPEED} rad/s)' for target in code.in_motion))
     return {'files': sorted(map(str, files)), 'effects': code.effects, 'left_out': code.left_out,
             'in_motion': code.in_motion, 'not_added': c_source(_only_found(model)).effects,
             'parameters': {'layout': parameters.layout, 'labels': parameters.labels}}
@@ -117,7 +117,7 @@ def _description(args: argparse.Namespace, model: GravityModel) -> dict[str, Any
     write_atomically(args.output, changed.data, GravityCompError)
     if args.json != '-':
         terminal.show(_link_table(changed), '', _difference_table(changed))
-        terminal.say('', *changed.notes, f'wrote {args.output}')
+        terminal.show('', *changed.notes, f'wrote {args.output}')
     return {'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': written_friction(_only_found(model)),
             'links': {name: {'mass_before': x.mass_before, 'mass': x.mass,
@@ -143,10 +143,10 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
         payload = in_frame(payload, arm, args.flange)
     lines = drive_lines(payload)
     if args.json != '-':
-        terminal.say(payload.sentence(), 'the inertia is not identified and is 0 in these lines; '
-                     'none was tested on its robot')
+        terminal.show(payload.sentence(), 'the inertia is not identified and is 0 in these lines; '
+                      'none was tested on its robot')
         for line in lines:
-            terminal.say('', f'{line.maker} ({line.source})')
+            terminal.show('', f'{line.maker} ({line.source})')
             terminal.show_command(line.line)
     return {'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
             'warnings': model.provenance['updates'][-1]['warnings'],

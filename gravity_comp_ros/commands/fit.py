@@ -65,26 +65,24 @@ def run(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
           seconds: float) -> None:
     fitted, arm, result = learned.recording, learned.arm, learned.result
-    terminal.say(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
-                 f'joint order: {arm.order.source}')
+    terminal.show(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
+                  f'joint order: {arm.order.source}')
     if fitted.holdout:
-        terminal.say(_holdout_sentence(fitted, fitted.holdout, result.report.n_samples))
-    terminal.show('', _joint_table(result, held_out), terminal.safe(_solver_sentence(result)))
-    effects = fitted_sentence(result.model)
-    if effects:
-        terminal.show(terminal.safe(f'{effects} (`gravity_comp diagnose` identifies them)'))
-    terminal.show('RMSE is the error of the prediction; the remaining error is that with all '
-                  'fitted terms')
-    choice = result.report.choice
-    terminal.say(f'{choice.formulation} was chosen: {choice.why}')
-    terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
-                  'second joint)')
-    for joint in result.model.joints:
-        equation = shortened(result.model.equation(joint), _SHOWN)
-        terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
+        terminal.show(_holdout_sentence(fitted, fitted.holdout, result.report.n_samples))
+    effects, choice = fitted_sentence(result.model), result.report.choice
+    terminal.show(
+        '', _joint_table(result, held_out), _solver_sentence(result),
+        *([f'{effects} (`gravity_comp diagnose` identifies them)'] if effects else []),
+        'RMSE is the error of the prediction; the remaining error is that with all fitted terms',
+        f'{choice.formulation} was chosen: {choice.why}', '',
+        terminal.styled('bold', 'torque in N·m', ' (s2, c2: sine and cosine of the angle of the '
+                        'second joint)'),
+        *(terminal.styled('bold', f'  {joint}',
+                          f' = {shortened(result.model.equation(joint), _SHOWN)}')
+          for joint in result.model.joints))
     terminal.warn(*result.report.warnings)
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
-    terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {saved}'))
+    terminal.show('', f'fitted in {seconds:.2f} s; {saved}')
     _show_next_step(args)
     if learned.refit:
         terminal.show('', refitting.fitted_sentence(learned.refit),

@@ -13,7 +13,7 @@ from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SL
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.commands.terminal import (
-    answer, progress, safe, show, show_command, table)
+    answer, progress, show, show_command, styled, table)
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -77,7 +77,7 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
     """Show the command of the fit, with inverted effort where friction has the wrong sign."""
     other = [fact for fact in refusals if fact.kind is not Kind.EFFORT_SIGN]
     if other:
-        show('[bold]next step[/bold]: correct what is refused above; `fit` refuses it too')
+        next_step.show('correct what is refused above; `fit` refuses it too')
         return
     inverted = {name for fact in refusals for name in fact.joints}
     why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
@@ -107,19 +107,18 @@ def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:
 
 
 def _show(report: ReadReport, facts: RecordingFacts) -> None:
-    show(f'[bold]{safe(report.path)}[/bold]  topic {safe(report.topic)}',
+    show(styled('bold', str(report.path), f'  topic {report.topic}'),
          f'{counted(report.n_samples, "sample")} at {report.rate_hz:.4g} Hz over '
          f'{report.duration_s:.4g} s, velocity {report.velocity}')
     if report.dropped:
         dropped = ', '.join(f'{count} {reason}' for reason, count in report.dropped.items())
         show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
-             f'{safe(dropped)}')
+             f'{dropped}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
     columns = ('joint', 'range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals',
                'effort N·m')
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
-    for line in report.file_notes:
-        show(f'  [yellow]•[/yellow] {safe(line)}')
+    show(*(styled('yellow', '  •', f' {line}') for line in report.file_notes))
     _show_facts((*report.facts, *facts.motion))
     show('')
 
@@ -127,8 +126,7 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
 def _show_facts(facts: Iterable[Fact]) -> None:
     for fact in facts:
         word = 'refused: ' * (fact.action is Action.REFUSED)
-        colour = _COLOURS[fact.action]
-        show(f'  [{colour}]•[/{colour}] {word}{safe(fact.sentence)}')
+        show(styled(_COLOURS[fact.action], '  •', f' {word}{fact.sentence}'))
 
 
 def _row(name: str, joint: JointFacts) -> tuple[str, ...]:

@@ -79,17 +79,16 @@ def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArra
 
 def _show(args: argparse.Namespace, planned: MotionPlan, links: str) -> None:
     length = f'{planned.trajectory.duration:.1f} s'
-    terminal.show(f'[bold]{counted(len(planned.parts), "part")}, {length}[/bold]')
-    for part in planned.parts:
-        terminal.show(f'  {terminal.safe(part.sentence)}')
+    terminal.show(terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
+                  *(f'  {part.sentence}' for part in planned.parts))
     rows = [each.row() for each in planned.expectations]
     terminal.show('', terminal.table('expected results', EXPECTED, rows, EXPECTED[3:]))
-    terminal.show(*(f'  {terminal.safe(each.sentence)}' for each in planned.gravity))
+    terminal.show(*(f'  {each.sentence}' for each in planned.gravity))
     start = ', '.join(f'{value:.3f}' for value in planned.trajectory.q[0])
-    terminal.show('', terminal.safe(f'move the arm to {start} rad first'),
-                  terminal.safe(links),
+    terminal.show('', f'move the arm to {start} rad first',
+                  links,
                   'obstacles are not checked: keep the space around the arm clear',
-                  terminal.safe(f'written to {args.output}'))
+                  f'written to {args.output}')
     # Suggest a name for the recording of the motion.
     bags = [*args.bags, Path(args.output).with_suffix('.mcap')]
     if bags[-1] == args.output:

@@ -20,6 +20,7 @@ from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
+from rich.text import Text
 
 NOTHING_HELD_OUT = 'the model was fitted to all of these bags: none of their data was held out'
 
@@ -117,17 +118,16 @@ def error_table(result: Refit) -> Table:
                           ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
 
 
-def effect_lines(result: Refit) -> list[str]:
-    """Return lines of markup on added and omitted effects."""
-    lines = []
+def effect_lines(result: Refit) -> list[Text | str]:
+    """Return lines on added and omitted effects."""
+    lines: list[Text | str] = []
     for effect in result.model.applied.effects:
         if effect.target in result.added:
             numbers = filter(None, (wording.coefficients(effect.coefficients, 6),
                                     wording.settings(effect)))
-            lines.append(f'added [bold]{terminal.safe(effect.target)}[/bold]: '
-                         f'{terminal.safe(", ".join(numbers))}')
-    return lines + [terminal.safe(f'omitted {name}: {why}')
-                    for name, why in result.skipped.items()]
+            lines.append(terminal.styled('bold', f'added {effect.target}',
+                                         f': {", ".join(numbers)}'))
+    return lines + [f'omitted {name}: {why}' for name, why in result.skipped.items()]
 
 
 def warnings(result: Refit) -> list[str]:

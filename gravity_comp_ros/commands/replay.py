@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
-from gravity_comp_ros.commands.terminal import answer, note, safe, show, table
+from gravity_comp_ros.commands.terminal import answer, note, show, table
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
             note(line)
         show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
                    [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]),
-             f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
+             f'wrote {args.output}: {counted(count, "message")} on /joint_states, '
              f'{PREDICTION} and {RESIDUAL}',
              'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both')
 

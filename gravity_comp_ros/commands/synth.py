@@ -39,9 +39,9 @@ def run(args: argparse.Namespace) -> int:
     def show() -> None:
         size = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
         payload = f' with {args.payload:g} kg' if args.payload else ''
-        terminal.say(f'wrote {args.output}: {arm.name}{payload}, motion {motion.name}, {size}, '
-                     f'{samples.t[-1] - samples.t[0]:.4g} s',
-                     *(f'hidden: {effect}' for effect in hidden_effects))
+        terminal.show(f'wrote {args.output}: {arm.name}{payload}, motion {motion.name}, {size}, '
+                      f'{samples.t[-1] - samples.t[0]:.4g} s',
+                      *(f'hidden: {effect}' for effect in hidden_effects))
         next_step.show('check the recording',
                        shlex.join(['gravity_comp', 'info', str(args.output)]))
 

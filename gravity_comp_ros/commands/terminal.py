@@ -1,8 +1,8 @@
 """
 Terminal output of the commands: tables and notes on standard output, progress on standard error.
 
-Text that may come from a file is passed through `safe`, which escapes rich markup and terminal
-control sequences.
+Lines are plain text: markup of rich is not interpreted, and terminal control sequences, which a
+file may contain, are escaped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from gravity_comp_ros.printable import printable
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
 from rich.table import Table
@@ -40,11 +39,15 @@ _MIN_TEXT_WIDTH = 16
 _PROGRESS_DELAY = 2.0
 
 
-def safe(text: object) -> str:
-    """Return `text` as rich markup that shows it literally, on one line."""
-    literal = escape(printable(text))
-    # A trailing backslash would escape the markup that follows.
-    return literal + ' ' if literal.endswith('\\') else literal
+def styled(style: str, start: str, rest: str = '') -> Text:
+    """Return a line of plain text with a start in a style of rich."""
+    return Text.assemble((_literal(start), style), _literal(rest))
+
+
+def _literal(text: object) -> str:
+    """Return printable text, with the spaces at its beginning."""
+    line = str(text)
+    return ' ' * (len(line) - len(line.lstrip(' '))) + printable(line)
 
 
 def console(stderr: bool = False) -> Console:
@@ -62,7 +65,7 @@ def _has_width(out: Console) -> bool:
 
 def show(*things: Table | Text | str) -> None:
     """
-    Print tables, text or lines of markup on standard output; escape file text with `safe`.
+    Print tables and lines of text on standard output.
 
     On a screen, lines are broken between words. Elsewhere a line of text, or a row of a table, is
     one line, as programs that parse the output expect.
@@ -73,7 +76,7 @@ def show(*things: Table | Text | str) -> None:
         if isinstance(thing, Table):
             _show_table(thing, on_screen)
         else:
-            line = Text.from_markup(thing) if isinstance(thing, str) else thing
+            line = thing if isinstance(thing, Text) else Text(_literal(thing))
             out.print(line, soft_wrap=not on_screen)
 
 
@@ -89,11 +92,6 @@ def _show_table(table: Table, on_screen: bool) -> None:
     out.print(table)
 
 
-def say(*lines: str) -> None:
-    """Print plain lines without markup on standard output."""
-    show(*map(safe, lines))
-
-
 def show_command(command: str) -> None:
     """Print a command to copy, on one unbroken line without markup."""
     console().print(Text(f'  {printable(command)}'), soft_wrap=True)
@@ -107,7 +105,7 @@ def note(text: str) -> None:
 def warn(*lines: str) -> None:
     """Print warnings without markup on standard error."""
     for line in lines:
-        console(stderr=True).print(f'[yellow]warning:[/yellow] {safe(line)}', soft_wrap=True)
+        console(stderr=True).print(styled('yellow', 'warning:', f' {line}'), soft_wrap=True)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
@@ -144,11 +142,12 @@ def progress() -> Iterator[ProgressCallback]:
     """
     err = console(stderr=True)
     if err.is_terminal:
-        with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
-                      TimeElapsedColumn(), console=err, transient=True) as bar:
+        with Progress(TextColumn('{task.description}', markup=False), BarColumn(),
+                      TaskProgressColumn(), TimeElapsedColumn(), console=err,
+                      transient=True) as bar:
             task = bar.add_task('', total=1.0)
             yield lambda stage, fraction: bar.update(
-                task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
+                task, description=printable(stage), completed=min(max(fraction, 0.0), 1.0))
         return
     begin, printed = time.monotonic(), ''
 

@@ -43,7 +43,7 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     undone = 'would be undone' if args.dry_run else 'undone'
     terminal.answer(
         args, {'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
-        lambda: terminal.say(f'last update of {target} {undone}'))
+        lambda: terminal.show(f'last update of {target} {undone}'))
     return 0
 
 
@@ -91,15 +91,14 @@ def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -
 
 def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
           result: UpdateResult, target: Path, flange: Payload | None) -> None:
-    terminal.say(*reading.lines(recording), *axes.notes)
-    lines = map(terminal.safe, _payload_lines(result.report.payload))
-    terminal.show('', _joint_table(result), *lines)
+    terminal.show(*reading.lines(recording), *axes.notes)
+    terminal.show('', _joint_table(result), *_payload_lines(result.report.payload))
     if flange is not None:
-        terminal.say(f'for a drive: {flange.sentence()}')
+        terminal.show(f'for a drive: {flange.sentence()}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return
-    terminal.show('', terminal.safe(f'written to {target}'))
+    terminal.show('', f'written to {target}')
     if target == args.model:
         terminal.show('to undo:')
         terminal.show_command(shlex.join(
