@@ -28,12 +28,14 @@ def decompressed(data: bytes, kind: str, limit: int) -> bytes:
     """
     Return decompressed data.
 
-    :param kind: 'zstd' or 'lz4'.
     :param limit: maximum size in bytes.
-    :raises CompressionError: if the data are damaged, truncated or larger.
+    :raises CompressionError: if `kind` is not 'zstd' or 'lz4', or the data are damaged, truncated
+        or larger.
     """
     if kind == 'lz4':
         return _lz4(data, limit)
+    if kind != 'zstd':
+        raise CompressionError(f'compression {kind!r} is unknown')
     import zstandard
     try:
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:

@@ -1,24 +1,39 @@
-"""Message storage in MCAP files."""
+"""
+Message storage in MCAP files.
+
+The messages of a chunk are located in its bytes and stay there, as one batch. A file without an
+index of its chunks is read record by record.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
+from io import BytesIO
 from pathlib import Path
 import struct
 import zlib
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.compression import decompressed
-from gravity_comp_ros.recordings.mcap_chunks import ChunkError, message_offsets, topic_batches
-from gravity_comp_ros.recordings.messages import Batch, batched, Storage, StoredTopic, summed
+from gravity_comp_ros.recordings.messages import (
+    Batch, batched, Bytes, Places, Storage, StoredTopic, summed)
+from mcap.data_stream import ReadDataStream
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Footer, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk, StreamReader
 from mcap.summary import Summary
+import numpy as np
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER = 1 + 8 + 8 + 8 + 4  # opcode, length, summary start, summary offsets, checksum
-_MAX_RECORD = 1 << 30
+_RECORD = struct.Struct('<BQ')              # opcode and length, before the content
+_MESSAGE_HEAD = 2 + 4 + 8 + 8               # channel, sequence, log time, publish time
+_MESSAGE, _CHUNK = 0x05, 0x06               # opcodes
+_MAX_BYTES = 1 << 30
+
+
+class ChunkError(ValueError):
+    """A chunk is damaged or not supported; the message gives the reason."""
 
 
 class McapStorage(Storage):
@@ -35,9 +50,10 @@ class McapStorage(Storage):
         try:
             self._check_end()
             self._reader = SeekingReader(self._stream, validate_crcs=True,
-                                         record_size_limit=_MAX_RECORD)
+                                         record_size_limit=_MAX_BYTES)
             self._summary = self._reader.get_summary()
-            self.topics = _topics(self._summary) if self._summary else self._scan()
+            self.topics = _topics(self._summary) if self._summary else summed(
+                (key, 1) for key, _ in _messages(path))
         except BagError:
             self._stream.close()
             raise
@@ -46,26 +62,32 @@ class McapStorage(Storage):
             raise self._damaged(error) from None
 
     def batches(self, topic: str) -> Iterator[Batch]:
-        """Yield the messages of a topic in batches; whole chunks if the file has chunks."""
-        if self._summary is None or not self._summary.chunk_indexes:
-            yield from batched(self._scanned(topic))
-            return
-        channels = self._summary.channels
-        selected = {number for number, channel in channels.items() if channel.topic == topic}
+        """Yield the messages of a topic in batches; whole chunks if the file has an index."""
         try:
-            yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
+            if self._summary is None or not self._summary.chunk_indexes:
+                yield from batched((message.log_time, message.data) for key, message
+                                   in _messages(self._file) if key[0] == topic)
+                return
+            known = self._summary.channels
+            selected = {number for number, channel in known.items() if channel.topic == topic}
+            for index in sorted(self._summary.chunk_indexes,
+                                key=lambda each: each.chunk_start_offset):
+                if not index.message_index_offsets or selected & set(index.message_index_offsets):
+                    batch = _located(_plain(self._chunk(index.chunk_start_offset)), set(known),
                                      selected)
-        except (ChunkError, OSError, struct.error) as error:
+                    if len(batch):
+                        yield batch
+        except Exception as error:  # the library raises various types for damaged files
             raise self._damaged(error) from None
 
-    def _scanned(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield the messages of a topic of a file without an index of chunks."""
-        try:
-            _check_chunks(self._file)
-            for _, _, message in self._reader.iter_messages(topic, log_time_order=False):
-                yield message.log_time, message.data
-        except Exception as error:
-            raise self._damaged(error) from None
+    def _chunk(self, offset: int) -> Chunk:
+        self._stream.seek(offset)
+        opcode, length = _RECORD.unpack(self._stream.read(_RECORD.size))
+        if opcode != _CHUNK:
+            raise ChunkError('there is no chunk at an offset given by the summary')
+        if length > _MAX_BYTES:
+            raise ChunkError('the length of a chunk is wrong')
+        return Chunk.read(ReadDataStream(BytesIO(self._stream.read(length))))
 
     def close(self) -> None:
         self._stream.close()
@@ -89,15 +111,6 @@ class McapStorage(Storage):
                                f'`mcap recover` saves the readable part')
         self._stream.seek(0)
 
-    def _scan(self) -> tuple[StoredTopic, ...]:
-        """Return the topics of a file without summary, from all its messages."""
-        _check_chunks(self._file)
-        self._stream.seek(0)
-        topics = summed((_key(channel, schema), 1) for schema, channel, _ in
-                        SeekingReader(self._stream).iter_messages())
-        self._stream.seek(0)
-        return topics
-
     def _truncated(self, size: int) -> BagError:
         readable = _readable_messages(self._file)
         advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
@@ -111,47 +124,99 @@ class McapStorage(Storage):
                         f'part')
 
 
-def _check_chunks(path: Path) -> None:
-    """
-    Check the size of every chunk, which the library does not.
-
-    :raises CompressionError: if a chunk expands to more than its size.
-    """
-    with path.open('rb') as stream:
-        for record in StreamReader(stream, emit_chunks=True,
-                                   record_size_limit=_MAX_RECORD).records:
-            if isinstance(record, Chunk):
-                _plain(record)
-
-
 def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
     counts = summary.statistics.channel_message_counts if summary.statistics else {}
-    return summed((_key(channel, summary.schemas.get(channel.schema_id)),
-                   counts.get(channel.id, 0)) for channel in summary.channels.values())
+    return summed((_key(channel, summary.schemas), counts.get(channel.id, 0))
+                  for channel in summary.channels.values())
 
 
-def _key(channel: Channel, schema: Schema | None) -> tuple[str, str, str]:
+def _key(channel: Channel, schemas: Mapping[int, Schema]) -> tuple[str, str, str]:
+    """Return topic, type and encoding of a channel."""
+    schema = schemas.get(channel.schema_id)
     return channel.topic, schema.name if schema else '', channel.message_encoding
+
+
+def _messages(path: Path) -> Iterator[tuple[tuple[str, str, str], Message]]:
+    """Yield topic, type and encoding of each message of a file, and the message, in file order."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with path.open('rb') as stream:
+        for whole in StreamReader(stream, emit_chunks=True, validate_crcs=True,
+                                  record_size_limit=_MAX_BYTES).records:
+            parts = [whole]
+            if isinstance(whole, Chunk):
+                whole.data, whole.compression = _plain(whole), ''
+                parts = breakup_chunk(whole)
+            for record in parts:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    _check_channels({record.channel_id}, channels)
+                    yield _key(channels[record.channel_id], schemas), record
 
 
 def _readable_messages(path: Path) -> int:
     """Return the number of messages before the damage."""
     count = 0
     try:
-        with path.open('rb') as stream:
-            for record in StreamReader(stream, emit_chunks=True,
-                                       record_size_limit=_MAX_RECORD).records:
-                count += isinstance(record, Message)
-                if isinstance(record, Chunk):
-                    count += len(message_offsets(_plain(record)))
-                if isinstance(record, Footer):
-                    break
+        for _ in _messages(path):
+            count += 1
     except Exception:  # the library raises various types for damaged files
         return count
     return count
 
 
 def _plain(chunk: Chunk) -> bytes:
-    """Return the records of a chunk, decompressed up to its size."""
-    size = min(chunk.uncompressed_size, _MAX_RECORD)
-    return decompressed(chunk.data, chunk.compression, size) if chunk.compression else chunk.data
+    """
+    Return the records of a chunk, decompressed up to its size.
+
+    :raises ChunkError: if they are not those that the chunk declares.
+    :raises CompressionError: if they cannot be decompressed.
+    """
+    size = min(chunk.uncompressed_size, _MAX_BYTES)
+    data = decompressed(chunk.data, chunk.compression, size) if chunk.compression else chunk.data
+    if len(data) < chunk.uncompressed_size:
+        raise ChunkError('a chunk is shorter than its size')
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ChunkError('the checksum of a chunk is wrong')
+    return data
+
+
+def _located(data: bytes, known: Collection[int], channels: Collection[int]) -> Batch:
+    """
+    Return the messages of a chunk on some channels.
+
+    :param known: all channels of the file; a message on another one indicates damage.
+    """
+    places, at, last = [], 0, len(data) - _RECORD.size
+    unpack, head = _RECORD.unpack_from, _RECORD.size  # faster as local names
+    while at <= last:
+        opcode, length = unpack(data, at)
+        if opcode == _MESSAGE:
+            places.append(at)
+        at += head + length
+    if at != len(data):
+        raise ChunkError('a record ends after its chunk')
+    buffer, place = np.frombuffer(data, dtype=np.uint8), np.array(places, dtype=np.int64)
+    size = _field(buffer, place + 1, 8).astype(np.int64) - _MESSAGE_HEAD
+    if (size < 0).any():
+        raise ChunkError('a message is too short')
+    begin = place + head
+    channel = _field(buffer, begin, 2)
+    _check_channels(set(np.unique(channel).tolist()), known)
+    keep = np.isin(channel, list(channels))
+    return Batch(buffer, (begin + _MESSAGE_HEAD)[keep], size[keep],
+                 _field(buffer, begin + 6, 8)[keep])
+
+
+def _check_channels(used: set[int], known: Collection[int]) -> None:
+    unknown = used - set(known)
+    if unknown:
+        raise ChunkError(f'a message is on channel {min(unknown)}, which is not described')
+
+
+def _field(data: Bytes, place: Places, width: int) -> np.ndarray:
+    """Return the little-endian unsigned integers of `width` bytes at these places."""
+    return data[place[:, None] + np.arange(width)].view(f'<u{width}')[:, 0]

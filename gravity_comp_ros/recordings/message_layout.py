@@ -2,26 +2,24 @@
 Vectorised decoding of JointState messages with the same byte layout.
 
 A publisher usually sends the same joints in the same order, so that the numbers have the same
-offsets in all its messages. The first message of a layout is decoded by the general decoder and
-becomes a template. Messages with the length and the names of the template are decoded together,
-by columns of bytes. Other messages are decoded one by one.
+offsets in all its messages. The first message of a layout gives these offsets. Messages with its
+length and its names are decoded together, by columns of bytes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+import struct
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.recordings.joint_state_cdr import JointStateDecoder, JointStateMessage, Spans
+from gravity_comp_ros.recordings.joint_state_cdr import HEADER
 from gravity_comp_ros.recordings.messages import Batch, Bytes, Places
 import numpy as np
 from numpy.typing import NDArray
 
-# Offset of the stamp (seconds, nanoseconds) after the header of CDR or the number of ROS 1, bytes.
-_STAMP = 4
-# Maximum number of templates that messages are compared with.
-_MAX_TEMPLATES = 16
+# Maximum number of layouts that messages are compared with.
+_MAX_LAYOUTS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +38,61 @@ class Block:
     effort: FloatArray
 
 
-class _Template:
-    """Layout of a message: bytes that must be equal, and offsets of the numbers."""
+class _Layout:
+    """
+    Layout of a message: its names, bytes that must be equal, and offsets of its numbers.
 
-    def __init__(self, raw: bytes, message: JointStateMessage, spans: Spans,
-                 ros1: bool) -> None:
-        self.length, self.names = len(raw), message.names
-        self._order = '<' if ros1 or raw[1] == 1 else '>'
-        # ROS 1 counts its messages where CDR has its header.
-        fixed = [(0, 0 if ros1 else _STAMP), (_STAMP + 8, _STAMP + 12), spans.names]
-        fixed += [(count, count + 4) for count, _, _ in spans.arrays]
-        whole = np.frombuffer(raw, dtype=np.uint8)
+    :param ros1: a message of ROS 1, which has no padding, and a sequence number in place of the
+        encapsulation header of CDR.
+    :raises ValueError: if the bytes are not a JointState in plain CDR, or of ROS 1.
+    """
+
+    def __init__(self, data: bytes, ros1: bool) -> None:
+        if len(data) < HEADER or not ros1 and (data[0] != 0 or data[1] not in (0, 1)):
+            raise ValueError('not plain CDR')
+        self.length, self._data, self._ros1 = len(data), data, ros1
+        self._order = '<' if ros1 or data[1] == 1 else '>'
+        _, frame = self._text(HEADER + 8)
+        count, end = self._count(frame)
+        begin = end - 4
+        if count > len(data):
+            raise ValueError('more names than bytes')
+        names = []
+        for _ in range(count):
+            name, end = self._text(end)
+            names.append(name.rstrip(b'\0').decode('utf-8'))
+        self.names = tuple(names)
+        # Parts that agree in all messages of a layout: the header, the length of the frame's name,
+        # the names, and the number of values of each array.
+        fixed = [(0, 0 if ros1 else HEADER), (HEADER + 8, HEADER + 12), (begin, end)]
+        self._values = []
+        for _ in range(3):
+            count, begin = self._count(end)
+            fixed.append((begin - 4, begin))
+            begin = self._aligned(begin, 8) if count else begin  # no padding before no values
+            end = self._checked(begin + 8 * count)
+            self._values.append((begin, count))
+        whole = np.frombuffer(data, dtype=np.uint8)
         self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
-        self._values = [(begin, size) for _, begin, size in spans.arrays]
+
+    def _text(self, at: int) -> tuple[bytes, int]:
+        """Return a string and its end."""
+        length, begin = self._count(at)
+        return self._data[begin:begin + length], self._checked(begin + length)
+
+    def _count(self, at: int) -> tuple[int, int]:
+        """Return a count and its end."""
+        at = self._aligned(at, 4)
+        end = self._checked(at + 4)
+        return struct.unpack_from(self._order + 'I', self._data, at)[0], end
+
+    def _checked(self, end: int) -> int:
+        if end > self.length:
+            raise ValueError('the message ends early')
+        return end
+
+    def _aligned(self, offset: int, size: int) -> int:
+        return offset if self._ros1 else offset + -(offset - HEADER) % size
 
     def matching(self, rows: Bytes) -> BoolArray:
         """Return the mask (M,) of the rows (M, length) with this layout."""
@@ -62,8 +102,8 @@ class _Template:
         return equal
 
     def block(self, which: Places, rows: Bytes) -> Block:
-        seconds = self._numbers(rows, _STAMP, 'i4', 1)[:, 0].astype(np.int64)
-        nanoseconds = self._numbers(rows, _STAMP + 4, 'u4', 1)[:, 0]
+        seconds = self._numbers(rows, HEADER, 'i4', 1)[:, 0].astype(np.int64)
+        nanoseconds = self._numbers(rows, HEADER + 4, 'u4', 1)[:, 0]
         values = [self._numbers(rows, begin, 'f8', size).astype(np.float64, copy=False)
                   for begin, size in self._values]
         return Block(which, self.names, seconds * 10**9 + nanoseconds, *values)
@@ -75,49 +115,47 @@ class _Template:
 
 
 class LayoutDecoder:
-    """Decoder for the batches of one topic, of ROS 2 or 1; all batches share templates."""
+    """Decoder for the batches of one topic, of ROS 2 or 1; all batches share layouts."""
 
     def __init__(self, ros1: bool = False) -> None:
-        self._templates: list[_Template] = []
+        self._layouts: list[_Layout] = []
         self._ros1 = ros1
-        self._single = JointStateDecoder(ros1)
 
     def decode(self, batch: Batch) -> Iterator[Block]:
         """Yield the messages of a batch; undecodable ones are in no block."""
         remaining = np.arange(len(batch))
-        for template in self._templates:
-            remaining = yield from self._matched(template, batch, remaining)
+        for layout in self._layouts:
+            remaining = yield from self._matched(layout, batch, remaining)
             if not remaining.size:
                 return
         while remaining.size:
-            raw = batch.message(int(remaining[0]))
-            first, remaining = remaining[:1], remaining[1:]
+            first, others = remaining[:1], remaining[1:]
             try:
-                message, spans = self._single.decode(raw)
+                layout = _Layout(batch.message(int(first[0])), self._ros1)
             except ValueError:
+                remaining = others
                 continue
-            yield Block(first, message.names, np.array([message.stamp_ns]),
-                        *(np.asarray(values, dtype=np.float64)[None, :] for values in (
-                            message.position, message.velocity, message.effort)))
-            if len(self._templates) < _MAX_TEMPLATES and remaining.size:
-                template = _Template(raw, message, spans, self._ros1)
-                self._templates.append(template)
-                remaining = yield from self._matched(template, batch, remaining)
+            if len(self._layouts) < _MAX_LAYOUTS:
+                self._layouts.append(layout)
+                remaining = yield from self._matched(layout, batch, remaining)
+            else:
+                yield from self._matched(layout, batch, first)
+                remaining = others
 
     @staticmethod
-    def _matched(template: _Template, batch: Batch,
+    def _matched(layout: _Layout, batch: Batch,
                  candidates: Places) -> Generator[Block, None, Places]:
-        """Yield the candidates that match a template; return the others."""
-        same = batch.length[candidates] == template.length
+        """Yield the candidates that match a layout; return the others."""
+        same = batch.length[candidates] == layout.length
         which = candidates if same.all() else candidates[same]
         if not which.size:
             return candidates
-        rows = batch.rows(which, template.length)
-        matching = template.matching(rows)
+        rows = batch.rows(which, layout.length)
+        matching = layout.matching(rows)
         if matching.all():
-            yield template.block(which, rows)
+            yield layout.block(which, rows)
             return candidates[~same]
         if matching.any():
-            yield template.block(which[matching], rows[matching])
+            yield layout.block(which[matching], rows[matching])
         same[same] = matching
         return candidates[~same]

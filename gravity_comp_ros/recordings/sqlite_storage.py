@@ -56,58 +56,45 @@ class SqliteStorage(Storage):
         return batched(self._rows(topic))
 
     def _rows(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Yield log time in ns and bytes of every message of a topic, in order of arrival."""
-        latest = 0
-        try:
-            for stamp, data, number in self._numbered(topic, 0, _END - 1):
-                yield stamp, data
-                latest = number
-            return
-        except sqlite3.Error as reason:
-            error = reason
-        rows = self._readable(topic)
-        if not rows:
-            raise self._unreadable(error) from None
-        self._notes.append(f'{self._path.name} is damaged ({error}): the {len(rows)} readable '
-                           f'messages of {topic} are used')
-        for stamp, data, number in sorted(rows, key=lambda row: row[2]):
-            if number > latest:
-                yield stamp, data
-
-    def _readable(self, topic: str) -> list[tuple[int, bytes, int]]:
-        """Return stamp, data and number of all readable messages of a topic, in any order."""
-        rows: list[tuple[int, bytes, int]] = []
-        start, step, gap = 0, 1, None
+        """Yield log time in ns and bytes of every readable message of a topic, by number."""
+        start, step, gap, count, damage = 0, 1, None, 0, None
         while start < _END:
             try:
-                for row in self._numbered(topic, start, _END - 1):
+                for stamp, data, number in self._numbered(topic, start, _END):
                     if gap is not None:
-                        rows += self._before(topic, gap, row[2])
-                    rows.append(row)
-                    start, step, gap = row[2] + 1, 1, None
+                        before = self._before(topic, gap, number)
+                        count += len(before)
+                        yield from before
+                    count += 1
+                    yield stamp, data
+                    start, step, gap = number + 1, 1, None
                 break
-            except sqlite3.Error:
+            except sqlite3.Error as error:
                 # Messages of the same page are not readable either.
                 gap = start if gap is None else gap
-                start, step = start + step, 2 * step
-        return rows
+                start, step, damage = start + step, 2 * step, error
+        if damage is not None and not count:
+            raise self._unreadable(damage) from None
+        if damage is not None:
+            self._notes.append(f'{self._path.name} is damaged ({damage}): the {count} readable '
+                               f'messages of {topic} are used')
 
-    def _before(self, topic: str, first: int, end: int) -> list[tuple[int, bytes, int]]:
-        """Return the messages from number `end` downwards, until one is not readable."""
+    def _before(self, topic: str, first: int, end: int) -> list[tuple[int, bytes]]:
+        """Return the messages from `first` to before `end` that no unreadable one follows."""
         rows = []
         try:
-            for row in self._numbered(topic, first, end - 1, 'DESC'):
-                rows.append(row)
+            for stamp, data, _ in self._numbered(topic, first, end, 'DESC'):
+                rows.append((stamp, data))
         except sqlite3.Error:
             pass
-        return rows
+        return rows[::-1]
 
-    def _numbered(self, topic: str, first: int, last: int, order: str = 'ASC'
+    def _numbered(self, topic: str, first: int, end: int, order: str = 'ASC'
                   ) -> Iterator[tuple[int, bytes, int]]:
         """Yield stamp, data and number of messages of a topic by number."""
         yield from map(_checked, self._base.execute(
             f'{_SELECT} AND messages.id BETWEEN ? AND ? ORDER BY messages.id {order}',
-            (topic, first, last)))
+            (topic, first, end - 1)))
 
     def close(self) -> None:
         self._base.close()

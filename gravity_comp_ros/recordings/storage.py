@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import hashlib
+from itertools import chain
 from pathlib import Path, PurePosixPath
 import re
 import shlex
@@ -28,42 +29,22 @@ _PART = re.compile(r'(_\d+)?\.(mcap|db3)(\.zstd)?$')
 _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
-class _Joined(Storage):
-    """The files of a split recording, in order."""
+class _Recording(Storage):
+    """
+    The files of a recording, in order, whose messages may be compressed one by one.
 
-    def __init__(self, parts: list[Storage]) -> None:
-        self._parts = parts
+    Compressed messages begin with the magic number of zstd, which no plain message does, so that
+    the metadata of the recording is not needed. A damaged message among others is empty.
+    """
+
+    def __init__(self, parts: list[Storage], path: Path) -> None:
+        self._parts, self._path = parts, path
         self.topics = summed(((topic.name, topic.type, topic.encoding), topic.count)
                              for part in parts for topic in part.topics)
-
-    def batches(self, topic: str) -> Iterator[Batch]:
-        for part in self._parts:
-            yield from part.batches(topic)
-
-    @property
-    def notes(self) -> list[str]:
-        return [note for part in self._parts for note in part.notes]
-
-    def close(self) -> None:
-        for part in self._parts:
-            part.close()
-
-
-class _Decompressing(Storage):
-    """
-    Storage of a recording whose messages may be compressed one by one, as rosbag2 can do.
-
-    Such messages begin with the magic number of zstd, which no plain message does, so that the
-    metadata of the recording is not needed. A damaged message among others is empty.
-    """
-
-    def __init__(self, inner: Storage, path: Path) -> None:
-        self._inner, self._path = inner, path
-        self.topics = inner.topics
         self._read, self._damaged = 0, 0
 
     def batches(self, topic: str) -> Iterator[Batch]:
-        for batch in self._inner.batches(topic):
+        for batch in chain.from_iterable(part.batches(topic) for part in self._parts):
             if len(batch) and (self._read or batch.message(0).startswith(ZSTD_MAGIC)):
                 yield from batched((int(stamp), self._plain(topic, batch.message(m)))
                                    for m, stamp in enumerate(batch.log_ns))
@@ -73,7 +54,8 @@ class _Decompressing(Storage):
     @property
     def notes(self) -> list[str]:
         note = f'{counted(self._damaged, "message")} cannot be decompressed'
-        return [*self._inner.notes, *[note] * bool(self._damaged)]
+        return [*chain.from_iterable(part.notes for part in self._parts),
+                *[note] * bool(self._damaged)]
 
     def _plain(self, topic: str, data: bytes) -> bytes:
         if not data.startswith(ZSTD_MAGIC):
@@ -89,9 +71,6 @@ class _Decompressing(Storage):
             raise BagError(f'{self._path}: a message on {topic} cannot be decompressed: '
                            f'{error}') from None
 
-    def close(self) -> None:
-        self._inner.close()
-
 
 @contextmanager
 def open_storage(path: Path) -> Iterator[Storage]:
@@ -100,12 +79,14 @@ def open_storage(path: Path) -> Iterator[Storage]:
 
     :raises BagError: if it does not exist or is not a ROS 2 recording.
     """
-    with tempfile.TemporaryDirectory(prefix='gravity_comp_') as scratch:
-        storage = _open(path, Path(scratch))
-        try:
-            yield storage
-        finally:
-            storage.close()
+    with ExitStack() as stack:
+        scratch = Path(stack.enter_context(
+            tempfile.TemporaryDirectory(prefix='gravity_comp_')))
+        parts = []
+        for number, file in enumerate(data_files(path)):
+            parts.append(_open_file(file, scratch / str(number)))
+            stack.callback(parts[-1].close)
+        yield _Recording(parts, path)
 
 
 def data_files(path: Path) -> list[Path]:
@@ -150,17 +131,6 @@ def fingerprint(path: Path) -> str:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
-
-
-def _open(path: Path, scratch: Path) -> Storage:
-    parts: list[Storage] = []
-    try:
-        for number, file in enumerate(data_files(path)):
-            parts.append(_open_file(file, scratch / str(number)))
-    except BaseException:
-        _Joined(parts).close()
-        raise
-    return _Decompressing(parts[0] if len(parts) == 1 else _Joined(parts), path)
 
 
 def _open_file(file: Path, scratch: Path, source: Path | None = None) -> Storage:

@@ -4,6 +4,8 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE, JOINT_STATE_DEFINITION
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
 from hypothesis import given, HealthCheck, settings, strategies as st
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
 import pytest
@@ -25,16 +27,25 @@ def write(path, events, **options):
     return path
 
 
-def both(path):
-    """Return the messages of the first topic from batches and from mcap, and the batches."""
+def read(path):
+    """Return log time and bytes of the messages of the first topic."""
     storage = McapStorage(path)
     try:
-        batches = list(storage.batches(TOPICS[0]))
-        single = list(storage.messages(TOPICS[0]))
+        return list(storage.messages(TOPICS[0]))
     finally:
         storage.close()
-    return [(int(batch.log_ns[m]), batch.message(m))
-            for batch in batches for m in range(len(batch))], single, batches
+
+
+def by_mcap(path):
+    """Return the same from the reader of the mcap package, in the order of the file."""
+    with path.open('rb') as stream:
+        channels, messages = {}, []
+        for record in StreamReader(stream, validate_crcs=True).records:
+            if isinstance(record, Channel):
+                channels[record.id] = record.topic
+            elif isinstance(record, Message) and channels[record.channel_id] == TOPICS[0]:
+                messages.append((record.log_time, record.data))
+    return messages
 
 
 @st.composite
@@ -62,44 +73,17 @@ def recordings(draw):
 @given(recordings())
 def test_messages_and_order_agree_with_mcap(tmp_path, recording):
     events, options = recording
-    result, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
-    assert result == expected
+    path = write(tmp_path / 'x.mcap', events, **options)
+    result = read(path)
+    assert result == by_mcap(path)
     assert len(result) == sum(channel != 1 for _, channel in events)
 
 
 def test_a_chunk_is_one_batch(tmp_path):
-    events = [(k, k % 2) for k in range(1000)]
-    result, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
-    assert result == expected and 2 <= len(batches) <= 10
-
-
-def index_records(raw):
-    """Yield the content offset and length of each message index of a file."""
-    at = raw.index(b'MCAP0') + 7
-    while at < len(raw) - 8:
-        opcode, length = raw[at], int.from_bytes(raw[at + 1:at + 9], 'little')
-        if opcode == 7:
-            yield at + 9, length
-        at += 9 + length
-
-
-@pytest.mark.parametrize('corrupt', ['offset', 'count', 'repeated', 'opcode'])
-def test_an_invalid_index_is_not_used(tmp_path, corrupt):
-    path = write(tmp_path / 'x.mcap', [(k, 0) for k in range(100)], chunk_size=2000)
-    expected = both(path)[1]
-    raw = bytearray(path.read_bytes())
-    for begin, length in list(index_records(raw)):
-        entries = raw[begin + 6:begin + length]
-        if corrupt == 'offset':
-            raw[begin + 14] ^= 1
-        elif corrupt == 'count':                  # one message fewer
-            raw[begin + 2:begin + 6] = (len(entries) - 16).to_bytes(4, 'little')
-        elif corrupt == 'repeated':
-            raw[begin + 6:begin + 22] = entries[16:32]
-        else:
-            raw[begin - 9] = 8
-    path.write_bytes(raw)
-    assert both(path)[0] == expected
+    storage = McapStorage(write(tmp_path / 'x.mcap', [(k, k % 2) for k in range(1000)],
+                                chunk_size=20000))
+    assert 2 <= len(list(storage.batches(TOPICS[0]))) <= 10
+    storage.close()
 
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD,
@@ -108,17 +92,14 @@ def test_an_invalid_index_is_not_used(tmp_path, corrupt):
 def test_flipped_bytes_never_change_messages(tmp_path, compression, seed):
     path = write(tmp_path / 'x.mcap', [(k, k % 3) for k in range(100)], chunk_size=2000,
                  compression=compression)
-    whole, good = path.read_bytes(), both(path)[0]
+    whole, good = path.read_bytes(), read(path)
     rng, refused = np.random.default_rng(seed), 0
     for place in rng.integers(8, len(whole) - 8, 40):
         raw = bytearray(whole)
         raw[place] ^= int(rng.integers(1, 256))
         path.write_bytes(raw)
         try:
-            storage = McapStorage(path)
-            result = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
-                      for m in range(len(b))]
-            storage.close()
+            result = read(path)
         except BagError as error:
             assert '\n' not in str(error)
             refused += 1
