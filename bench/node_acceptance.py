@@ -19,7 +19,7 @@ from pathlib import Path
 import time
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -140,7 +140,8 @@ def main() -> None:
     parser.add_argument('--real', action='store_true')
     parser.add_argument('--broken', action='store_true')
     args = parser.parse_args()
-    geometry = read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints) if args.axes else None
+    urdf = (ROOT / 'bags' / 'iiwa7.urdf').read_bytes()
+    geometry = parse_urdf(urdf, ARM.joints) if args.axes else None
     for kind in args.motions:
         bare = recorded(kind, 0, 100.0, 0.0, None, 'bare', np.random.default_rng(5))
         for formulation in args.base:

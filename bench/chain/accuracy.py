@@ -22,7 +22,7 @@ import time
 from bench.cases import generated
 from bench.estimator.builds import fit_on_axes, NOISE, true_axes
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
@@ -178,7 +178,7 @@ def rough(seeds: int, formulation: str) -> None:
 
 def tool(seeds: int, formulation: str) -> None:
     """Estimate a payload of 2 kg from 50 and 25 samples, after a fit without a URDF."""
-    geometry = read_urdf(URDF, arms.iiwa7().joints)
+    geometry = parse_urdf(URDF.read_bytes(), arms.iiwa7().joints)
     rows: dict[str, list[Row]] = {}
     errors: dict[str, list[np.ndarray]] = {}
     for seed in range(seeds):

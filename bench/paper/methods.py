@@ -9,7 +9,7 @@ import time
 
 from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -54,7 +54,7 @@ def updated(urdf: bool) -> Method:
     def method(scene: Scene) -> Fitted:
         samples = scene.first_loaded
         assert scene.unloaded is not None and samples is not None
-        geometry = read_urdf(URDF, samples.names) if urdf else None
+        geometry = parse_urdf(URDF.read_bytes(), samples.names) if urdf else None
         old = _unloaded_chain(scene, geometry)
         start = time.process_time()
         gravity = JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,

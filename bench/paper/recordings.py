@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bench.paper.scenes import FloatArray
-from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.data.holdout import split, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import requests
@@ -33,7 +33,7 @@ BAGS = (('ur10_excitation/ur10_exciting_trajectory.db3', 'UR10 (motor currents)'
         ('lbr_med7/measurements.csv', 'KUKA LBR Med 7 (torque sensors)'))
 # Sampling rate after thinning, in Hz.
 _RATE = 25.0
-_HELD_OUT = HoldoutOptions(fraction=0.25, guard=0.5)
+_HELD_OUT, _GUARD = 0.25, 0.5  # share of the samples; s
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def evaluate(path: Path, name: str,
              formulations: tuple[str, ...] = FORMULATIONS) -> list[RecordingResult]:
     """Return the results of every formulation on a recording."""
     samples = read(path)
-    parts = split(samples, _HELD_OUT)
+    parts = split(samples, _HELD_OUT, _GUARD)
     use = ~within(samples, parts.guarded)
     held = within(samples, parts.blocks)
     rows = []

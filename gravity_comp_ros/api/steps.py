@@ -15,7 +15,7 @@ from gravity_comp_ros.api.axes import AxesOptions, known_axes, KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
-from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.data.holdout import GUARD, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder, TORQUES
@@ -34,7 +34,6 @@ from gravity_comp_ros.models.history import with_step
 import numpy as np
 
 # Time around held-out blocks that is not fitted either, s.
-_GUARD = HoldoutOptions().guard
 PAYLOAD = 'payload'
 # Minimum number of slow samples for a fit with the default gate.
 MIN_SLOW_SAMPLES = 100
@@ -269,7 +268,7 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
 
 def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
     """Return the mask (M,) of usable samples outside the guarded blocks held out of the fit."""
-    blocks = held_out_blocks(model, recording.reports, _GUARD)
+    blocks = held_out_blocks(model, recording.reports, GUARD)
     return recording.usable & ~within(recording.samples, blocks)
 
 

@@ -7,39 +7,24 @@ sample and within one run, so that it is not shifted in time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
+from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.runs import rows_of, run_slices
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
-from gravity_comp_ros.errors import OptionError
 import numpy as np
 
 # Maximum sample interval, in s, of a recording that resolves starts and stops.
 _MAX_INTERVAL = 0.06
 
 
-@dataclass(frozen=True)
-class AccelerationOptions:
-    """
-    Differentiation of the speed: cubic fits over `window` s.
-
-    0.3 s passes slow arm motion (up to about 2 Hz) and reduces a speed noise of 1 mrad/s at 50 Hz
-    to an acceleration noise of about 0.006 rad/s^2.
-
-    :raises OptionError: if the window is not positive.
-    """
-
-    window: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.window) or self.window <= 0:
-            raise OptionError(f'acceleration window is {self.window} s; it must be positive')
+# Window of the cubics, s: it passes slow arm motion (up to about 2 Hz) and reduces a speed noise
+# of 1 mrad/s at 50 Hz to an acceleration noise of about 0.006 rad/s^2.
+WINDOW = 0.3
 
 
-def accelerations(samples: JointSamples,
-                  options: AccelerationOptions = AccelerationOptions()) -> FloatArray:
+def accelerations(samples: JointSamples) -> FloatArray:
     """
     Return qdd (M, N) in rad/s^2: `samples.qdd` if known, else the slope of qd within each run.
 
@@ -47,7 +32,7 @@ def accelerations(samples: JointSamples,
     """
     if samples.qdd is not None:
         return samples.qdd
-    return _slopes(samples, np.arange(samples.n_samples), options)
+    return _slopes(samples, np.arange(samples.n_samples))
 
 
 def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
@@ -60,18 +45,17 @@ def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSample
     if part.qdd is not None or not is_resolved(samples):
         return part
     rows = np.arange(len(samples)) if part is samples else rows_of(samples, part)
-    return replace(part, qdd=_slopes(checked_velocity(samples)[0], rows, AccelerationOptions()))
+    return replace(part, qdd=_slopes(checked_velocity(samples)[0], rows))
 
 
-def _slopes(samples: JointSamples, rows: IntArray, options: AccelerationOptions) -> FloatArray:
+def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:
     """Return the slope (R, N) of qd at samples number `rows`, rising, within each run."""
     qdd = np.zeros((len(rows), samples.n_joints))
     if not samples.qd.any():
         return qdd
-    how = DifferentiationOptions(window=options.window)
     for run in run_slices(samples):
         here = slice(*np.searchsorted(rows, [run.start, run.stop]))
-        qdd[here] = differentiate(samples.t[run], samples.qd[run], how, rows[here] - run.start)
+        qdd[here] = differentiate(samples.t[run], samples.qd[run], WINDOW, rows[here] - run.start)
     return np.nan_to_num(qdd, nan=0.0)
 
 
@@ -81,8 +65,7 @@ def is_resolved(samples: JointSamples) -> bool:
     return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
 
 
-def acceleration_at(t: float, times: FloatArray, qd: FloatArray,
-                    options: AccelerationOptions) -> FloatArray | None:
+def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray | None:
     """
     Return the acceleration (N,) in rad/s^2 at the time t in s, from the speeds of messages.
 
@@ -91,7 +74,7 @@ def acceleration_at(t: float, times: FloatArray, qd: FloatArray,
 
     :param times: rising times (M,) of the messages in s, and their speeds qd (M, N) in rad/s.
     """
-    half = 0.5 * options.window
+    half = 0.5 * WINDOW
     near = np.abs(times - t) <= half + 1e-9
     x = (times[near] - t) / half
     has_both_sides = len(x) >= 4 and x[0] < -0.5 and x[-1] > 0.5

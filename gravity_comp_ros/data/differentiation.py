@@ -2,43 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 import numpy as np
 from numpy.typing import ArrayLike
 
 _ORDER = 3
+# Multiple of the median interval above which an interval is a gap: several lost messages.
+_GAP = 5.0
 # Maximum share of the samples for which single windows are faster than sliding ones.
 _MAX_SHARE = 0.1
 # Number of windows that are fitted at a time.
 _MAX_WINDOWS = 512
 
 
-@dataclass(frozen=True)
-class DifferentiationOptions:
-    """
-    Options of differentiation: cubic fits over `window` s, none across a gap.
-
-    A gap is an interval longer than `gap` times the median interval. At low rates the window
-    grows to five samples.
-
-    :raises OptionError: if a value is out of range.
-    """
-
-    window: float = 0.2
-    gap: float = 5.0
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.window) or self.window <= 0:
-            raise OptionError(f'differentiation window is {self.window} s; it must be positive')
-        if not np.isfinite(self.gap) or self.gap <= 1:
-            raise OptionError(f'differentiation gap is {self.gap}; it must be above 1')
-
-
-def differentiate(t: ArrayLike, q: ArrayLike,
-                  options: DifferentiationOptions = DifferentiationOptions(),
+def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2,
                   rows: IntArray | None = None) -> FloatArray:
     """
     Return the velocity (M, N) in rad/s of positions `q` (M, N) in rad at times `t` (M,) in s.
@@ -46,8 +24,8 @@ def differentiate(t: ArrayLike, q: ArrayLike,
     With `rows` (R,), rising sample numbers, it is that of these samples alone, (R, N).
 
     Each stretch without a gap is interpolated on a regular grid and fitted by a sliding cubic
-    (Savitzky and Golay), which causes no delay. The row of a single sample between two gaps is
-    NaN.
+    (Savitzky and Golay) over `window` s, which causes no delay. At low rates the window grows to
+    five samples. The row of a single sample between two gaps is NaN.
 
     :raises DataError: if shapes disagree or time does not increase.
     """
@@ -64,12 +42,12 @@ def differentiate(t: ArrayLike, q: ArrayLike,
     if not steps.size:
         return speed
     step = float(np.median(steps))
-    ends = np.append(np.flatnonzero(steps > options.gap * step) + 1, len(times))
+    ends = np.append(np.flatnonzero(steps > _GAP * step) + 1, len(times))
     begin = 0
     for end in ends:
         here = slice(*np.searchsorted(rows, [begin, end]))
         if end > begin + 1 and here.stop > here.start:
-            speed[here] = _stretch(times[begin:end], positions[begin:end], step, options.window,
+            speed[here] = _stretch(times[begin:end], positions[begin:end], step, window,
                                    times[rows[here]])
         begin = end
     return speed

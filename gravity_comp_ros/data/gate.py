@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -17,7 +16,6 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 
 FAST = 'fast'
-ACCELERATING = 'accelerating'
 RATE = 'rate'
 TIME = 'time'
 NOT_FINITE = 'not_finite'
@@ -28,48 +26,31 @@ class GateOptions:
     """
     Thresholds of the gate.
 
-    `max_speed` in rad/s and `max_acceleration` in rad/s² are one number for all joints or one
-    per joint. Acceleration has no limit by default. It is the mean over the last
-    `acceleration_window` seconds or more, because the difference of two consecutive messages is
-    mostly noise. One slow sample is kept in each interval of 1 / `rate_hz` seconds, all if it is
-    None.
+    `max_speed` in rad/s is one number for all joints or one per joint. One slow sample is kept in
+    each interval of 1 / `rate_hz` seconds, all if it is None.
 
     The default speed keeps all samples of Yu 2022, Eq. (17), (up to 0.12 rad/s).
 
-    :raises OptionError: if a threshold, window or rate is not a positive number.
+    :raises OptionError: if a threshold or the rate is not a positive number.
     """
 
     max_speed: float | tuple[float, ...] = 0.15
-    max_acceleration: float | tuple[float, ...] | None = None
     rate_hz: float | None = 5.0
-    acceleration_window: float = 0.1
 
     def __post_init__(self) -> None:
         check_positive(self, 'gate', *(n for n, x in vars(self).items() if x is not None))
 
-    def check_joints(self, n_joints: int) -> None:
+    def speeds(self, n_joints: int) -> FloatArray:
         """
-        Check the number of thresholds per joint.
+        Return the maximum speed of each joint, (N,) in rad/s.
 
-        :raises OptionError: if it is not `n_joints`.
+        :raises OptionError: if the number of thresholds is not `n_joints`.
         """
-        for name in ('max_speed', 'max_acceleration'):
-            value = getattr(self, name)
-            if isinstance(value, tuple) and len(value) != n_joints:
-                raise OptionError(f'gate: {name} has {len(value)} values for {n_joints} joints; '
-                                  'give one for all or one per joint')
-
-    def limits(self, n_joints: int) -> tuple[FloatArray, FloatArray | None]:
-        """
-        Return the maximum speed and acceleration (None without limit) of each joint, (N,).
-
-        :raises OptionError: as `check_joints`.
-        """
-        self.check_joints(n_joints)
-        speed = _per_joint(self.max_speed, n_joints)
-        if self.max_acceleration is None:
-            return speed, None
-        return speed, _per_joint(self.max_acceleration, n_joints)
+        limit = self.max_speed
+        if isinstance(limit, tuple) and len(limit) != n_joints:
+            raise OptionError(f'gate: max_speed has {len(limit)} values for {n_joints} joints; '
+                              'give one for all or one per joint')
+        return np.broadcast_to(np.asarray(limit, dtype=np.float64), (n_joints,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +91,11 @@ class Gate:
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
         self._options = options
-        max_speed, self._max_acceleration = options.limits(n_joints)
-        self._slow = Bounds(max_speed)
-        self._recent: deque[tuple[float, FloatArray]] = deque()
+        self._slow = Bounds(options.speeds(n_joints))
         self.reset()
 
     def reset(self) -> None:
         """Start a new run with the next sample."""
-        self._recent.clear()
         self._first = math.nan
         self._last = -math.inf
         self._last_slot = -1
@@ -137,12 +115,8 @@ class Gate:
         if math.isnan(self._first):
             self._first = t
         self._last = t
-        limit = self._max_acceleration
-        steady = limit is None or self._is_steady(t, qd, limit)
         if not self._slow.contain(qd):
             return FAST
-        if not steady:
-            return ACCELERATING
         if self._options.rate_hz is not None:
             # Slots are centred on multiples of the period, so that input at the requested rate
             # passes completely in spite of jitter in its stamps.
@@ -151,17 +125,6 @@ class Gate:
                 return RATE
             self._last_slot = slot
         return None
-
-    def _is_steady(self, t: float, qd: FloatArray, limit: FloatArray) -> bool:
-        recent = self._recent
-        recent.append((t, np.array(qd, dtype=np.float64)))
-        horizon = t - self._options.acceleration_window
-        while len(recent) > 1 and recent[1][0] <= horizon:
-            recent.popleft()
-        then, qd_then = recent[0]
-        if then > horizon:
-            return True
-        return not (np.abs(qd - qd_then) / (t - then) > limit).any()
 
 
 def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
@@ -172,19 +135,13 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
 
     :raises OptionError: if the options have another number of thresholds than joints.
     """
-    max_speed, max_acceleration = options.limits(samples.n_joints)
-    fast = np.any(np.abs(samples.qd) > max_speed, axis=1)
-    accelerating, kept = np.zeros_like(fast), np.zeros_like(fast)
+    fast = np.any(np.abs(samples.qd) > options.speeds(samples.n_joints), axis=1)
+    kept = np.zeros_like(fast)
     for run in run_slices(samples):
-        t = samples.t[run]
-        if max_acceleration is not None:
-            accelerating[run] = ~fast[run] & _accelerating(
-                t, samples.qd[run], max_acceleration, options.acceleration_window)
-        steady = np.flatnonzero(~(fast[run] | accelerating[run]))
-        kept[run.start + steady[_one_per_slot(t[steady], t[0], options.rate_hz)]] = True
-    dropped = {FAST: fast, ACCELERATING: accelerating, RATE: ~(fast | accelerating | kept)}
-    slow = with_accelerations(samples.select(kept), samples)
-    return GateResult(slow, len(samples),
+        slow = run.start + np.flatnonzero(~fast[run])
+        kept[slow[_one_per_slot(samples.t[slow], samples.t[run.start], options.rate_hz)]] = True
+    dropped = {FAST: fast, RATE: ~(fast | kept)}
+    return GateResult(with_accelerations(samples.select(kept), samples), len(samples),
                       {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()})
 
 
@@ -211,19 +168,3 @@ def _one_per_slot(t: FloatArray, first: float, rate_hz: float | None) -> BoolArr
         return np.ones(len(t), dtype=bool)
     slots = np.floor((t - first) * rate_hz + 0.5)
     return np.diff(slots, prepend=-1.0) > 0.0
-
-
-def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
-                  window: float) -> BoolArray:
-    """Return the mask (M,) of samples of a run that exceed the mean acceleration `limit`."""
-    then = np.searchsorted(t, t - window, side='right') - 1
-    known = then >= 0
-    then = np.maximum(then, 0)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        mean = np.abs(qd - qd[then]) / (t - t[then])[:, None]
-    return known & np.any(mean > limit, axis=1)
-
-
-def _per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
-    """Return a threshold for all joints, or one per joint, as an array (N,)."""
-    return np.broadcast_to(np.asarray(value, dtype=np.float64), (n_joints,))

@@ -14,28 +14,8 @@ from numpy.typing import NDArray
 _BLOCKS = 2
 
 
-@dataclass(frozen=True)
-class HoldoutOptions:
-    """
-    Options of the hold-out.
-
-    With several runs, the last `fraction` of the runs is held out, at least one. With a single
-    run, two blocks of consecutive time are held out, `fraction` of its duration together; samples
-    are autocorrelated, so the error on scattered ones would be too small. Samples within `guard`
-    seconds of a block are not used.
-
-    :raises OptionError: if the fraction is not between 0 and 1, or the guard is negative.
-    """
-
-    fraction: float = 0.2
-    guard: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.fraction < 1.0:
-            raise OptionError(f'holdout: the fraction is {self.fraction}; it must be between '
-                              '0 and 1')
-        if not 0.0 <= self.guard < np.inf:
-            raise OptionError(f'holdout: the guard is {self.guard} s; it must not be negative')
+# Excluded time before and after a held-out block, s: samples are autocorrelated.
+GUARD = 1.0
 
 
 @dataclass(frozen=True)
@@ -61,20 +41,32 @@ class Split:
     guarded: tuple[Block, ...]
 
 
-def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> Split:
+def split(samples: JointSamples, fraction: float = 0.2, guard: float = GUARD) -> Split:
     """
     Divide samples into fitted and held-out ones.
 
+    With several runs, the last `fraction` of the runs is held out, at least one. With a single
+    run, two blocks of consecutive time are held out, `fraction` of its duration together; samples
+    are autocorrelated, so the error on scattered ones would be too small. Samples within `guard`
+    seconds of a block are not used.
+
+    :raises OptionError: if the fraction is not between 0 and 1, or the guard is negative.
     :raises DataError: if one of the two would be empty.
     """
+    if not 0.0 < fraction < 1.0:
+        raise OptionError(f'holdout: the fraction is {fraction}; it must be between 0 and 1')
+    if not 0.0 <= guard < np.inf:
+        raise OptionError(f'holdout: the guard is {guard} s; it must not be negative')
     if samples.n_samples == 0:
         raise DataError('there are no samples to hold out')
-    blocks = _whole_runs(samples, options) if samples.n_runs > 1 else _parts(samples, options)
+    filled = np.unique(samples.runs)
+    count = min(max(1, round(fraction * filled.size)), filled.size - 1)
+    blocks = _whole_runs(samples, filled[-count:]) if count else _parts(samples, fraction)
     held_out = within(samples, blocks)
-    margins = tuple(Block(b.run, b.start - options.guard, b.end + options.guard) for b in blocks)
+    margins = tuple(Block(b.run, b.start - guard, b.end + guard) for b in blocks)
     guarded = within(samples, margins)
     if not held_out.any() or guarded.all():
-        raise DataError(f'{samples.n_samples} samples are too few to hold {options.fraction:.0%} '
+        raise DataError(f'{samples.n_samples} samples are too few to hold {fraction:.0%} '
                         'out and fit the rest')
     return Split(samples.select(~guarded), samples.select(held_out), blocks, margins)
 
@@ -88,21 +80,16 @@ def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:
     return inside
 
 
-def _whole_runs(samples: JointSamples, options: HoldoutOptions) -> tuple[Block, ...]:
-    filled = np.unique(samples.runs)
-    count = min(max(1, round(options.fraction * filled.size)), filled.size - 1)
-    if count == 0:
-        return _parts(samples, options)
-    return tuple(Block(int(run), *_ends(samples.t[samples.runs == run]))
-                 for run in filled[-count:])
+def _whole_runs(samples: JointSamples, runs: IntArray) -> tuple[Block, ...]:
+    return tuple(Block(run, *_ends(samples.t[samples.runs == run])) for run in runs.tolist())
 
 
-def _parts(samples: JointSamples, options: HoldoutOptions) -> tuple[Block, ...]:
+def _parts(samples: JointSamples, fraction: float) -> tuple[Block, ...]:
     """Return the last part of each half of the only run that has samples."""
     run = int(samples.runs[0])
     first, last = _ends(samples.t)
     half = (last - first) / _BLOCKS
-    return tuple(Block(run, first + half * (k + 1 - options.fraction), first + half * (k + 1))
+    return tuple(Block(run, first + half * (k + 1 - fraction), first + half * (k + 1))
                  for k in range(_BLOCKS))
 
 
@@ -113,22 +100,18 @@ def _ends(t: NDArray[np.float64]) -> tuple[float, float]:
 N_FOLDS = 5
 
 
-def folds(runs: IntArray, n_folds: int = N_FOLDS) -> list[BoolArray]:
+def folds(runs: IntArray) -> list[BoolArray]:
     """
     Return masks (M,) of test samples that together cover all samples once.
 
     Samples are autocorrelated, so a held-out sample must not be next to fitted ones: a fold is
-    one or more whole runs if there are at least three, otherwise one of `n_folds` contiguous
+    one or more whole runs if there are at least three, otherwise one of `N_FOLDS` contiguous
     blocks.
     """
     present = np.unique(runs)
     if len(present) >= 3:
-        groups = np.array_split(present, min(n_folds, len(present)))
+        groups = np.array_split(present, min(N_FOLDS, len(present)))
         return [np.isin(runs, group) for group in groups]
-    blocks = np.array_split(np.arange(len(runs)), n_folds)
-    masks = []
-    for block in blocks:
-        mask = np.zeros(len(runs), dtype=bool)
-        mask[block] = True
-        masks.append(mask)
-    return masks
+    block = np.repeat(np.arange(N_FOLDS), [
+        len(part) for part in np.array_split(runs, N_FOLDS)])
+    return [block == number for number in range(N_FOLDS)]

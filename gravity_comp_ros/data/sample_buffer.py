@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -18,29 +17,6 @@ VELOCITY_WEIGHT = 1.0
 MIN_DISTANCE = 1e-3
 # Minimum share of the samples whose acceleration is known.
 _MIN_KNOWN = 0.9
-
-
-@dataclass(frozen=True, eq=False)
-class Coverage:
-    """
-    The range of poses of `n_samples` samples.
-
-    `q_min` and `q_max` (N,) in rad are NaN without samples.
-    """
-
-    names: tuple[str, ...]
-    n_samples: int
-    q_min: FloatArray
-    q_max: FloatArray
-
-    @property
-    def span(self) -> FloatArray:
-        """The range of every joint, (N,) in rad; 0 without samples."""
-        return np.nan_to_num(self.q_max - self.q_min)
-
-    def joints_below_span(self, span: float) -> tuple[str, ...]:
-        """Return the joints with a range of less than `span` rad."""
-        return tuple(name for name, x in zip(self.names, self.span) if x < span)
 
 
 class SampleRing:
@@ -149,13 +125,10 @@ class SampleRing:
     def _by_time(self) -> IntArray:
         return np.lexsort((self._t[:self._count], self._runs[:self._count]))
 
-    def coverage(self) -> Coverage:
-        """Return the range of every joint over the samples."""
-        nothing = np.full(len(self._names), np.nan)
-        if not self._count:
-            return Coverage(self._names, 0, nothing, nothing)
+    def span(self) -> FloatArray:
+        """Return the range of every joint over the samples, (N,) in rad; 0 without samples."""
         q = self._values[:self._count, 0]
-        return Coverage(self._names, self._count, q.min(axis=0), q.max(axis=0))
+        return np.ptp(q, axis=0) if self._count else np.zeros(len(self._names))
 
     def _put(self, row: int, t: float, sample: FloatArray, extra: FloatArray | None) -> None:
         self._t[row] = t

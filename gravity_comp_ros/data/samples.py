@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
@@ -50,16 +50,17 @@ class JointSamples:
     fingerprints: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        names = tuple(str(name) for name in self.names)
-        object.__setattr__(self, 'names', names)
-        object.__setattr__(self, 'run_labels', tuple(str(x) for x in self.run_labels))
-        _check_names(names)
-        for field in self._arrays():
-            object.__setattr__(self, field, _frozen(getattr(self, field), np.float64))
-        object.__setattr__(self, 'runs', _frozen(self.runs, np.int64))
+        values = {'names': tuple(str(name) for name in self.names),
+                  'run_labels': tuple(str(label) for label in self.run_labels),
+                  'runs': _frozen(self.runs, np.int64),
+                  'starts': tuple(float(start) for start in self.starts),
+                  **{field: _frozen(getattr(self, field), np.float64)
+                     for field in self._arrays()}}
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+        _check_names(self.names)
         self._check_shapes()
         self._check_values()
-        object.__setattr__(self, 'starts', tuple(float(x) for x in self.starts))
         if self.starts and (len(self.starts) != self.n_runs
                             or not np.isfinite(self.starts).all()):
             raise DataError(f'samples: starts must be one finite time for each of '
@@ -149,9 +150,8 @@ class JointSamples:
         :param keep: boolean mask (M,) or rising sample numbers.
         """
         keep = np.asarray(keep)
-        return JointSamples(self.names, self.t[keep], self.q[keep], self.qd[keep],
-                            self.tau[keep], self.runs[keep], self.run_labels, self.starts,
-                            None if self.qdd is None else self.qdd[keep], self.fingerprints)
+        return replace(self, runs=self.runs[keep],
+                       **{field: getattr(self, field)[keep] for field in self._arrays()})
 
     def joints(self, names: Sequence[str]) -> JointSamples:
         """
@@ -167,19 +167,14 @@ class JointSamples:
         if tuple(names) == self.names:
             return self
         order = [self.names.index(name) for name in names]
-        return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
-                            self.tau[:, order], self.runs, self.run_labels, self.starts,
-                            None if self.qdd is None else self.qdd[:, order],
-                            self.fingerprints)
+        return replace(self, names=tuple(names), **{
+            field: getattr(self, field)[:, order] for field in self._arrays()[1:]})
 
     def run(self, number: int) -> JointSamples:
         """Return the samples of one run, as a set with that single run."""
-        rows = self.runs == number
-        return JointSamples(self.names, self.t[rows], self.q[rows], self.qd[rows],
-                            self.tau[rows], np.zeros(int(rows.sum()), dtype=np.int64),
-                            (self.run_labels[number],), self.starts[number:number + 1],
-                            None if self.qdd is None else self.qdd[rows],
-                            self.fingerprints[number:number + 1])
+        part, own = self.select(self.runs == number), slice(number, number + 1)
+        return replace(part, runs=np.zeros_like(part.runs), run_labels=self.run_labels[own],
+                       starts=self.starts[own], fingerprints=self.fingerprints[own])
 
     def each_run(self) -> Iterator[JointSamples]:
         """Yield every run in order, empty ones included."""

@@ -51,17 +51,6 @@ class HeldPositions:
                 raise OptionError(f'joint {name} cannot be held at {value}')
 
 
-def read_urdf(path: Path | str, joints: Collection[str],
-              held: HeldPositions = HeldPositions()) -> Geometry:
-    """
-    Return the axes of `joints`, from the base outwards, from a URDF file.
-
-    :raises DataError: if the file cannot be read or is not a URDF.
-    :raises ModelMismatchError: if it describes another arm.
-    """
-    return parse_urdf(read_text(path), joints, str(path), held)
-
-
 def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
     """
     Return the content of a robot description.

@@ -260,4 +260,4 @@ class Arm:
 
 
 def _gate(n_joints: int, settings: Parameters) -> Gate:
-    return Gate(n_joints, GateOptions(settings.max_speed, None, settings.sample_rate))
+    return Gate(n_joints, GateOptions(settings.max_speed, settings.sample_rate))

@@ -158,7 +158,7 @@ def joint_statuses(arm: Arm) -> list[Status]:
 
     In an open epoch a large residual is expected.
     """
-    statuses, in_use, span = [], arm.in_use, arm.epoch.coverage().span
+    statuses, in_use, span = [], arm.in_use, arm.epoch.span()
     residual = arm.take_residual()
     outside = None if in_use is None or arm.pose is None else in_use.distance(arm.pose)
     for k, name in enumerate(arm.joints):

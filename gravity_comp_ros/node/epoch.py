@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.acceleration import acceleration_at, AccelerationOptions
-from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
+from gravity_comp_ros.data.acceleration import acceleration_at, WINDOW
+from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
@@ -109,8 +109,7 @@ class DelayedSamples:
     inertia of the mean motion are then the mean torque, with less noise than that of one message.
     """
 
-    def __init__(self, options: AccelerationOptions = AccelerationOptions()) -> None:
-        self._options, self._delay = options, 0.5 * options.window
+    def __init__(self) -> None:
         self._waiting: deque[SlowSample] = deque()
         self._recent: deque[CompleteReading] = deque()
 
@@ -123,7 +122,7 @@ class DelayedSamples:
         """Add a message, slow or not."""
         self._recent.append(reading)
         # Messages after a sample arrive while it waits for them.
-        while self._recent[0].t < reading.t - 1.5 * self._options.window:
+        while self._recent[0].t < reading.t - 1.5 * WINDOW:
             self._recent.popleft()
 
     def hold(self, reading: CompleteReading, sent: FloatArray) -> None:
@@ -133,12 +132,12 @@ class DelayedSamples:
     def due(self, t: float) -> list[SlowSample]:
         """Return the samples that are old enough at time t in s, with their accelerations."""
         ready = []
-        while self._waiting and t >= self._waiting[0].reading.t + self._delay:
+        while self._waiting and t >= self._waiting[0].reading.t + 0.5 * WINDOW:
             sample = self._waiting.popleft()
             recent = list(self._recent)
             times = np.array([reading.t for reading in recent])
             sample.qdd = acceleration_at(sample.reading.t, times, np.array(
-                [reading.qd for reading in recent]), self._options)
+                [reading.qd for reading in recent]))
             sample.reading = _mean(sample.reading, [recent[k] for k in np.flatnonzero(
                 np.abs(times - sample.reading.t) <= 0.5 * MEAN_OVER + 1e-6)])
             ready.append(sample)
@@ -240,13 +239,13 @@ class Epoch:
         """Return a copy of the ring for `rows_of` in another thread; it takes 0.1 ms."""
         return deepcopy(self._ring)
 
-    def coverage(self) -> Coverage:
-        """Return the coverage of the samples."""
-        return self._ring.coverage()
+    def span(self) -> FloatArray:
+        """Return the range of every joint over the samples, (N,) in rad."""
+        return self._ring.span()
 
     def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `MIN_SPAN`."""
-        return self.coverage().joints_below_span(MIN_SPAN)
+        return tuple(name for name, span in zip(self._names, self.span()) if span < MIN_SPAN)
 
     def missing_for_fit(self) -> str | None:
         """Return the missing data of a fit, None if it has enough."""

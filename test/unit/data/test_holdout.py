@@ -1,6 +1,6 @@
 """Hold-out: held-out samples and those next to them are not fitted."""
 
-from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.data.holdout import split, within
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, strategies as st
@@ -16,7 +16,7 @@ def ramp(count: int, label: str = 'run', step: float = 0.2) -> JointSamples:
 
 def test_two_blocks_of_a_single_run_are_held_out():
     # 101 samples over 20 s: a fifth of each half is its last 2 s.
-    parts = split(ramp(101), HoldoutOptions(fraction=0.2, guard=1.0))
+    parts = split(ramp(101), 0.2, 1.0)
     assert [(b.run, b.start, b.end) for b in parts.blocks] == [
         (0, pytest.approx(8.0), pytest.approx(10.0)),
         (0, pytest.approx(18.0), pytest.approx(20.0))]
@@ -28,7 +28,7 @@ def test_two_blocks_of_a_single_run_are_held_out():
 
 def test_whole_runs_of_several_are_held_out():
     samples = concatenate([ramp(10, f'run{k}') for k in range(5)])
-    parts = split(samples, HoldoutOptions(fraction=0.4))
+    parts = split(samples, 0.4)
     assert set(parts.held_out.runs) == {3, 4}
     assert set(parts.fitted.runs) == {0, 1, 2}
     assert parts.fitted.n_samples == 30
@@ -46,7 +46,7 @@ def test_a_run_without_samples_does_not_count():
        runs=st.integers(1, 4))
 def test_no_sample_is_both_fitted_and_held_out(count, fraction, guard, runs):
     samples = concatenate([ramp(count, str(k)) for k in range(runs)])
-    parts = split(samples, HoldoutOptions(fraction, guard))
+    parts = split(samples, fraction, guard)
     fitted = set(zip(parts.fitted.runs.tolist(), parts.fitted.t.tolist()))
     held_out = set(zip(parts.held_out.runs.tolist(), parts.held_out.t.tolist()))
     assert fitted and held_out and not fitted & held_out
@@ -56,9 +56,9 @@ def test_no_sample_is_both_fitted_and_held_out(count, fraction, guard, runs):
 @pytest.mark.parametrize('fraction', [0.0, 1.0, -0.1, float('nan')])
 def test_a_fraction_out_of_range_is_refused(fraction):
     with pytest.raises(OptionError, match='fraction'):
-        HoldoutOptions(fraction=fraction)
+        split(ramp(60), fraction)
 
 
 def test_too_few_samples_are_refused():
     with pytest.raises(DataError, match='too few'):
-        split(ramp(3), HoldoutOptions(fraction=0.5, guard=5.0))
+        split(ramp(3), 0.5, 5.0)

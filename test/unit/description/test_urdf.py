@@ -5,7 +5,7 @@ from pathlib import Path
 from bench.shared.serial_arms import poses
 from gravity_comp_ros.description.links import (
     described_arm, frame_parameters, urdf_inertials)
-from gravity_comp_ros.description.urdf import parse_urdf, read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf, read_text
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -61,7 +61,7 @@ def arm_without_fingers(tmp_path) -> arms.Arm:
 @pytest.mark.parametrize('mass, com', [(2.0, (0.0, 0.0, 0.1)), (-1.0, (0.02, 0.3, -0.1))])
 def test_torque_of_a_tool_agrees_with_pinocchio(tmp_path, mass, com):
     iiwa = arms.iiwa7()
-    for arm, geometry in ((iiwa, read_urdf(IIWA, iiwa.joints)),
+    for arm, geometry in ((iiwa, parse_urdf(IIWA.read_bytes(), iiwa.joints)),
                           (arm_without_fingers(tmp_path), parse_urdf(TILTED, ('a', 'b', 'c')))):
         q = poses(30, arm.n_joints)
         heavier = arms.with_payload(arm, arms.Payload(abs(mass), com))
@@ -125,10 +125,9 @@ def test_entities_are_refused():
 
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(DataError, match='no such file'):
-        read_urdf(tmp_path / 'none.urdf', ('a',))
-    (tmp_path / 'bytes.urdf').write_bytes(b'\xff\xfe\x00<robot>')
+        read_text(tmp_path / 'none.urdf')
     with pytest.raises(DataError, match='not a URDF'):
-        read_urdf(tmp_path / 'bytes.urdf', ('a',))
+        parse_urdf(b'\xff\xfe\x00<robot>', ('a',))
 
 
 def test_geometry_is_checked():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bench.shared.effect_motions import (
     arm_of, clean_motion, clean_samples, exact_chain, motion_on, motions_of)
-from gravity_comp_ros.data.acceleration import AccelerationOptions, accelerations
+from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
@@ -12,7 +12,6 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, laws, refined_laws, speed_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
@@ -97,11 +96,6 @@ def test_an_isolated_sample_has_no_acceleration():
     t = np.array([0.0, 0.02, 0.04, 5.0, 9.0, 9.02, 9.04])
     qd = np.linspace(0.1, 0.2, 7)[:, None]
     assert accelerations(JointSamples.single_run(('a',), t, qd, qd, qd))[3, 0] == 0.0
-
-
-def test_a_window_of_acceleration_is_positive():
-    with pytest.raises(OptionError, match='window'):
-        AccelerationOptions(window=0.0)
 
 
 def back_and_forth(noise, seed=0):

@@ -5,7 +5,7 @@ from pathlib import Path
 from bench.cases import generated
 from bench.shared.serial_arms import geometry_of, poses, samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -17,8 +17,8 @@ import pytest
 
 NOISE = 0.1
 LATER = motions.eq17(start=100.0).q
-IIWA = read_urdf(Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf',
-                 arms.iiwa7().joints)
+IIWA = parse_urdf((Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf').read_bytes(),
+                  arms.iiwa7().joints)
 COM = (0.02, 0.03, 0.1)
 
 

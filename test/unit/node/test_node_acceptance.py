@@ -8,7 +8,7 @@ import re
 from bench.shared.broken_effort import intermittent_brake, KINDS
 from bench.shared.campaign import campaign
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.chain_of_model import as_chain
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -38,7 +38,7 @@ def base():
 
 @pytest.fixture(scope='module')
 def geometry():
-    return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
+    return parse_urdf((ROOT / 'bags' / 'iiwa7.urdf').read_bytes(), ARM.joints)
 
 
 def corrupted(name, n=100, seed=1):

@@ -6,7 +6,7 @@ from pathlib import Path
 import time
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -36,7 +36,7 @@ def model():
 
 @pytest.fixture(scope='module')
 def geometry():
-    return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
+    return parse_urdf((ROOT / 'bags' / 'iiwa7.urdf').read_bytes(), ARM.joints)
 
 
 def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0):
