@@ -7,7 +7,7 @@ import shlex
 
 from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.printable import counted, shown_names
-from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
+from gravity_comp_ros.recordings.mcap_writer import write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
 
 
@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
         args.rated_torque, args.gear_ratio, args.joint_names, args.header, args.delimiter,
         args.skip_bad_rows)
     converted = read_table(args.table, options, args.topic)
-    write_bag(args.output, [converted.topic], WriteOptions(start_ns=converted.start_ns))
+    write_bag(args.output, [converted.topic], converted.start_ns)
     topic = converted.topic
 
     def show() -> None:

@@ -12,7 +12,7 @@ from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, Recording
-from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     parts = cut(recording, args.output, args.begin, args.end, args.split)
     _check_files(args.bag, parts)
     for part in parts:
-        write_bag(part.path, [part.topic], WriteOptions(start_ns=part.start_ns))
+        write_bag(part.path, [part.topic], part.start_ns)
     terminal.answer(args, {'input': str(args.bag), 'parts': [
         {'output': str(part.path), 'n_samples': len(part.topic.t), 'from': part.begin,
          'to': part.end, 'joints': list(part.topic.joints)} for part in parts]},

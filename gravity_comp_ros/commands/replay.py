@@ -13,7 +13,7 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import (
-    joint_states, JointTopic, write_bag, WriteOptions)
+    joint_states, JointTopic, write_bag)
 import numpy as np
 
 
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
               JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),
               JointTopic(RESIDUAL, samples.names, samples.t, samples.q, effort=residual)]
     start = recording.report.start_ns
-    count = write_bag(args.output, topics, WriteOptions(start_ns=start))
+    count = write_bag(args.output, topics, start)
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
     errors = [(joint, float(np.sqrt(np.mean(column ** 2))), float(np.abs(column).max()))
               for joint, column in zip(samples.names, residual.T)]

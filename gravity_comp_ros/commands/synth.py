@@ -12,7 +12,7 @@ from gravity_comp_ros.commands.usage.files import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag, WriteOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import Hidden, hidden
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     origin = {'arm': arm.name, 'command': args.command,
               'hidden': [effect.to_json() for effect in hidden_effects]}
     write_bag(args.output, [joint_states(samples, args.topic)],
-              WriteOptions(metadata={'gravity_comp_synth': origin}))
+              metadata={'gravity_comp_synth': origin})
     notes = _limit_violations(arm, samples)
 
     def show() -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError, ModelMismatchError
@@ -126,20 +127,19 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
 
 def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:
     """Return the options with joint numbers replaced by names."""
-    scaled = named_joints(where, names, options.effort_scale, 'scaled')
-    scale = dict(zip(scaled, options.effort_scale.values()))
-    chosen = options.joints
-    if chosen is not None:
-        chosen = named_joints(where, names, chosen, 'to be read')
-    zeros = named_joints(where, names, options.zero, 'zero')
-    unit = options.position_unit
-    if not isinstance(unit, str):
-        unit = dict(zip(named_joints(where, names, unit, 'unit'), unit.values()))
-    rated = named_joints(where, names, options.rated_torque, 'rated torque')
-    return replace(options, joints=chosen, effort_scale=scale, position_unit=unit,
-                   reverse=named_joints(where, names, options.reverse, 'reversed'),
-                   zero=dict(zip(zeros, options.zero.values())),
-                   rated_torque=dict(zip(rated, options.rated_torque.values())))
+    def named(requested: Iterable[str], what: str) -> tuple[str, ...]:
+        return named_joints(where, names, requested, what)
+
+    def by_name(values: Mapping[str, Any], what: str) -> dict[str, Any]:
+        return dict(zip(named(values, what), values.values()))
+
+    unit, joints = options.position_unit, options.joints
+    return replace(options, effort_scale=by_name(options.effort_scale, 'scaled'),
+                   joints=None if joints is None else named(joints, 'to be read'),
+                   zero=by_name(options.zero, 'zero'),
+                   position_unit=unit if isinstance(unit, str) else by_name(unit, 'unit'),
+                   rated_torque=by_name(options.rated_torque, 'rated torque'),
+                   reverse=named(options.reverse, 'reversed'))
 
 
 def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,

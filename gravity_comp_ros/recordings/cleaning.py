@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -100,11 +99,14 @@ class Cleaning:
         if isolated:
             self.dropped[ISOLATED] += isolated
         first = int(self.times[judged.signals.rows[0]]) if len(judged.signals) else start
-        report = read_report(
-            path, topic, n_messages, samples.t, self.dropped,
-            'differentiated' if judged.differentiated.any() else 'measured', first,
-            {name: scale[name] for name in samples.names}, self.notes, self.facts)
-        return Recording(samples, replace(report, options=self.options))
+        steps = np.diff(samples.t)
+        return Recording(samples, ReadReport(
+            path, topic, n_messages, len(samples), dict(self.dropped),
+            'differentiated' if judged.differentiated.any() else 'measured',
+            float(1 / np.median(steps)) if steps.size else 0.0, float(samples.t[-1]), first,
+            fingerprint(path), {name: scale[name] for name in samples.names
+                                if scale[name] != 1.0},
+            tuple(self.notes), tuple(self.facts), self.options))
 
     def _refuse(self) -> None:
         """Raise the refusals as one error, with the joints that were left out."""
@@ -234,23 +236,6 @@ def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, 
     samples = JointSamples.single_run(kept.names, t, q, qd, tau,
                                       path.name or path.resolve().name, start + float(kept.t[0]))
     return samples, int(np.count_nonzero(~finite))
-
-
-def read_report(path: Path, topic: str, n_messages: int, t: FloatArray,
-                dropped: Mapping[str, int], velocity: str, start_ns: int,
-                scale: Mapping[str, float], notes: Sequence[str],
-                facts: Sequence[Fact] = ()) -> ReadReport:
-    """
-    Return the report on samples at times t (M,), in s since the first sample.
-
-    :param scale: N·m per unit of effort, by joint.
-    """
-    steps = np.diff(t)
-    return ReadReport(
-        path, topic, n_messages, len(t), dict(dropped), velocity,
-        float(1 / np.median(steps)) if steps.size else 0.0, float(t[-1]), start_ns,
-        fingerprint(path), {joint: value for joint, value in scale.items() if value != 1.0},
-        tuple(notes), tuple(facts))
 
 
 def _rising(values: NDArray[np.int64]) -> BoolArray:

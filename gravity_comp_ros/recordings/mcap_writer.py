@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import heapq
 from itertools import count, repeat
 import json
 from pathlib import Path
+from types import MappingProxyType
 from typing import BinaryIO
 
 from gravity_comp_ros.atomic import replacing
@@ -20,9 +21,8 @@ import numpy as np
 
 # Default date of time 0 of the samples, ns since the epoch; in ROS a stamp of 0 means "not set".
 DEFAULT_START_NS = 1_700_000_000 * 10**9
-
-_COMPRESSION = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
-                'none': CompressionType.NONE}
+# Bytes of records per chunk, which is read at once.
+_CHUNK_BYTES = 256 * 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,31 +54,6 @@ class JointTopic:
                                   f'expected {shape}')
 
 
-@dataclass(frozen=True)
-class WriteOptions:
-    """
-    Compression and size of the chunks, time of t = 0, and metadata records by name.
-
-    Values in `metadata` are strings or JSON values.
-
-    :raises OptionError: if a value is invalid.
-    """
-
-    compression: str = 'zstd'
-    chunk_bytes: int = 256 * 1024
-    start_ns: int = DEFAULT_START_NS
-    metadata: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.compression not in _COMPRESSION:
-            raise OptionError(f'compression {self.compression!r} is not one of '
-                              f'{", ".join(_COMPRESSION)}')
-        if self.chunk_bytes < 1:
-            raise OptionError(f'chunk_bytes is {self.chunk_bytes}; it must be positive')
-        if not 0 <= self.start_ns < 2**31 * 10**9:
-            raise OptionError(f'start_ns {self.start_ns} is outside the range of a ROS stamp')
-
-
 def joint_states(samples: JointSamples, topic: str = '/joint_states') -> JointTopic:
     """
     Return the samples of a single run as a topic.
@@ -90,36 +65,39 @@ def joint_states(samples: JointSamples, topic: str = '/joint_states') -> JointTo
     return JointTopic(topic, samples.names, samples.t, samples.q, samples.qd, samples.tau)
 
 
-def write_bag(path: str | Path, topics: Sequence[JointTopic],
-              options: WriteOptions = WriteOptions()) -> int:
+def write_bag(path: str | Path, topics: Sequence[JointTopic], start_ns: int = DEFAULT_START_NS,
+              metadata: Mapping[str, Mapping[str, object]] = MappingProxyType({})) -> int:
     """
     Write the topics to an MCAP file, in order of time, and return the number of messages.
 
     The log time of a message is its header stamp. An existing file is replaced atomically.
 
+    :param start_ns: time of t = 0, ns since the epoch.
+    :param metadata: metadata records by name; their values are strings or JSON values.
     :raises BagError: if the file cannot be written; an existing file is then unchanged.
     :raises OptionError: if topic names repeat, or a time does not fit a stamp.
     """
+    if not 0 <= start_ns < 2**31 * 10**9:
+        raise OptionError(f'start_ns {start_ns} is outside the range of a ROS stamp')
     names = [topic.name for topic in topics]
     if len(set(names)) != len(names):
         raise OptionError(f'topics repeat: {", ".join(names)}')
-    stamps = [_stamps(topic, options.start_ns) for topic in topics]
+    stamps = [_stamps(topic, start_ns) for topic in topics]
     with replacing(Path(path), BagError) as temporary:
         with temporary.open('wb') as stream:
-            _write(stream, topics, stamps, options)
+            _write(stream, topics, stamps, metadata)
     return sum(len(topic.t) for topic in topics)
 
 
 def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntArray],
-           options: WriteOptions) -> None:
-    writer = Writer(stream, chunk_size=options.chunk_bytes,
-                    compression=_COMPRESSION[options.compression])
+           metadata: Mapping[str, Mapping[str, object]]) -> None:
+    writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
     writer.start(profile='ros2', library='gravity_comp_ros')
     schema = writer.register_schema(JOINT_STATE, 'ros2msg', JOINT_STATE_DEFINITION.encode())
     channels = [writer.register_channel(topic.name, 'cdr', schema,
                                         {'topic_type_hash': JOINT_STATE_HASH})
                 for topic in topics]
-    for name, record in options.metadata.items():
+    for name, record in metadata.items():
         writer.add_metadata(name, {key: value if isinstance(value, str) else json.dumps(
             value, ensure_ascii=False) for key, value in record.items()})
     counts = [0] * len(topics)

@@ -10,7 +10,7 @@ from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
-    find_columns, has_columns, named_columns, NamedColumns)
+    Columns, find_columns, has_columns, named_columns)
 from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
 from gravity_comp_ros.recordings.table_layouts import (
     JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
@@ -127,7 +127,7 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
     table = known_layout(table)
-    columns = _Columns.of(table, options)
+    columns = _chosen_columns(table, options)
     rows_read = len(table.values)
     if columns.time is not None:
         table = merged_rows(table, columns.time, columns.measured)
@@ -178,65 +178,39 @@ def _registers(parts: tuple[FloatArray, ...], notes: list[str]) -> list[FloatArr
     return [values for values, _ in results]
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Indices of the columns used, and joint names if the columns have them."""
-
-    time: int | None
-    position: list[int]
-    velocity: list[int]
-    effort: list[int]
-    joints: tuple[str, ...] | None = None
-
-    @property
-    def measured(self) -> list[int]:
-        """Return the columns of position, velocity and effort."""
-        return [*self.position, *self.velocity, *self.effort]
-
-    @classmethod
-    def of(cls, table: Table, options: TableOptions) -> _Columns:
-        where = str(table.path)
-        named = _columns_by_joint(table, options)
-        if named is not None:
-            position, effort, velocity = named.position, named.effort, named.velocity
-        else:
-            position = _find(table, options.position, POSITION_COLUMNS, 'position')
-            effort = _find(table, options.effort, EFFORT_COLUMNS, 'effort')
-        if options.velocity == NONE:
-            velocity = []
-        elif named is None or options.velocity is not None:
-            velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
-        for what, indices in (('velocity', velocity), ('effort', effort)):
-            if indices and len(indices) != len(position):
-                raise BagError(f'{where}: {len(position)} columns of position but '
-                               f'{len(indices)} of {what}')
-        time: list[int] = []
-        if options.time != NONE:
-            time = _find(table, options.time, TIME_COLUMNS, 'time', optional=True)
-        if options.rate is not None and time:
-            raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: omit '
-                              f'--rate, or ignore the column with --time {NONE}')
-        if options.rate is None:
-            if not time:
-                raise BagError(f'{where} has no column of time; name it (--time), or give a fixed '
-                               f'rate (--rate)')
-            if len(time) > 1:
-                raise BagError(f'{where}: several columns of time')
-        used = [*time, *position, *velocity, *effort]
-        twice = sorted({table.columns[k] for k in used if used.count(k) > 1})
-        if twice:
-            raise BagError(f'{where}: column {", ".join(twice)} is used twice; position, '
-                           f'velocity, effort and time require separate columns')
-        return cls(time[0] if time else None, position, velocity, effort,
-                   named.joints if named else None)
-
-
-def _columns_by_joint(table: Table, options: TableOptions) -> NamedColumns | None:
-    """Return columns named after joints, unless columns are given or numbered."""
-    if options.position is not None or options.effort is not None or any(
+def _chosen_columns(table: Table, options: TableOptions) -> Columns:
+    where = str(table.path)
+    columns = None
+    if options.position is None and options.effort is None and not any(
             has_columns(_lower(table), pattern) for pattern in POSITION_COLUMNS):
-        return None
-    return named_columns(table.columns, str(table.path))
+        columns = named_columns(table.columns, where)
+    if columns is None:
+        columns = Columns(_find(table, options.position, POSITION_COLUMNS, 'position'), [],
+                          _find(table, options.effort, EFFORT_COLUMNS, 'effort'))
+    velocity = [] if options.velocity == NONE else columns.velocity
+    if options.velocity != NONE and (columns.joints is None or options.velocity is not None):
+        velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
+    for what, indices in (('velocity', velocity), ('effort', columns.effort)):
+        if indices and len(indices) != len(columns.position):
+            raise BagError(f'{where}: {len(columns.position)} columns of position but '
+                           f'{len(indices)} of {what}')
+    time = [] if options.time == NONE else _find(table, options.time, TIME_COLUMNS, 'time',
+                                                 optional=True)
+    if options.rate is not None and time:
+        raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: omit '
+                          f'--rate, or ignore the column with --time {NONE}')
+    if options.rate is None and not time:
+        raise BagError(f'{where} has no column of time; name it (--time), or give a fixed '
+                       f'rate (--rate)')
+    if len(time) > 1:
+        raise BagError(f'{where}: several columns of time')
+    columns = replace(columns, velocity=velocity, time=time[0] if time else None)
+    used = [*time, *columns.measured]
+    twice = sorted({table.columns[k] for k in used if used.count(k) > 1})
+    if twice:
+        raise BagError(f'{where}: column {", ".join(twice)} is used twice; position, '
+                       f'velocity, effort and time require separate columns')
+    return columns
 
 
 def _lower(table: Table) -> list[str]:
@@ -272,7 +246,7 @@ def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | N
     return names
 
 
-def _usable_rows(table: Table, columns: _Columns, options: TableOptions) -> BoolArray:
+def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolArray:
     """Return the mask of valid rows; refuse invalid ones unless they may be skipped."""
     used = columns.measured
     used += [] if columns.time is None else [columns.time]
@@ -303,16 +277,13 @@ def _refuse_text(table: Table, used: list[int]) -> None:
                    f'number{comma} (--skip-bad-rows skips such rows)')
 
 
-def _without_repeated(table: Table, columns: _Columns) -> tuple[Table, int]:
+def _without_repeated(table: Table, columns: Columns) -> tuple[Table, int]:
     """Return the table without rows equal to the row before, and their number."""
     if columns.time is None:
         return table, 0
     used = table.values[:, [columns.time, *columns.measured]]
     repeats = np.append(False, (used[1:] == used[:-1]).all(axis=1))
-    if not repeats.any():
-        return table, 0
-    lines = None if table.lines is None else np.asarray(table.lines)[~repeats]
-    return replace(table, values=table.values[~repeats], lines=lines), int(repeats.sum())
+    return table.part(~repeats), int(repeats.sum())
 
 
 def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,

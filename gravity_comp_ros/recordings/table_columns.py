@@ -55,16 +55,22 @@ def find_columns(columns: Sequence[str], selection: str, what: str, where: str) 
 
 
 @dataclass(frozen=True)
-class NamedColumns:
-    """Columns named after joints: position and effort, and velocity or none."""
+class Columns:
+    """Indices of the columns used, and joint names if the columns have them."""
 
-    joints: tuple[str, ...]
     position: list[int]
     velocity: list[int]
     effort: list[int]
+    joints: tuple[str, ...] | None = None
+    time: int | None = None
+
+    @property
+    def measured(self) -> list[int]:
+        """Return the columns of position, velocity and effort."""
+        return [*self.position, *self.velocity, *self.effort]
 
 
-def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
+def named_columns(columns: Sequence[str], where: str) -> Columns | None:
     """
     Return the columns named after joints, as `/joint_states/elbow/position` or `position_elbow`.
 
@@ -85,9 +91,9 @@ def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
             if joints:
                 keys = [(topic, joint) for joint in joints]
                 speeds = [velocity[key] for key in keys if key in velocity]
-                return NamedColumns(joints, [position[key] for key in keys],
-                                    speeds if len(speeds) == len(keys) else [],
-                                    [effort[key] for key in keys])
+                return Columns([position[key] for key in keys],
+                               speeds if len(speeds) == len(keys) else [],
+                               [effort[key] for key in keys], joints)
     return None
 
 

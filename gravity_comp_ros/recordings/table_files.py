@@ -5,13 +5,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator, Mapping
 import csv
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, UTC
 from itertools import chain
 from pathlib import Path
 import zipfile
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.errors import BagError
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,11 @@ class Table:
         """Return the location of a row for messages: its number, and its line in a text file."""
         line = '' if self.lines is None else f' (line {self.lines[row]})'
         return f'{self.path}, row {row + 1}{line}'
+
+    def part(self, rows: BoolArray | IntArray) -> Table:
+        """Return the table with some of its rows."""
+        lines = None if self.lines is None else np.asarray(self.lines)[rows]
+        return replace(self, values=self.values[rows], lines=lines)
 
 
 def read_csv(path: Path, header: bool | None = None, delimiter: str | None = None,

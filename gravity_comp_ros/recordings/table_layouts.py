@@ -110,15 +110,13 @@ def merged_rows(table: Table, time: int, used: list[int]) -> Table:
     if not rows.size:
         return table
     starts = _groups(values[rows, time], blank[rows])
-    first = rows[starts]
-    merged = values[first].copy()
+    merged = table.part(rows[starts])
     group = np.cumsum(np.isin(np.arange(len(rows)), starts)) - 1
     # Later rows first, so that the first value of a group remains.
     for column in (*used, time):
         here = np.isfinite(values[rows, column])
-        merged[group[here][::-1], column] = values[rows[here], column][::-1]
-    lines = None if table.lines is None else np.asarray(table.lines)[first]
-    return replace(table, values=merged, lines=lines)
+        merged.values[group[here][::-1], column] = values[rows[here], column][::-1]
+    return merged
 
 
 def _groups(t: FloatArray, blank: np.ndarray) -> np.ndarray:

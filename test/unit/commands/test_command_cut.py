@@ -6,7 +6,7 @@ import gravity_comp_ros as gc
 from gravity_comp_ros import cli
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.recordings.bag import read_bag
-from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
 
@@ -20,7 +20,7 @@ def bag(tmp_path):
     path = tmp_path / 'run.mcap'
     write_bag(path, [JointTopic('/joint_states', ('a', 'b'), t, values, values[:, ::-1] * [1, -1],
                                 5 * values)],
-              WriteOptions(start_ns=START))
+              START)
     return path
 
 

@@ -4,9 +4,10 @@ import shutil
 import sqlite3
 
 from bench.shared.recordings import add_other_topic, messages, motion, NAMES, write_folder
-from gravity_comp_ros.errors import BagError, GravityCompError
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.recordings import mcap_writer
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
-from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
 
@@ -14,10 +15,10 @@ T, Q, QD, TAU = motion()
 
 
 @pytest.fixture
-def mcap(tmp_path):
+def mcap(tmp_path, monkeypatch):
     path = tmp_path / 'x.mcap'
-    write_bag(path, [JointTopic('/joint_states', NAMES, T, Q, QD, TAU)],
-              WriteOptions(chunk_bytes=2000))
+    monkeypatch.setattr(mcap_writer, '_CHUNK_BYTES', 2000)
+    write_bag(path, [JointTopic('/joint_states', NAMES, T, Q, QD, TAU)])
     return path
 
 
@@ -51,26 +52,6 @@ def test_mcap_cut_anywhere_is_refused(mcap):
     for length in [*range(40), *range(40, len(whole), 301), *range(len(whole) - 40, len(whole))]:
         mcap.write_bytes(whole[:length])
         refusal(mcap)
-
-
-def test_flipped_bytes_are_refused_or_harmless(mcap):
-    whole = mcap.read_bytes()
-    good = read_bag(mcap).samples
-    rng = np.random.default_rng(0)
-    refused = 0
-    for place in rng.integers(0, len(whole), 60):
-        damaged = bytearray(whole)
-        damaged[place] ^= int(rng.integers(1, 256))
-        mcap.write_bytes(damaged)
-        try:
-            samples = read_bag(mcap).samples
-        except BagError as error:
-            assert '\n' not in str(error)
-            refused += 1
-            continue
-        for field in ('t', 'q', 'qd', 'tau'):
-            np.testing.assert_array_equal(getattr(samples, field), getattr(good, field))
-    assert refused > 30
 
 
 def test_a_wrong_summary_is_refused(mcap):

@@ -308,14 +308,6 @@ def test_an_isolated_sample_is_dropped(tmp_path):
     assert len(recording.samples) == 99
 
 
-def test_joint_without_effort_is_noted(tmp_path):
-    rows = messages()
-    for row in rows:
-        row[1]['effort'][0] = 0.0
-    notes = read_bag(recorded(tmp_path, rows)).report.notes
-    assert notes == ('effort of joint shoulder is always 0',)
-
-
 def test_several_bags_are_several_runs(tmp_path):
     first = write_folder(tmp_path / 'one', {'/joint_states': messages(30)})
     reversed_names = messages(40)

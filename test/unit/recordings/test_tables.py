@@ -3,8 +3,7 @@
 import pickle
 
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.recordings.bag import read_bag
-from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, write_bag
+from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS
 from gravity_comp_ros.recordings.table import read_table, TableOptions
 from hypothesis import given, strategies as st
 import numpy as np
@@ -224,26 +223,3 @@ def test_unreadable_files(tmp_path):
     path.write_bytes(b'\xff\xfe\x00\x01')
     with pytest.raises(BagError, match='not a text file'):
         read_table(path)
-
-
-@given(st.integers(1, 10), st.integers(2, 30), st.integers(0, 2**32), st.booleans())
-def test_csv_to_bag_and_back(tmp_path_factory, n, m, seed, with_velocity):
-    folder = tmp_path_factory.mktemp('x')
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.integers(1, 10**6, m)) / 1e6
-    q, qd, tau = rng.standard_normal((3, m, n))
-    parts, names = [t[:, None], q, tau], ['t']
-    names += [f'q{k}' for k in range(n)] + [f'tau{k}' for k in range(n)]
-    if with_velocity:
-        parts.append(qd)
-        names += [f'qd{k}' for k in range(n)]
-    path = csv(folder, table_text(','.join(names), values=np.column_stack(parts)))
-    converted = read_table(path)
-    write_bag(folder / 'x.mcap', [converted.topic])
-    samples = read_bag(folder / 'x.mcap').samples
-    if not with_velocity:
-        return
-    np.testing.assert_allclose(samples.t, t - t[0], atol=1.1e-9)
-    np.testing.assert_array_equal(samples.q, q)
-    np.testing.assert_array_equal(samples.qd, qd)
-    np.testing.assert_array_equal(samples.tau, tau)

@@ -191,15 +191,6 @@ def same(path, options, other):
     return whole.report
 
 
-def test_degrees(tmp_path):
-    known = read_bag(bag(tmp_path / 'rad.mcap')).samples
-    path = bag(tmp_path / 'deg.mcap', q=np.degrees(Q))
-    with pytest.raises(BagError, match='are they degrees.*--position-unit deg'):
-        read_bag(path)
-    report = same(path, ReadOptions(position_unit='deg'), known)
-    assert not any('degrees' in note for note in report.notes)
-
-
 @pytest.mark.parametrize(('unit', 'size'), [('mNm', 1e-3), ('kgfcm', 0.0980665),
                                             ('lbfft', 1.3558179483314004)])
 def test_units_of_effort(tmp_path, unit, size):
