@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element
 
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    FREE, parse_tree, RobotTree, rotation_of, TreeJoint)
+    FREE, numbers_of, parse_tree, RobotTree, rotation_of, TreeJoint)
 from gravity_comp_ros.description.urdf import HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import about, aligned
@@ -203,12 +204,8 @@ def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str,
             continue
         parts = {str(part.tag).rpartition('}')[2]: part for inertial in link
                  if str(inertial.tag).endswith('inertial') for part in inertial}
-
-        def attribute(tag: str, key: str, parts: dict = parts) -> str | None:
-            return parts[tag].get(key) if tag in parts else None
-
         if parts:
-            result[name] = _inertial(attribute, name, source)
+            result[name] = _inertial(parts, name, source)
     if required and not any(inertial.mass > 0.0 for inertial in result.values()):
         raise DataError(f'{source} gives no mass to any link of the arm '
                         f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
@@ -216,26 +213,15 @@ def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str,
     return result
 
 
-def _inertial(attribute: Callable[[str, str], str | None], link: str, source: str) -> Inertial:
+def _inertial(parts: Mapping[str, Element], link: str, source: str) -> Inertial:
     """
     Return the numbers of an <inertial>.
 
-    :param attribute: of a child element, by its tag and the key; None where it is missing.
+    :param parts: its child elements by tag.
     :raises DataError: if one is not a number, or the mass is negative.
     """
     def numbers(tag: str, key: str, default: str) -> FloatArray:
-        text = attribute(tag, key)
-        text = default if text is None else text
-        try:
-            values = np.array([float(word) for word in text.split()])
-        except ValueError:
-            values = np.zeros(0)
-        count = len(default.split())
-        if len(values) != count or not np.isfinite(values).all():
-            expected = 'a number' if count == 1 else f'{count} numbers'
-            raise DataError(f'{source}: the {tag} of link {link} has {key}="{printable(text)}", '
-                            f'not {expected}')
-        return values
+        return numbers_of(parts.get(tag), key, default, f'{source}: the {tag} of link {link}')
 
     mass = float(numbers('mass', 'value', '0')[0])
     if mass < 0.0:

@@ -58,20 +58,21 @@ class TreeJoint:
         rule = _child(self.element, 'mimic')
         if rule is None:
             return None
-        return Mimic(printable(rule.get('joint', '')),
-                     self._number(rule, 'multiplier', 1.0), self._number(rule, 'offset', 0.0))
+        multiplier, offset = (float(self._numbers('mimic', *value)[0]) for value in (
+            ('multiplier', '1'), ('offset', '0')))
+        return Mimic(printable(rule.get('joint', '')), multiplier, offset)
 
     def origin(self) -> FloatArray:
         """Return the position of the joint frame in the parent link, (3,) in m."""
-        return self._vector(_child(self.element, 'origin'), 'xyz', (0.0, 0.0, 0.0))
+        return self._numbers('origin', 'xyz', '0 0 0')
 
     def rotation(self) -> FloatArray:
         """Return the rotation (3, 3) of the joint frame in the parent link."""
-        return rotation_of(self._vector(_child(self.element, 'origin'), 'rpy', (0.0, 0.0, 0.0)))
+        return rotation_of(self._numbers('origin', 'rpy', '0 0 0'))
 
     def axis(self) -> FloatArray:
         """Return the unit vector (3,) of the axis in the joint frame."""
-        axis = self._vector(_child(self.element, 'axis'), 'xyz', (1.0, 0.0, 0.0))
+        axis = self._numbers('axis', 'xyz', '1 0 0')
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
             raise DataError(f'{self.source}: the axis of {self.kind} joint {self.name} has no '
@@ -80,10 +81,9 @@ class TreeJoint:
 
     def limits(self) -> tuple[float, float] | None:
         """Return the lower and upper position limit, rad or m; None for a joint without limits."""
-        limit = _child(self.element, 'limit')
-        if limit is None or self.kind == 'continuous':
+        if _child(self.element, 'limit') is None or self.kind == 'continuous':
             return None
-        low, high = self._number(limit, 'lower', 0.0), self._number(limit, 'upper', 0.0)
+        low, high = (float(self._numbers('limit', key, '0')[0]) for key in ('lower', 'upper'))
         return (low, high) if low <= high else None
 
     def rest(self) -> float:
@@ -91,30 +91,9 @@ class TreeJoint:
         low, high = self.limits() or (0.0, 0.0)
         return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
-    def _number(self, element: Element, key: str, default: float) -> float:
-        text = element.get(key)
-        try:
-            value = default if text is None else float(text)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise DataError(f'{self.source}: joint {self.name} has {key}='
-                            f'"{printable(str(text))}", not a number')
-        return value
-
-    def _vector(self, element: Element | None, key: str,
-                default: tuple[float, float, float]) -> FloatArray:
-        text = None if element is None else element.get(key)
-        if text is None:
-            return np.array(default)
-        try:
-            vector = np.array([float(part) for part in text.split()])
-        except ValueError:
-            vector = np.zeros(0)
-        if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise DataError(f'{self.source}: joint {self.name} has {key}="{printable(text)}", '
-                            f'not 3 numbers')
-        return vector
+    def _numbers(self, tag: str, key: str, default: str) -> FloatArray:
+        return numbers_of(_child(self.element, tag), key, default,
+                          f'{self.source}: joint {self.name}')
 
 
 @dataclass(frozen=True)
@@ -219,6 +198,26 @@ def _child(element: Element, tag: str) -> Element | None:
 def _local(element: Element) -> str:
     """Return the tag without its namespace, which some exporters write."""
     return str(element.tag).rpartition('}')[2]
+
+
+def numbers_of(element: Element | None, key: str, default: str, where: str) -> FloatArray:
+    """
+    Return the numbers of an attribute, as many as those of the default.
+
+    :param element: None for the default.
+    :param where: subject of the error.
+    :raises DataError: if it has others than finite numbers, or another number of them.
+    """
+    text = default if element is None else element.get(key, default)
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    count = len(default.split())
+    if len(values) != count or not np.isfinite(values).all():
+        raise DataError(f'{where} has {key}="{printable(text)}", not '
+                        f'{"a number" if count == 1 else f"{count} numbers"}')
+    return values
 
 
 def rotation_of(rpy: FloatArray) -> FloatArray:

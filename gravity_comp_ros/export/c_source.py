@@ -108,9 +108,8 @@ def _texts(model: GravityModel, program: _Program, parameters: Parameters) -> di
             f' *   {k}  {_comment(joint)}: {low:+.4f} to {high:+.4f} rad' for k, (joint, low, high)
             in enumerate(zip(model.joints, model.coverage.q_min, model.coverage.q_max))),
         'EFFECT_LIST': _listed([f'{target}{_IN_MOTION * (target in effects.in_motion)}'
-                                for target in effects.included], 'none'),
-        'LEFT_OUT': _listed([f'{target}: {why}' for target, why in effects.left_out.items()],
-                            'none'),
+                                for target in effects.included]),
+        'LEFT_OUT': _listed([f'{target}: {why}' for target, why in effects.left_out.items()]),
         'NAMES': ', '.join(_string(joint) for joint in model.joints),
         'VALUES': '\n'.join(
             f'    GC_C({value!r}),{" " * max(1, 26 - len(repr(value)))}/* {k:4d}  '
@@ -118,15 +117,15 @@ def _texts(model: GravityModel, program: _Program, parameters: Parameters) -> di
             for k, (label, value) in enumerate(zip(parameters.labels,
                                                    parameters.values.tolist()))),
         'HELPERS': _helpers(static + friction), 'GRAVITY': program.gravity,
-        'STATIC': _with_gravity(static, 'gc_gravity(q, tau);'),
+        'STATIC': _with_gravity(static),
         'FRICTION': _friction(friction),
         'CHECKS': _checks(program)}
 
 
-def _with_gravity(lines: str, otherwise: str) -> str:
+def _with_gravity(lines: str) -> str:
     """Return statements that set tau to gravity and add the static effects."""
     if not lines:
-        return f'    {otherwise}'
+        return '    gc_gravity(q, tau);'
     declared = '    gc_real s[GC_N], c[GC_N];\n' if _TRIG.search(lines) else ''
     trig = c_text.SINES if declared else ''
     return f'{declared}    gc_real g[GC_N];\n{c_text.COPY_GRAVITY}\n{trig}{lines}'
@@ -172,8 +171,8 @@ def _renamed(code: str, prefix: str) -> str:
     return re.sub(r'\bGC_', f'{prefix.upper()}_', code)
 
 
-def _listed(lines: list[str] | tuple[str, ...], empty: str) -> str:
-    return '\n'.join(f' *   {_comment(line)}' for line in lines or [empty])
+def _listed(lines: list[str]) -> str:
+    return '\n'.join(f' *   {_comment(line)}' for line in lines or ['none'])
 
 
 def _comment(text: str) -> str:

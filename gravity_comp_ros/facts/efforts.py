@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed, rows_left_out
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals, spans, stretches
-from gravity_comp_ros.printable import counted
 import numpy as np
 
 # Samples at most that a search for exact limits needs.
@@ -93,10 +92,9 @@ def disabled(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | 
                   default=0.0)
     if rows.all() or longest < options.disabled_time:
         return np.zeros(len(rows), dtype=bool), None
-    return rows, Fact(
+    return rows, rows_left_out(
         Kind.DISABLED, (), f'effort of every joint is exactly 0 from {spans(signals.t, rows)}',
-        Action.LEFT_OUT, f'the drives are disabled; {counted(int(rows.sum()), "sample")} left out',
-        '--accept drive_disabled keeps them')
+        rows, reason='the drives are disabled; ')
 
 
 def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
@@ -124,10 +122,9 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
                 times[name] = float(part.sum())
     if not times:
         return rows, None
-    return rows, Fact(
+    return rows, rows_left_out(
         Kind.FROZEN, tuple(times), f'a value of {", ".join(times)} stays exactly the same during '
-        f'motion, from {spans(signals.t, rows)}', Action.LEFT_OUT,
-        f'{counted(int(rows.sum()), "sample")} left out', '--accept frozen keeps them', times)
+        f'motion, from {spans(signals.t, rows)}', rows, times)
 
 
 def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
@@ -171,10 +168,8 @@ def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact |
         return rows, None
     parts = [f'{name} at {limits[name]:.4g} N·m in {100 * share:.0f} % of the samples'
              for name, share in counts.items()]
-    return rows, Fact(
-        Kind.SATURATED, tuple(counts), f'effort is clipped on {", ".join(parts)}',
-        Action.LEFT_OUT, f'{counted(int(rows.sum()), "sample")} left out',
-        '--accept saturated_effort keeps them', counts)
+    return rows, rows_left_out(Kind.SATURATED, tuple(counts),
+                               f'effort is clipped on {", ".join(parts)}', rows, counts)
 
 
 def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,

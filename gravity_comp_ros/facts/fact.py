@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from types import MappingProxyType
 from typing import Any
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.printable import counted
+from numpy.typing import NDArray
 
 
 class Kind(Enum):
@@ -108,6 +111,19 @@ def refused(facts: Sequence[Fact]) -> list[Fact]:
 def as_noted(fact: Fact) -> Fact:
     """Return an accepted fact: the recording is read as it is."""
     return replace(fact, action=Action.NOTED, done='accepted', otherwise='')
+
+
+def rows_left_out(kind: Kind, joints: Sequence[str], evidence: str, rows: NDArray,
+                  values: Mapping[str, float] = MappingProxyType({}),
+                  reason: str = '') -> Fact:
+    """
+    Return the fact that the samples of a mask (M,) are left out.
+
+    :param reason: begins the clause about them.
+    """
+    return Fact(kind, tuple(joints), evidence, Action.LEFT_OUT,
+                f'{reason}{counted(int(rows.sum()), "sample")} left out',
+                f'--accept {kind.value} keeps them', values)
 
 
 def listed(names: Sequence[str], total: int) -> str:

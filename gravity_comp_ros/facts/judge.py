@@ -112,11 +112,7 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     unfiltered, lag = filtered_effort(signals, options)
     if lag is not None and judge.add(lag):
         signals = unfiltered
-    finite: BoolArray = np.asarray(np.isfinite(signals.qd).all(axis=1))
-    finite_signals = signals.keep(finite)
-    for fact in (*joints.small_degrees(finite_signals, options),
-                 *effort_facts(finite_signals, options)):
+    finite = signals.keep(np.asarray(np.isfinite(signals.qd).all(axis=1)))
+    for fact in (*joints.small_degrees(finite, options), *effort_facts(finite, options)):
         judge.add(fact)
-    differentiated = np.zeros(len(everything), dtype=bool)
-    differentiated[here] = replaced
-    return Judgement(signals, tuple(judge.facts), judge.left_out, differentiated[here])
+    return Judgement(signals, tuple(judge.facts), judge.left_out, replaced)

@@ -95,21 +95,20 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, motion)
 
 
-def count_reversals(q: FloatArray, minimum: float = _MIN_REVERSAL) -> int:
+def count_reversals(q: FloatArray) -> int:
     """
     Return the number of reversals of a joint.
 
     :param q: angles (M,) in rad.
-    :param minimum: motion in rad in the opposite direction that counts.
     """
     count, direction, extreme = 0, 0, q[0]
     for angle in q:
         if direction == 0:
-            if abs(angle - extreme) > minimum:
+            if abs(angle - extreme) > _MIN_REVERSAL:
                 direction, extreme = (1 if angle > extreme else -1), angle
         elif (angle - extreme) * direction >= 0:
             extreme = angle
-        elif abs(angle - extreme) > minimum:
+        elif abs(angle - extreme) > _MIN_REVERSAL:
             count, direction, extreme = count + 1, -direction, angle
     return count
 

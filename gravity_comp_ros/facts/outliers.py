@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, rows_left_out
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
@@ -115,12 +113,9 @@ def _set_aside(signals: Signals, bad: BoolArray, options: FactOptions, kind: Kin
     if not rows.any():
         return rows, None
     counts = {name: float(count) for name, count in zip(signals.names, bad.sum(axis=0)) if count}
-    return rows, Fact(kind, tuple(counts), f'{what} {_with_numbers(counts, "sample")}',
-                      Action.LEFT_OUT, f'{counted(int(rows.sum()), "sample")} left out',
-                      f'--accept {kind.value} keeps them', counts)
+    return rows, rows_left_out(kind, tuple(counts), f'{what} {_with_numbers(counts, "sample")}',
+                               rows, counts)
 
 
 def _with_numbers(counts: dict[str, float], what: str) -> str:
-    parts: Sequence[str] = [f'{name} ({counted(int(count), what)})'
-                            for name, count in counts.items()]
-    return ', '.join(parts)
+    return ', '.join(f'{name} ({counted(int(count), what)})' for name, count in counts.items())

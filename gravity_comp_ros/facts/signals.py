@@ -8,6 +8,9 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 from numpy.typing import NDArray
 
+# Stretches that are listed, at most.
+_MAX_SPANS = 3
+
 
 @dataclass(frozen=True, eq=False)
 class Signals:
@@ -45,7 +48,7 @@ class Signals:
                        tau=self.tau[:, rest], scaled=self.scaled[rest])
 
     def thinned(self, count: int) -> Signals:
-        """Return at max_count `count` samples, evenly spaced."""
+        """Return at most `count` samples, evenly spaced."""
         step = -(-max(len(self), 1) // count)
         return self.keep(np.arange(len(self)) % step == 0)
 
@@ -60,9 +63,9 @@ def stretches(mask: BoolArray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2])]
 
 
-def spans(t: FloatArray, mask: BoolArray, max_count: int = 3) -> str:
+def spans(t: FloatArray, mask: BoolArray) -> str:
     """Return the times in s of the longest stretches of a mask (M,), as text."""
     ordered = sorted(stretches(mask), key=lambda part: part.start - part.stop)
-    longest = sorted(ordered[:max_count], key=lambda part: part.start)
+    longest = sorted(ordered[:_MAX_SPANS], key=lambda part: part.start)
     text = ', '.join(f'{t[part.start]:.4g} to {t[part.stop - 1]:.4g} s' for part in longest)
-    return text + (f' and {len(ordered) - max_count} more' if len(ordered) > max_count else '')
+    return text + (f' and {len(ordered) - _MAX_SPANS} more' if len(ordered) > _MAX_SPANS else '')
