@@ -119,30 +119,28 @@ def from_yaml(text: str) -> Trajectory:
 
 def to_csv(trajectory: Trajectory) -> str:
     """Return the trajectory as CSV with a header."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator='\n')
     parts = [(prefix, getattr(trajectory, name)) for name, prefix in _PREFIXES
              if getattr(trajectory, name) is not None]
-    writer.writerow(['t', *(prefix + joint for prefix, _ in parts for joint in trajectory.joints)])
-    rows = np.column_stack([trajectory.t, *(values for _, values in parts)])
-    writer.writerows([f'{value:.9g}' for value in row] for row in rows)
+    header = ['t', *(prefix + joint for prefix, _ in parts for joint in trajectory.joints)]
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator='\n').writerow(header)
+    np.savetxt(stream, np.column_stack([trajectory.t, *(values for _, values in parts)]),
+               '%.9g', ',')
     return stream.getvalue()
 
 
 def from_csv(text: str) -> Trajectory:
     """Parse CSV with columns t, q_JOINT and, optionally, qd_, qdd_ and effort_JOINT."""
     header, *rows = csv.reader(io.StringIO(text))
-    values = np.array(rows, dtype=np.float64)
+    columns = dict(zip(header, np.array(rows, dtype=np.float64).T))
     joints = tuple(name[2:] for name in header if name.startswith('q_'))
-    arrays: dict[str, FloatArray] = {}
-    for name, prefix in _PREFIXES:
-        if all(prefix + joint in header for joint in joints):
-            arrays[name] = values[:, [header.index(prefix + joint) for joint in joints]]
     if not joints or 't' not in header:
         raise ValueError('it has no columns t and q_JOINT')
+    arrays = {name: np.column_stack([columns[prefix + joint] for joint in joints])
+              for name, prefix in _PREFIXES
+              if all(prefix + joint in header for joint in joints)}
     zeros = np.zeros_like(arrays['q'])
-    return Trajectory(joints, values[:, header.index('t')], arrays['q'], arrays.get('qd', zeros),
-                      arrays.get('qdd', zeros), arrays.get('effort'))
+    return Trajectory(joints, columns['t'], **{'qd': zeros, 'qdd': zeros, **arrays})
 
 
 def _numbers(row: FloatArray) -> str:

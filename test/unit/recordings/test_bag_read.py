@@ -132,8 +132,7 @@ SPOILT = {
     'one joint less': dict.fromkeys(('names', 'position', 'velocity', 'effort'), lambda x: x[:2]),
     'other joints': {'names': lambda x: ['lamp'], 'position': lambda x: [1.0],
                      'velocity': lambda x: [0.0], 'effort': lambda x: [0.5]},
-    'zero effort': {'effort': lambda x: [0.0, 0.0, 0.0]},
-    'no velocity': {'velocity': lambda x: []}}
+    'zero effort': {'effort': lambda x: [0.0, 0.0, 0.0]}}
 
 
 def spoil(rows, kind):
@@ -259,43 +258,33 @@ def test_simulated_clock_that_begins_at_zero(tmp_path):
         row[1]['stamp_ns'] -= START_NS
     recording = read_bag(recorded(tmp_path, rows))
     assert recording.report.start_ns == 0
-    check = recording.samples.t
-    np.testing.assert_allclose(check, T, atol=1e-9)
+    np.testing.assert_allclose(recording.samples.t, T, atol=1e-9)
 
 
-def test_missing_velocity_is_differentiated_and_noted(tmp_path):
-    rows = messages(200)
-    spoil(rows, 'no velocity')
-    recording = read_bag(recorded(tmp_path, rows))
-    assert recording.report.velocity == 'differentiated'
-    assert any('velocity of every joint is not recorded' in n for n in recording.report.notes)
-    _, _, qd, _ = motion(200)
-    np.testing.assert_allclose(recording.samples.qd, qd, atol=2e-3)
-
-
-def test_velocity_missing_on_one_joint_only(tmp_path):
-    rows = messages(200)
+@pytest.mark.parametrize(('value', 'joints', 'evidence'), [
+    ('none', NAMES, 'is not recorded'), (NAN, ('elbow',), 'is not recorded'),
+    (0.0, ('elbow',), 'is 0 throughout')])
+def test_velocities_that_are_not_measured_are_differentiated(tmp_path, value, joints, evidence):
+    rows, (_, _, qd, _) = messages(200), motion(200)
     for row in rows:
-        row[1]['velocity'][1] = float('nan')
-    recording = read_bag(recorded(tmp_path, rows))
-    assert any('velocity of elbow is not recorded' in note for note in recording.report.notes)
-    _, _, qd, _ = motion(200)
-    np.testing.assert_array_equal(recording.samples.qd[:, [0, 2]], qd[:, [0, 2]])
-    np.testing.assert_allclose(recording.samples.qd[:, 1], qd[:, 1], atol=2e-3)
-
-
-def test_zero_velocity_of_one_joint_is_differentiated(tmp_path):
-    rows = messages(200)
-    for row in rows:
-        row[1]['velocity'][1] = 0.0
+        if value == 'none':
+            row[1]['velocity'] = []
+        else:
+            row[1]['velocity'][1] = value
     recording = read_bag(recorded(tmp_path, rows))
     (fact,) = recording.report.facts
-    assert fact.joints == ('elbow',) and fact.action is Action.CORRECTED
-    np.testing.assert_allclose(recording.samples.qd, motion(200)[2], atol=2e-3)
-    # Velocity 0 of a joint at rest is no fact.
+    assert fact.joints == joints and fact.action is Action.CORRECTED
+    assert evidence in fact.evidence and recording.report.velocity == 'differentiated'
+    np.testing.assert_allclose(recording.samples.qd, qd, atol=2e-3)
+    measured = [name not in joints for name in NAMES]
+    np.testing.assert_array_equal(recording.samples.qd[:, measured], qd[:, measured])
+
+
+def test_velocity_0_of_a_joint_at_rest_is_no_fact(tmp_path):
+    rows = messages(200)
     for row in rows:
-        row[1]['position'][1] = 0.4
-    assert read_bag(recorded(tmp_path / 'still', rows)).report.facts == ()
+        row[1]['velocity'][1], row[1]['position'][1] = 0.0, 0.4
+    assert read_bag(recorded(tmp_path, rows)).report.facts == ()
 
 
 def test_an_isolated_sample_is_dropped(tmp_path):
