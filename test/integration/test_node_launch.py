@@ -51,17 +51,6 @@ def test_without_ros_it_ends_with_one_line():
     assert done.stderr.count('\n') == 1
 
 
-def test_examples_of_parameters_are_accepted():
-    import yaml
-    from gravity_comp_ros.node.parameters import BY_NAME, Parameters
-    paths = sorted((ROOT / 'config').glob('gravity_comp*.yaml'))
-    assert paths
-    for path in paths:
-        chosen = yaml.safe_load(path.read_text())['/**']['ros__parameters']
-        values = Parameters(**{k: BY_NAME[k].parse(v) for k, v in chosen.items()})
-        assert values.max_torque and values.joints, path.name
-
-
 READ = """
 import json, sys, rclpy
 from rclpy.node import Node

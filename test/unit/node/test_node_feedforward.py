@@ -1,6 +1,7 @@
 """Published torque: no steps, within limits, watchdog for input that stops."""
 
 from dataclasses import replace
+import math
 
 from gravity_comp_ros.node import feedforward as ff
 from gravity_comp_ros.node.feedforward import FeedForward
@@ -15,70 +16,62 @@ FREE = Parameters(ramp_time=1.0, max_torque_rate=(), extrapolation='trust',
                   stale_after=0.3, hold_time=0.5, fade_time=2.0)
 
 
-def constant(torque):
-    return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+def source(predict, effects=None, reach=math.inf, high=1.0):
+    """Return a source of torque with a trained range from -1 rad."""
+    return TorqueSource(predict, np.array([-1.0]), np.array([high]), reach, effects)
 
 
-def steady(torque):
-    return lambda q, qd: np.full(1, torque)
+def constant(torque, effects=None):
+    return source(lambda q: np.full(1, float(torque)), effects)
 
 
-def with_effects(source, effects):
-    return replace(source, effects=effects)
+def linear(slope=10.0):
+    return source(lambda q: slope * q)
 
 
-def linear():
-    return TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
+def effect(size):
+    """Return an effect of one size that is unknown without a speed."""
+    return lambda q, qd: None if qd is None else np.full(1, size)
+
+
+def played(feed, start, n, q=Q, qd=Q, step=0.1):
+    """Return the torques for n messages, None for none."""
+    torques = [feed.update(start + step * k, q, qd) for k in range(n)]
+    return [None if tau is None else float(tau[0]) for tau in torques]
 
 
 def started(options=FREE, torque=10.0):
     feed = FeedForward(1, options)
     feed.use(constant(torque))
-    for k in range(26):
-        feed.update(0.1 * k, Q)
+    played(feed, 0.0, 26, qd=None)
     return feed, 2.5
 
 
-def test_nothing_without_a_model():
+def test_it_ramps_from_zero_to_the_first_model_and_after_a_restart():
     feed = FeedForward(1, FREE)
     assert feed.update(0.0, Q) is None and feed.watch(9.0) is None
     assert feed.state(9.0) == ff.NO_MODEL
-
-
-def test_a_first_model_ramps_from_zero():
-    feed = FeedForward(1, FREE)
     feed.use(constant(10.0))
-    torques = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
-    np.testing.assert_allclose(torques, [*np.arange(11), 10, 10], atol=1e-9)
-    assert feed.state(1.2) == ff.ACTIVE
+    for start in (9.1, 30.0):
+        feed.restart()
+        assert feed.watch(start) is None and feed.state(start) == ff.WAITING
+        np.testing.assert_allclose(played(feed, start, 13), [*np.arange(11), 10, 10], atol=1e-9)
+        assert feed.state(start + 1.2) == ff.ACTIVE
 
 
-@pytest.mark.parametrize('action', ['fade', 'hold'])
-def test_after_a_restart_torque_ramps_from_zero(action):
-    feed, t = started(replace(FREE, stale_action=action))
-    feed.use(constant(20.0))
-    assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(11.0)
-    feed.restart()
-    assert feed.watch(t + 9.0) is None and feed.state(t + 9.0) == ff.WAITING
-    torques = [float(feed.update(t + 9.0 + 0.1 * k, Q)[0]) for k in range(12)]
-    np.testing.assert_allclose(torques, [*np.arange(0, 22, 2), 20], atol=1e-9)
-
-
-def test_a_swap_blends_from_old_to_new():
+@pytest.mark.parametrize('first, then', [
+    (constant(20.0), constant(0.0)), (constant(10.0, effect(3.0)), constant(10.0, effect(7.0))),
+    (constant(10.0, effect(3.0)), constant(10.0))], ids=['model', 'effect', 'no effect'])
+def test_a_change_is_a_ramp_also_within_another_ramp(first, then):
     feed, t = started()
-    feed.use(constant(20.0))
-    torques = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
-    np.testing.assert_allclose(torques, [*range(11, 21), 20], atol=1e-9)
-
-
-def test_a_swap_within_a_swap_starts_from_the_present_torque():
-    feed, t = started()
-    feed.use(constant(20.0))
-    for k in range(5):
-        feed.update(t + 0.1 * (k + 1), Q)
-    feed.use(constant(0.0))
-    torques = [float(feed.update(t + 0.5 + 0.1 * k, Q)[0]) for k in range(12)]
-    np.testing.assert_allclose(torques, [*np.arange(15.0, 0.0, -1.5), 0.0, 0.0], atol=1e-6)
+    for each, n in ((first, 5), (then, 10)):
+        before = played(feed, t, 1)[0]
+        feed.use(each)
+        target = float(each.predict(Q)[0] + (each.effects(Q, Q)[0] if each.effects else 0.0))
+        np.testing.assert_allclose(
+            played(feed, t + 0.1, n), before + (target - before) * 0.1 * np.arange(1, n + 1),
+            atol=1e-6)
+        t += 0.1 * n
 
 
 @pytest.mark.parametrize('limit', [3.0, 176.0])
@@ -113,8 +106,7 @@ def test_a_swap_within_a_swap_follows_the_pose():
     for k in range(26):
         feed.update(0.1 * k, q)
     for swap, slope in enumerate((11.0, 12.0)):
-        feed.use(TorqueSource(lambda q, slope=slope: slope * q, np.array([-9.0]),
-                              np.array([9.0])))
+        feed.use(linear(slope))
         for k in range(4):
             q = q + 0.1
             tau = float(feed.update(2.6 + 0.1 * (4 * swap + k), q)[0])
@@ -123,16 +115,23 @@ def test_a_swap_within_a_swap_follows_the_pose():
 
 def test_a_torque_in_transition_never_moves_away_from_its_target():
     """The arm passes the vertical during the first ramp; the torque does not overshoot."""
-    feed = FeedForward(1, FREE)
+    feed, last = FeedForward(1, FREE), 0.0
     feed.use(linear())
-    last, torques = 0.0, []
     for k in range(20):
-        q = np.array([1.0 - 0.2 * k])
-        tau = float(feed.update(0.05 * k, q)[0])
-        assert min(last, 10.0 * q[0]) - 1e-9 <= tau <= max(last, 10.0 * q[0]) + 1e-9
-        torques.append(tau)
+        target = 10.0 * (1.0 - 0.2 * k)
+        tau = played(feed, 0.05 * k, 1, np.array([0.1 * target]))[0]
+        assert min(last, target) - 1e-9 <= tau <= max(last, target) + 1e-9
         last = tau
-    assert min(torques) == pytest.approx(-28.0)
+    assert last == pytest.approx(-28.0)
+
+
+def test_disabled_torque_ramps_to_zero_and_then_nothing_is_published():
+    feed, t = started()
+    feed.enabled = False
+    np.testing.assert_allclose(played(feed, t + 0.1, 10), 10.0 - np.arange(1, 11), atol=1e-9)
+    assert played(feed, t + 1.1, 1) == [None] and feed.state(t + 1.1) == ff.DISABLED
+    feed.enabled = True
+    assert played(feed, t + 1.2, 1) == pytest.approx([1.0])
 
 
 def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
@@ -144,21 +143,17 @@ def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     np.testing.assert_allclose(torques, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
     assert feed.state(t + 2.81) == ff.FADED
     assert feed.watch(t + 3.0) is None
-
-
-def test_stale_input_may_hold_forever():
     feed, t = started(replace(FREE, stale_action='hold'))
     assert float(feed.watch(t + 1e6)[0]) == 10.0
 
 
-def test_disable_ramps_down_to_zero_then_publishes_nothing():
+def test_effects_ramp_to_zero_on_stale_input_and_gravity_is_held():
     feed, t = started()
-    feed.enabled = False
-    torques = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
-    np.testing.assert_allclose(torques, 10.0 - np.arange(1, 11), atol=1e-9)
-    assert feed.update(t + 1.1, Q) is None and feed.state(t + 1.1) == ff.DISABLED
-    feed.enabled = True
-    assert float(feed.update(t + 1.2, Q)[0]) == pytest.approx(1.0)
+    feed.use(constant(10.0, effect(3.0)))
+    assert played(feed, t + 0.1, 12)[-1] == pytest.approx(13.0)
+    drop = np.concatenate([feed.watch(t + 1.51 + 0.05 * k) for k in range(10)])
+    # After 0.45 s of a ramp of 1 s about half of the effects remains.
+    assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and 10.0 <= drop[-1] < 11.6
 
 
 def test_torque_and_its_rate_are_limited():
@@ -176,22 +171,23 @@ def test_a_lowered_limit_applies_at_once():
     assert float(feed.update(t + 0.001, Q)[0]) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize('policy, expected', [
-    ('trust', [10, 15, 20, 25]), ('hold', [10, 15, 15, 15]),
-    ('fade', [10, 15, 0, 0])])
-def test_poses_outside_the_trained_range(policy, expected):
-    options = replace(FREE, ramp_time=0.0, extrapolation=policy, extrapolation_margin=0.5)
-    feed = FeedForward(1, options)
-    feed.use(linear())
-    feed.update(0.0, Q)
-    torques = [float(feed.update(0.1 * k, np.array([q]))[0])
-               for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
-    assert torques == pytest.approx(expected)
+@pytest.mark.parametrize('policy, reach, expected', [
+    ('trust', math.inf, [10, 15, 20, 25]), ('hold', math.inf, [10, 15, 15, 15]),
+    ('fade', math.inf, [10, 15, 0, 0]), ('hold', 0.1, [10, 11, 11, 11])])
+def test_poses_outside_the_trained_range(policy, reach, expected):
+    """The reach of a model bounds the margin."""
+    feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation=policy,
+                                  extrapolation_margin=0.5))
+    feed.use(source(lambda q: 10.0 * q, reach=reach))
+    assert feed.margin == min(0.5, reach)
+    torques = [played(feed, 0.1 * k, 1, np.array([q]))[0]
+               for k, q in enumerate((0.0, 1.0, 1.5, 2.0, 2.5))]
+    assert torques[1:] == pytest.approx(expected)
 
 
 def test_a_torque_that_is_not_finite_counts_as_missing_input():
     feed, t = started()
-    feed.use(TorqueSource(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
+    feed.use(source(lambda q: np.array([np.nan])))
     assert feed.update(t + 0.1, Q) is None
     assert float(feed.watch(t + 0.5)[0]) == 10.0
     feed.use(constant(11.0))
@@ -241,23 +237,10 @@ def test_no_sequence_of_events_exceeds_the_limits(script, policy):
             last = float(tau[0])
 
 
-def test_effects_are_added_and_ramp_to_zero_on_stale_input():
-    feed, t = started(torque=10.0)
-    feed.use(with_effects(constant(10.0), steady(3.0)))
-    for k in range(12):
-        tau = feed.update(t + 0.1 * (k + 1), Q)
-    assert tau == pytest.approx(13.0)
-    t += 1.2
-    drop = np.concatenate([feed.watch(t + 0.31 + 0.05 * k) for k in range(10)])
-    assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and drop[-1] >= 10.0
-    # Gravity is held; after 0.45 s of a ramp of 1 s about half of the effects remains.
-    assert drop[-1] < 11.6
-
-
 def test_effects_end_beyond_the_margin_and_stay_within_limits():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
                                   extrapolation_margin=0.5))
-    feed.use(with_effects(constant(10.0), lambda q, qd: qd))
+    feed.use(constant(10.0, lambda q, qd: qd))
     assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
     assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
     assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
@@ -265,29 +248,9 @@ def test_effects_end_beyond_the_margin_and_stay_within_limits():
     assert feed.update(0.4, Q) == pytest.approx(10.0)
 
 
-def friction(q, qd):
-    return None if qd is None else 3.0 * np.sign(qd)
-
-
-@pytest.mark.parametrize('start', [0.0, 3.0])
-def test_a_change_of_compensation_is_a_ramp(start):
-    feed, t = started()
-    feed.use(with_effects(constant(10.0), steady(start)))
-    torques = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(12)]
-    assert torques[-1] == pytest.approx(10.0 + start)
-    feed.use(with_effects(constant(10.0), steady(7.0)))
-    after = [float(feed.update(t + 1.2 + 0.1 * (k + 1), Q)[0]) for k in range(12)]
-    expected = 10.0 + start + (7.0 - start) * np.array([*np.arange(0.1, 1.0, 0.1), 1, 1, 1])
-    np.testing.assert_allclose(after, expected, atol=1e-6)
-    feed.use(constant(10.0))
-    last = [float(feed.update(t + 2.4 + 0.1 * (k + 1), Q)[0]) for k in range(12)]
-    np.testing.assert_allclose(last, 17.0 - 7.0 * (expected - 10.0 - start) / (7.0 - start),
-                               atol=1e-6)
-
-
 def test_friction_in_transition_has_the_direction_of_the_motion():
     feed, t = started()
-    feed.use(with_effects(constant(10.0), friction))
+    feed.use(constant(10.0, lambda q, qd: None if qd is None else 3.0 * np.sign(qd)))
     up, down = np.array([0.1]), np.array([-0.1])
     assert float(feed.update(t + 0.1, Q, up)[0]) == pytest.approx(10.3)
     # The reversal is that of the target, and no more.
@@ -308,7 +271,7 @@ def test_effects_never_step(events):
     for event in events:
         if event == 'other':
             size = -size
-            feed.use(with_effects(constant(10.0), needs_speed(size)))
+            feed.use(constant(10.0, effect(size)))
         elif event == 'none':
             feed.use(constant(10.0))
         elif event in ('far', 'near'):
@@ -321,29 +284,16 @@ def test_effects_never_step(events):
             if tau is not None:
                 assert abs(float(tau[0]) - last) <= 0.02 * 6.0 + 1e-6
                 last = float(tau[0])
-    feed.use(with_effects(constant(10.0), needs_speed(2.0)))
+    feed.use(constant(10.0, effect(2.0)))
     for k in range(400):
         tau = feed.update(now + 0.01 * (k + 1), Q, Q)
     assert float(tau[0]) == pytest.approx(12.0)
-
-
-def needs_speed(size):
-    return lambda q, qd: None if qd is None else np.full(1, size)
 
 
 def test_the_watchdog_works_after_the_clock_was_set_back():
     feed, t = started()
     assert feed.watch(t - 1000.0) is None
     assert feed.watch(t - 999.0) is not None and feed.state(t - 999.0) in (ff.HOLDING, ff.FADING)
-
-
-def test_the_reach_of_a_model_bounds_the_margin():
-    feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation='hold',
-                                  extrapolation_margin=1.0))
-    feed.use(TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
-    assert feed.margin == pytest.approx(0.1)
-    assert feed.update(0.0, Q + 1.05) == pytest.approx(10.5)
-    assert feed.update(0.1, Q + 1.9) == pytest.approx(11.0)
 
 
 @pytest.mark.parametrize('pause', [0.25, 0.35, 5.0, 100.0])
@@ -391,7 +341,7 @@ def test_a_burst_after_a_pause_delays_the_torque_only_briefly():
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from(['hold', 'fade', 'trust']))
 def test_torque_has_a_period_of_one_revolution(q, revolutions, policy):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation=policy))
-    feed.use(TorqueSource(lambda q: 10.0 * np.sin(q), np.array([-1.0]), np.array([2.0])))
+    feed.use(source(lambda q: 10.0 * np.sin(q), high=2.0))
     here = feed.update(0.0, np.array([q]))
     there = feed.update(0.1, np.array([q + 2 * np.pi * revolutions]))
     if -1.0 <= q <= 2.0:
