@@ -13,7 +13,6 @@ from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.priority_executor import InputFirstExecutor
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import TransitionCallbackReturn
 
 # Exit code after an error in a callback; a supervisor starts the node again.
@@ -46,8 +45,6 @@ def run(args: Sequence[str] | None = None) -> int:
     executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states)
     try:
         return _spin(node, executor)
-    except ExternalShutdownException:
-        return 0
     except Exception:
         # A signal during a callback invalidates the context, and the callback fails.
         if rclpy.ok():
@@ -71,8 +68,6 @@ def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> int:
     gc.freeze()
     try:
         executor.spin()
-    except ExternalShutdownException:
-        raise
     except Exception as problem:
         if not rclpy.ok():
             raise

@@ -329,23 +329,6 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     assert not node.rollback(3.0)[0]
 
 
-def test_events_are_logged(live, model_file, tmp_path):
-    node = live(model_file=str(model_file))
-    text = node.events.log.popleft()[1]
-    assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
-    node.models.path = str(tmp_path / 'none' / 'model.json')
-    replies = []
-    saved(node, replies)
-    until(node, lambda: replies)
-    assert not replies[0][0] and 'none' in replies[0][1]
-    assert status(node, 'model').level == WARN
-    # The status is that of the last save.
-    (tmp_path / 'none').mkdir()
-    saved(node, replies)
-    until(node, lambda: len(replies) == 2)
-    assert replies[1][0] and status(node, 'model').level == OK
-
-
 @pytest.mark.parametrize('number, timeout, is_diagnosis, reason', [
     (signal.SIGKILL, 60.0, False, 'died (signal 9)'), (signal.SIGSTOP, 0.3, False, 'the fit hung'),
     (signal.SIGKILL, 60.0, True, 'died (signal 9)')])
@@ -398,6 +381,30 @@ def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt
     # A new payload begins without the result of the earlier one.
     node.payload_changed(now + 50.0)
     assert status(node, 'learning').level == OK
+
+
+def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_file, tmp_path,
+                                                                monkeypatch):
+    assert 'no file' not in status(live(model_file='~unknown_user_name/m.json'), 'model').message
+    node, replies, save = live(model_file=str(model_file)), [], model_history.save_model
+    text = node.events.log.popleft()[1]
+    assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
+    node.models.path = str(tmp_path / 'none' / 'model.json')
+
+    def full_memory(path, model):
+        monkeypatch.setattr(model_history, 'save_model', save)
+        raise MemoryError('no memory')
+
+    monkeypatch.setattr(model_history, 'save_model', full_memory)
+    for reason, level in (('no memory', WARN), ('none', WARN), ('saved', OK)):
+        saved(node, replies)
+        until(node, lambda: replies)
+        success, text = replies.pop()
+        assert success == (level == OK) and reason in text
+        # The status is that of the last save.
+        assert status(node, 'model').level == level
+        if reason == 'none':
+            (tmp_path / 'none').mkdir()
 
 
 def feed_efforts(node, tau):
@@ -459,23 +466,6 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
     until(node, lambda: len(replies) == 2)
     assert written == [first, second] and all(success for success, _ in replies)
     np.testing.assert_allclose(load_model(node.models.path).predict(q), second.predict(q))
-
-
-def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_file, tmp_path,
-                                                                monkeypatch):
-    assert 'no file' not in status(live(model_file='~unknown_user_name/m.json'), 'model').message
-    node, replies, save = live(model_file=str(model_file)), [], model_history.save_model
-    node.models.path = str(tmp_path / 'model.json')
-
-    def full_memory(path, model):
-        monkeypatch.setattr(model_history, 'save_model', save)
-        raise MemoryError('no memory')
-
-    monkeypatch.setattr(model_history, 'save_model', full_memory)
-    for _ in range(2):
-        saved(node, replies)
-    until(node, lambda: len(replies) == 2, 30.0)
-    assert not replies[0][0] and 'no memory' in replies[0][1] and replies[1][0]
 
 
 def test_a_description_does_not_limit_torque_that_is_published_without_limits(live, model_file):

@@ -8,8 +8,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.torque_source import ModelInUse
 import numpy as np
 import pytest
 
@@ -86,6 +86,15 @@ def change(node, **settings):
     node.set(replace(node.settings, **settings))
 
 
+def test_a_per_joint_model_is_held_near_its_range():
+    t = 0.2 * np.arange(400)
+    q, qd = motion(t)
+    samples = JointSamples.single_run(['a', 'b'], t, q, qd, gravity(q))
+    for formulation, reach in (('per_joint', 0.1), ('potential', np.inf)):
+        model = fit(samples, FitOptions(formulation)).model
+        assert ModelInUse(model, Parameters()).source.reach == reach
+
+
 def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     t, _ = feed(node, 1.0, 60)
     change(node, effects=('coulomb_friction:a',))
@@ -149,24 +158,3 @@ def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
     assert status.level == WARN and 'none of the effects to compensate' in status.message
     q, _ = motion(t - 0.2)
     np.testing.assert_allclose(tau, node.models.model.predict_one(q))
-
-
-def test_a_per_joint_model_is_held_near_its_range(tmp_path):
-    t = 0.2 * np.arange(400)
-    q, qd = motion(t)
-    tau = gravity(q) + 0.05 * np.random.default_rng(0).standard_normal(q.shape)
-    path = tmp_path / 'model.json'
-    samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
-    save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
-    settings = Parameters(model_file=str(path), ramp_time=0.0, max_torque_rate=(), max_age=0.0,
-                          unlimited_torque=True)
-    node = NodeCore(settings, '/joint_states', 0.0)
-    try:
-        far = q.max(axis=0) + 1.0
-        result = send(node, 1.0, far, 0 * far, 0 * far)
-        nearest = node.models.model.predict_one(q.max(axis=0) + 0.1)
-        np.testing.assert_allclose(result, nearest)
-        status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
-        assert status.level == WARN and 'outside the trained range' in status.message
-    finally:
-        node.close()

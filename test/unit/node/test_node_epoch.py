@@ -53,58 +53,45 @@ def test_it_reports_what_is_missing_for_a_fit():
 
 def test_after_broken_effort_it_requires_more_samples():
     options = Parameters(min_samples=15, first_samples=45, full_samples=60)
-    due = {}
-    for broken in (False, True):
+    # With ten of 55 samples held out.
+    for broken, needed in ((False, 20), (True, 55)):
         epoch = Epoch(0, ['a', 'b'], options, has_base=True)
         if broken:
             epoch.restart_after_broken_effort()
-        for k in range(80):
-            feed(epoch, 1, k)
-            if epoch.fit_is_due():
-                due[broken] = len(epoch) - epoch.n_held_out
-                break
-            assert ('after broken effort' in epoch.missing_for_fit()) == broken
-    assert due == {False: 15, True: 45}
+        assert due_fits(epoch, 80, True)[0] == needed
+        epoch.restart()
+        feed(epoch, 10)
+        assert ('after broken effort' in epoch.missing_for_fit()) == broken
+
+
+def due_fits(epoch, n, succeed, still=False):
+    """Offer n samples, and end each fit that is due; return the numbers of samples of the fits."""
+    due = []
+    for k in range(n):
+        feed(epoch, 1, k, still=still)
+        if epoch.fit_is_due():
+            due.append(k + 1)
+            epoch.fit_started()
+            assert not epoch.fit_is_due()
+            epoch.fit_ended(succeed)
+    return due
 
 
 def test_fits_are_due_as_samples_grow_and_the_last_closes_the_epoch():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
-    due = []
-    for k in range(90):
-        feed(epoch, 1, k)
-        if epoch.fit_is_due():
-            due.append(len(epoch))
-            epoch.fit_started()
-            assert not epoch.fit_is_due()
-            epoch.fit_ended(True)
-    assert due == [20, 25, 32, 40, 50, 60]
-    assert not epoch.is_open and len(epoch) == 90
+    assert due_fits(epoch, 90, True) == [20, 25, 32, 40, 50, 60]
+    # A closed epoch collects samples for fits on request.
+    assert not epoch.is_open and len(epoch) == 90 and epoch.missing_for_fit() is None
+    # A joint without range keeps it open.
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    due_fits(epoch, 90, True, still=True)
+    assert epoch.is_open and epoch.short_of_range() == ('b',)
 
 
 def test_a_failed_fit_does_not_close_the_epoch_and_is_repeated_with_more_samples():
     """An effect that the motion does not excite fails each time."""
-    epoch, due = Epoch(0, ['a', 'b'], OPTIONS), []
-    for k in range(2 * epoch_module.CAPACITY):
-        feed(epoch, 1, k)
-        if epoch.fit_is_due():
-            due.append(k + 1)
-            epoch.fit_started()
-            epoch.fit_ended(False)
-            assert epoch.is_open and not epoch.fit_is_due()
-    assert due[:8] == [20, 25, 32, 40, 50, 60, 75, 94]
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    due = due_fits(epoch, 2 * epoch_module.CAPACITY, False)
+    assert epoch.is_open and due[:8] == [20, 25, 32, 40, 50, 60, 75, 94]
     # Also with a full ring, whose number of samples does not grow.
     assert due[-1] > epoch_module.CAPACITY and len(epoch) == epoch_module.CAPACITY
-
-
-def test_a_joint_without_range_keeps_the_epoch_open():
-    epoch = Epoch(0, ['a', 'b'], OPTIONS)
-    feed(epoch, 80, still=True)
-    epoch.fit_started()
-    epoch.fit_ended(True)
-    assert epoch.is_open and epoch.short_of_range() == ('b',)
-
-
-def test_a_closed_epoch_collects_samples():
-    epoch = Epoch(0, ['a', 'b'], OPTIONS, is_open=False)
-    feed(epoch, 60)
-    assert len(epoch) == 60 and not epoch.fit_is_due() and epoch.missing_for_fit() is None
