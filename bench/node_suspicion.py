@@ -181,7 +181,7 @@ class Core:
         """Send a sample with the measured torque (N,) to the node."""
         reading = self.live.read(self._message(s, tau), s.t)
         if reading is not None:
-            self.live.torque([reading], s.t)
+            self.live.arm.torque(s.t, reading)
             self.live.arm.learn(reading, s.t)
 
     def run(self, source: Iterator[Sample], arm: Arm, rng: np.random.Generator,

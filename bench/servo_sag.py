@@ -86,7 +86,7 @@ class Servos:
             if core is not None and stiffness is not None:
                 t = 10.0 + self.step * STEP
                 reading = core.read(joint_state(self.arm.joints, t, *measured), t)
-                tau = None if reading is None else core.torque([reading], t)
+                tau = None if reading is None else core.arm.torque(t, reading)
                 if tau is not None:
                     self.offset = position_offset(tau, stiffness)
         return goal - self.arm.q

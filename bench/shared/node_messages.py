@@ -75,7 +75,7 @@ def send_message(node, message, now, arrival=0.0):
     reading = node.read(message, arrival)
     if reading is None:
         return None, None
-    tau = node.torque([reading], now)
+    tau = node.arm.torque(now, reading)
     node.arm.learn(reading, now)
     return reading, tau
 

@@ -181,17 +181,16 @@ class GravityCompNode(LifecycleNode):
         if not self._active or core is None or outputs is None or not self._has_time():
             return
         now, arrival = self.now(), self.get_clock().now().nanoseconds * 1e-9
-        read = core.read_all(messages, arrival)
-        if not read:
+        read, arm = core.read_all(messages, arrival), core.arm
+        if not read or arm is None:
             return
-        tau = core.torque([reading for _, reading in read], now)
-        if core.arm is not None:
-            outputs.name_joints(core.arm.joints)
-            if tau is not None:
-                outputs.torque(read[-1][0].header.stamp, tau)
-            self._publish_model_outputs(core.arm, outputs, read)
-            for _, reading in read:
-                core.arm.learn(reading, now)
+        tau = arm.torque(now, read[-1][1])
+        outputs.name_joints(arm.joints)
+        if tau is not None:
+            outputs.torque(read[-1][0].header.stamp, tau)
+        self._publish_model_outputs(arm, outputs, read)
+        for _, reading in read:
+            arm.learn(reading, now)
 
     def _publish_model_outputs(self, arm: Arm, outputs: Outputs,
                                read: Sequence[tuple[JointState, Reading]]) -> None:

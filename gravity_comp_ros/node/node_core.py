@@ -118,6 +118,7 @@ class NodeCore:
         """
         Read waiting messages; return those that can be used, of one device, with their readings.
 
+        The newest is answered by `Arm.torque`; then all are learned from (`Arm.learn`).
         Where a message begins an arm with more joints, the readings before it are of another
         device, and are left out.
 
@@ -132,6 +133,7 @@ class NodeCore:
                 read.clear()
             if reading is not None:
                 read.append((message, reading))
+        self._replaced += max(0, len(read) - 1)
         return read
 
     def read(self, message: Any, arrival: float) -> Reading | None:
@@ -144,17 +146,6 @@ class NodeCore:
         if arm is None or (self._guessed and self._is_larger(arm, message.name)):
             arm = self._begin_with_message(tuple(message.name))
         return None if arm is None else arm.reader.read(message, arrival)
-
-    def torque(self, readings: Sequence[Reading], now: float) -> FloatArray | None:
-        """
-        Return the torque (N,) in N·m to publish for the newest of waiting readings.
-
-        Call `Arm.learn` for each after the torque has been published.
-
-        :param now: monotonic time in s, for ramps and the watchdog.
-        """
-        self._replaced += len(readings) - 1
-        return None if self.arm is None else self.arm.torque(now, readings[-1])
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""

@@ -39,13 +39,6 @@ class InputGroup(CallbackGroup):
         """Return False: only `InputFirstExecutor` executes the input."""
         return False
 
-    def beginning_execution(self, entity: Any) -> bool:
-        """Return False, as `can_execute`."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing."""
-
 
 class InputFirstExecutor(SingleThreadedExecutor):
     """

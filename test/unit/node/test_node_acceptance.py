@@ -91,12 +91,16 @@ def tables_of(base, change=None, scaled=(), limits=PayloadLimits(), geometry=Non
     """
     Return the tables of twenty seconds with 0.1 N·m of noise.
 
-    :param change: of the moments (7, 2) of the chain in N·m.
+    :param change: added moments of links in N·m, in the direction of their own.
     :param scaled: joints and the gain of their effort.
     """
     samples = recorded('eq17', 0, 20.0, 30.0, payload, '', np.random.default_rng(0)).samples
     if change is not None:
-        moved = base.chain.moved(np.concatenate([np.zeros(14), np.ravel(change)]))
+        moments = np.zeros((7, 2))
+        for joint, value in change.items():
+            own = base.chain.moments[joint]
+            moments[joint] = value * own / np.linalg.norm(own)
+        moved = base.chain.moved(np.concatenate([np.zeros(14), moments.ravel()]))
         noise = 0.1 * np.random.default_rng(1).standard_normal((100, 7))
         samples = replace(samples, tau=moved.torque(samples.q) + noise)
     tau = samples.tau.copy()
@@ -112,13 +116,35 @@ def refusals(every_table, limits=PayloadLimits()):
             body_checks(every_table, np.full(7, 0.1), 1.0, limits) if not check.passed}
 
 
-def heavier(base, **changed):
-    """Return moments (7, 2) in N·m in the direction of those of the links."""
-    result = np.zeros((7, 2))
-    for name, value in changed.items():
-        own = base.chain.moments[int(name[1:])]
-        result[int(name[1:])] = value * own / np.linalg.norm(own)
-    return result
+LIGHT, HEAVY = {1: 10.0, 3: 9.0}, {1: 60.0, 3: 50.0}
+FAR = Payload(3.0, (0.0, 0.0, 0.4))
+
+
+@pytest.mark.parametrize('case, limits, reason', [
+    ({}, {}, None), ({'change': LIGHT}, {}, None), ({'change': HEAVY}, {}, None),
+    *(({'payload': Payload(mass, (0.1, -0.05, 0.1))}, {}, None) for mass in (0.3, 2.0, 5.0)),
+    ({'change': HEAVY}, {'mass': 5.0}, (checks.WITHIN_LIMITS, 'max_payload 5 kg')),
+    ({'scaled': [(joint, 2.0) for joint in range(7)]}, {'mass': 100.0},
+     (checks.NO_FAULT, 'all joints is 2 times'))])
+def test_a_change_is_a_body_within_the_limits_or_refused(base, case, limits, reason):
+    assert_refused(base, None, case, limits, reason)
+
+
+@pytest.mark.parametrize('case, limits, reason', [
+    ({}, {}, None), ({'payload': FAR}, {}, None),
+    *(({'payload': Payload(mass, (0.1, -0.05, 0.1))}, {}, None) for mass in (0.3, 2.0, 5.0)),
+    ({'payload': FAR}, {'mass': 2.0}, (checks.WITHIN_LIMITS, 'max_payload is 2 kg')),
+    ({'payload': FAR}, {'reach': 0.2}, (checks.WITHIN_LIMITS, 'max_payload_reach'))])
+def test_known_axes_bound_mass_and_reach(base, geometry, case, limits, reason):
+    assert_refused(base, geometry, case, limits, reason)
+
+
+def assert_refused(base, geometry, case, limits, reason):
+    """Assert that a check refuses a case, or that all checks pass without a reason."""
+    limits = PayloadLimits(**limits)
+    reasons = refusals(tables_of(as_chain(base, geometry), limits=limits, geometry=geometry,
+                                 **case), limits)
+    assert not reasons if reason is None else reason[1] in reasons[reason[0]]
 
 
 @pytest.mark.parametrize('joint', [1, 3, 5])
@@ -148,41 +174,6 @@ def test_a_joint_whose_fault_is_no_gain_is_named(name, fault, base):
     result = run_fit(job_of(corrupted(name), base))
     assert 'no payload explains' in result.fault
     assert f'most likely iiwa_joint_4 {fault}' in result.fault
-
-
-def test_a_body_is_no_fault(base, geometry):
-    for axes in (None, geometry):
-        for mass in (0.3, 2.0, 5.0):
-            payload = Payload(mass, (0.1, -0.05, 0.1))
-            assert not refusals(tables_of(as_chain(base, axes), geometry=axes, payload=payload))
-        assert not refusals(tables_of(as_chain(base, axes), geometry=axes))
-
-
-def test_a_change_of_the_outer_links_is_a_body(base):
-    assert not refusals(tables_of(base, heavier(base, m1=10.0, m3=9.0)))
-
-
-def test_a_change_beyond_max_payload_is_refused(base):
-    heavy = tables_of(base, heavier(base, m1=60.0, m3=50.0))
-    assert not refusals(heavy)
-    limits = PayloadLimits(mass=5.0)
-    assert 'max_payload 5 kg' in refusals(heavy, limits)[checks.WITHIN_LIMITS]
-
-
-def test_a_common_factor_of_all_joints_is_refused(base):
-    limits = PayloadLimits(mass=100.0)
-    every = [(joint, 2.0) for joint in range(7)]
-    reasons = refusals(tables_of(base, scaled=every, limits=limits), limits)
-    assert 'all joints is 2 times' in reasons[checks.NO_FAULT]
-
-
-def test_known_axes_bound_mass_and_reach(base, geometry):
-    payload, chain = Payload(3.0, (0.0, 0.0, 0.4)), as_chain(base, geometry)
-    for limits, why in ((PayloadLimits(), None), (PayloadLimits(mass=2.0), 'max_payload is 2 kg'),
-                        (PayloadLimits(reach=0.2), 'max_payload_reach')):
-        reasons = refusals(
-            tables_of(chain, limits=limits, geometry=geometry, payload=payload), limits)
-        assert not reasons if why is None else why in reasons[checks.WITHIN_LIMITS]
 
 
 def test_a_potential_model_of_a_serial_arm_is_a_chain(base):

@@ -215,11 +215,11 @@ def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
     assert status(node, 'input', now).level == OK
     node.arm.epoch.restart()
     t, q = motion(50, 2)
-    readings = [node.read(joint_state(now + 0.2 + t[k], q[k], torque(q[k])), 0.0)
-                for k in range(50)]
-    tau = node.torque(readings, now + 0.2)
+    read = node.read_all([joint_state(now + 0.2 + t[k], q[k], torque(q[k]))
+                          for k in range(50)], 0.0)
+    tau = node.arm.torque(now + 0.2, read[-1][1])
     np.testing.assert_allclose(tau, node.models.model.predict_one(q[-1]))
-    for reading in readings:
+    for _, reading in read:
         node.arm.learn(reading, now + 0.2)
     # The last sample waits for later messages.
     assert len(node.arm.epoch) == 49
