@@ -93,8 +93,8 @@ def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ..
         terminal.show('', 'nothing written (--dry-run)')
         return
     undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
-    terminal.show('', f'written to {args.model}; to undo:')
-    terminal.show_command(undo)
+    terminal.show('', f'written to {args.model}; to undo:',
+                  terminal.command(undo))
     if not result.helps:
         next_step.show('undo the addition: it does not reduce the error (see the warning)', undo)
         return

@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
         terminal.show(*reading.bag_lines(reports), '', _table(result, read),
                       *_centre(result, weight), *(f'{joint} is not calibrated: {why}'
                                                   for joint, why in result.left_out.items()),
-                      '', 'option for all verbs, and for the parameter effort_scale of the node:')
-        terminal.show_command(option)
+                      '', 'option for all verbs, and for the parameter effort_scale of the node:',
+                      terminal.command(option))
 
     terminal.answer(args, document, show)
     return 0
@@ -96,8 +96,7 @@ def _stiffness(args: argparse.Namespace) -> int:
         terminal.show(*reading.lines(recording), '', table,
                       *(f'{joint} gets no offset: {why}'
                         for joint, why in result.left_out.items()),
-                      '', 'parameter of the node:')
-        terminal.show_command(parameter)
+                      '', 'parameter of the node:', terminal.command(parameter))
 
     terminal.answer(args, document, show)
     return 0

@@ -59,12 +59,9 @@ def _show(recording: Recording, source: str, result: DescriptionCheck, faults: l
     if not faults:
         terminal.show(f'{source}: no fault found')
     for number, one in enumerate(faults, start=1):
-        terminal.show(f'{number}. {one.sentence}')
-        terminal.show_command(one.correction)
-        for other in one.alternatives:
-            terminal.show(f'   or, as probable: {other}')
-    terminal.show('', _table(result))
-    terminal.show(*unchecked)
+        terminal.show(f'{number}. {one.sentence}', terminal.command(one.correction),
+                      *(f'   or, as probable: {other}' for other in one.alternatives))
+    terminal.show('', _table(result), *unchecked)
 
 
 def _table(result: DescriptionCheck) -> Table:

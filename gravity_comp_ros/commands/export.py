@@ -23,6 +23,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
 from rich.table import Table
 
+# Lines to show, and the keys of the JSON.
+Result = tuple[Sequence[terminal.Line], dict[str, Any]]
 # Options of each target besides -o.
 _OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
             'payload': ('urdf', 'fixed', 'flange')}
@@ -34,25 +36,28 @@ def run(args: argparse.Namespace) -> int:
     """Export the model, and show the result."""
     _check_usage(args)
     model = load_model(args.model)
-    targets: Mapping[str, Callable[[argparse.Namespace, GravityModel], dict[str, Any]]] = {
+    targets: Mapping[str, Callable[[argparse.Namespace, GravityModel], Result]] = {
         'c': _c, 'urdf': _description, 'mjcf': _description, 'payload': _payload}
-    result = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
-              'joints': list(model.joints), **_NULL, 'warnings': [],
-              **targets[args.to](args, model)}
-    terminal.warn(*(f'{target} is left out: {why}'
-                    for target, why in result['left_out'].items()), *result['warnings'])
-    add = result['add'] = _add_command(args, model, result['not_added'])
+    lines, result = targets[args.to](args, model)
+    document = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
+                'joints': list(model.joints), **_NULL, 'warnings': [], **result}
+    add = document['add'] = _add_command(args, model, result['not_added'])
+    warnings = [*(f'{target} is left out: {why}' for target, why in result['left_out'].items()),
+                *document['warnings']]
     if add is not None:
         listed = ', '.join(f'{effect.target} ({wording.coefficients(effect.coefficients, 3)})'
                            for effect in model.fitted.effects
                            if effect.target in result['not_added'])
-        terminal.warn(f'found in the recordings, but not exported, since it is not added to the '
-                      f'model: {listed}')
-        if args.json != '-':
+        warnings.append(f'found in the recordings, but not exported, since it is not added to the '
+                        f'model: {listed}')
+
+    def show() -> None:
+        terminal.show(*lines)
+        if add is not None:
             next_step.show('add it, with the recordings and reading options of the fit, and '
                            'export again', add)
-    if args.json:
-        terminal.emit_json(result, args.json)
+
+    terminal.answer(args, document, show, *warnings)
     return 0
 
 
@@ -84,7 +89,7 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.parser.error(f'--to {args.to} needs the description to correct: --{args.to} FILE')
 
 
-def _c(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+def _c(args: argparse.Namespace, model: GravityModel) -> Result:
     code = c_source(model, args.prefix or 'gc')
     _create(args.output)
     files = {args.output / code.source_name: code.source,
@@ -92,14 +97,13 @@ def _c(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
     for path, text in files.items():
         write_atomically(path, text.encode(), GravityCompError)
     parameters = code.parameters
-    if args.json != '-':
-        effects = f', with {", ".join(code.effects)}' if code.effects else ''
-        terminal.show(*(f'wrote {path}' for path in sorted(files)),
-                      f'{model.formulation} of {model.n_joints} joints{effects}; '
-                      f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}')
-        terminal.show(*(f'{target} persists at rest; here it acts in motion only, as '
-                        f'tanh(qd / {COMPENSATION_SPEED} rad/s)' for target in code.in_motion))
-    return {'files': sorted(map(str, files)), 'effects': code.effects, 'left_out': code.left_out,
+    effects = f', with {", ".join(code.effects)}' if code.effects else ''
+    return [*(f'wrote {path}' for path in sorted(files)),
+            f'{model.formulation} of {model.n_joints} joints{effects}; '
+            f'{len(parameters.values)} parameters, layout 0x{parameters.layout:08x}',
+            *(f'{target} persists at rest; here it acts in motion only, as '
+              f'tanh(qd / {COMPENSATION_SPEED} rad/s)' for target in code.in_motion)], {
+            'files': sorted(map(str, files)), 'effects': code.effects, 'left_out': code.left_out,
             'in_motion': code.in_motion, 'not_added': c_source(_only_found(model)).effects,
             'parameters': {'layout': parameters.layout, 'labels': parameters.labels}}
 
@@ -112,13 +116,12 @@ def _create(folder: Path) -> None:
         raise GravityCompError(f'cannot write to the folder {folder}: {reason}') from problem
 
 
-def _description(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+def _description(args: argparse.Namespace, model: GravityModel) -> Result:
     changed = _changed(args, model)
     write_atomically(args.output, changed.data, GravityCompError)
-    if args.json != '-':
-        terminal.show(_link_table(changed), '', _difference_table(changed))
-        terminal.show('', *changed.notes, f'wrote {args.output}')
-    return {'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
+    return [_link_table(changed), '', _difference_table(changed), '', *changed.notes,
+            f'wrote {args.output}'], {
+            'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': written_friction(_only_found(model)),
             'links': {name: {'mass_before': x.mass_before, 'mass': x.mass,
                              'centre_before': x.centre_before, 'centre': x.centre}
@@ -135,20 +138,20 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
     return changed_urdf(read_text(args.urdf), model, str(args.urdf), HeldPositions(args.fixed))
 
 
-def _payload(args: argparse.Namespace, model: GravityModel) -> dict[str, Any]:
+def _payload(args: argparse.Namespace, model: GravityModel) -> Result:
     payload = payload_of(model)
     if args.flange is not None:
         arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf),
                             HeldPositions(args.fixed))
         payload = in_frame(payload, arm, args.flange)
     lines = drive_lines(payload)
-    if args.json != '-':
-        terminal.show(payload.sentence(), 'the inertia is not identified and is 0 in these lines; '
-                      'none was tested on its robot')
-        for line in lines:
-            terminal.show('', f'{line.maker} ({line.source})')
-            terminal.show_command(line.line)
-    return {'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
+    listing: list[terminal.Line] = [
+        payload.sentence(), 'the inertia is not identified and is 0 in these lines; none was '
+        'tested on its robot']
+    for line in lines:
+        listing += ['', f'{line.maker} ({line.source})', terminal.command(line.line)]
+    return listing, {
+            'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
             'warnings': model.provenance['updates'][-1]['warnings'],
             'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 

@@ -13,7 +13,7 @@ from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SL
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.commands.terminal import (
-    answer, progress, show, show_command, styled, table)
+    answer, command, progress, show, styled, table)
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -89,8 +89,8 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
     if not any(report.effort_scale or _has_unit(report) for report, _ in recordings):
         show('The unit of effort cannot be checked by a recording alone: N·cm or mN·m of this '
-             'size look like N·m of a heavier arm. To compare with the masses of a description:')
-        show_command(next_step.command('check', args, '--urdf', str(args.urdf or 'robot.urdf')))
+             'size look like N·m of a heavier arm. To compare with the masses of a description:',
+             command(next_step.command('check', args, '--urdf', str(args.urdf or 'robot.urdf'))))
 
 
 def _has_unit(report: ReadReport) -> bool:

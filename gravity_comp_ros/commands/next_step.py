@@ -35,6 +35,5 @@ def new_name(stem: str = 'arm', ending: str = 'json') -> str:
 
 def show(text: str, *commands: str) -> None:
     """Show the next step: its purpose, and its commands, one per line."""
-    terminal.show(terminal.styled('bold', 'next step', f': {text}'))
-    for line in commands:
-        terminal.show_command(line)
+    terminal.show(terminal.styled('bold', 'next step', f': {text}'),
+                  *map(terminal.command, commands))

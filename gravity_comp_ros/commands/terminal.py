@@ -30,6 +30,8 @@ from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
 
+# A part of the output of a verb.
+Line = Table | Text | str
 # Version of the JSON documents of the verbs (docs/json.md).
 SCHEMA = 1
 _WIDTH_WITHOUT_SCREEN = 110
@@ -63,7 +65,7 @@ def _has_width(out: Console) -> bool:
     return out.is_terminal or 'COLUMNS' in os.environ
 
 
-def show(*things: Table | Text | str) -> None:
+def show(*things: Line) -> None:
     """
     Print tables and lines of text on standard output.
 
@@ -77,7 +79,7 @@ def show(*things: Table | Text | str) -> None:
             _show_table(thing, on_screen)
         else:
             line = thing if isinstance(thing, Text) else Text(_literal(thing))
-            out.print(line, soft_wrap=not on_screen)
+            out.print(line, soft_wrap=not on_screen or bool(line.no_wrap))
 
 
 def _show_table(table: Table, on_screen: bool) -> None:
@@ -92,9 +94,9 @@ def _show_table(table: Table, on_screen: bool) -> None:
     out.print(table)
 
 
-def show_command(command: str) -> None:
-    """Print a command to copy, on one unbroken line without markup."""
-    console().print(Text(f'  {printable(command)}'), soft_wrap=True)
+def command(line: str) -> Text:
+    """Return a command to copy, which `show` prints on one unbroken line."""
+    return Text(f'  {printable(line)}', no_wrap=True)
 
 
 def note(text: str) -> None:

@@ -100,9 +100,8 @@ def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
         return
     terminal.show('', f'written to {target}')
     if target == args.model:
-        terminal.show('to undo:')
-        terminal.show_command(shlex.join(
-            ['gravity_comp', 'update', '--undo', '--model', str(target)]))
+        terminal.show('to undo:', terminal.command(shlex.join(
+            ['gravity_comp', 'update', '--undo', '--model', str(target)])))
     next_step.show('compare with the new payload, preferably on another recording of it',
                    next_step.command('compare', args, model=target))
 

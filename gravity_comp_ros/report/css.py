@@ -40,6 +40,8 @@ tbody th { font-weight: 500; white-space: nowrap; max-width: 24em; overflow: hid
   text-overflow: ellipsis }
 .number { text-align: right }
 td.number { white-space: nowrap }
+/* On a narrow page a table scrolls before its text is one word wide. */
+td:not(.number) { min-width: 9em }
 tr.strong th, tr.strong td { font-weight: 700 }
 .key { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem }
 .key i { display: inline-block; width: .85em; height: .85em; border-radius: 2px;

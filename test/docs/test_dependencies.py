@@ -1,7 +1,6 @@
-"""docs/dependencies.md lists each dependency once, every import, and no unused dependency."""
+"""docs/dependencies.md lists each dependency once, and every import and requirement."""
 
 import ast
-from functools import lru_cache
 from pathlib import Path
 import re
 import sys
@@ -15,10 +14,6 @@ SOURCES = [path for folder in ('gravity_comp_ros', 'test', 'launch', 'examples',
 # Names of imports and of the package index with another name on the page.
 PAGE_NAMES = {'yaml': 'pyyaml', 'sklearn': 'scikit-learn', 'PIL': 'pillow', 'pin': 'pinocchio',
               'xdist': 'pytest-xdist', 'array_api_strict': 'array-api-strict'}
-# Files that name dependencies without an import: programs, plug-ins, solvers.
-USERS = ['Makefile', 'pyproject.toml', 'setup.cfg', 'package.xml', '.ci/run', 'setup.py',
-         'tools/make_venv.sh', *(str(path.relative_to(ROOT)) for path in SOURCES)]
-
 
 def listed():
     """Return the names in the first column of every table of the page, lower case."""
@@ -31,7 +26,6 @@ def listed():
     return names
 
 
-@lru_cache
 def imported():
     """Return the third-party modules that the source imports, by their names on the page."""
     own = {path.stem for path in SOURCES} | {path.parent.name for path in SOURCES}
@@ -70,27 +64,6 @@ def test_every_import_is_listed():
 
 def test_every_requirement_is_listed():
     assert required() - set(listed()) == set()
-
-
-def test_every_listed_dependency_is_used():
-    assert unused() == []
-
-
-def unused():
-    """Return the listed names that are neither imported nor named in a file of `USERS`."""
-    text = '\n'.join((ROOT / user).read_text() for user in USERS
-                     if user != str(Path(__file__).relative_to(ROOT))).lower()
-    modules = {module.lower() for module in imported()}
-    return [name for name in listed() if name not in modules and not any(
-        re.search(rf'(?<![\w-]){re.escape(word)}(?![\w])', text) for word in other_names(name))]
-
-
-def other_names(name):
-    """Return the names of a listed dependency in a file that uses it."""
-    if name == 'wheel':   # pip builds with it if downloads are disabled
-        return ['--no-build-isolation']
-    return [name, name.replace('-', '_'), *(short for short, page_name in PAGE_NAMES.items()
-                                            if page_name == name)]
 
 
 def test_rosdep_keys_are_listed():

@@ -1,7 +1,7 @@
 """`convert` of a table to a bag, and one line for invalid input."""
 
 
-from bench.shared.command_line import refused, run_json
+from bench.shared.command_line import refused
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
@@ -32,13 +32,6 @@ def test_table_to_bag(table, tmp_path, capsys):
     np.testing.assert_allclose(recording.samples.tau, np.stack([-k, 2 * k], axis=1))
     np.testing.assert_allclose(recording.samples.qd, np.tile([1.0, -2.0], (40, 1)))
     assert recording.report.velocity == 'differentiated'
-
-
-def test_json(table, tmp_path, capsys):
-    out = tmp_path / 'x.mcap'
-    facts = run_json(capsys, 'convert', table, '--rate', '100', '-o', out)
-    assert facts['joints'] == ['joint_1', 'joint_2'] and facts['n_samples'] == 40
-    assert facts['velocity'] is False and facts['dropped_rows'] == 0
 
 
 @pytest.mark.parametrize(('change', 'arguments', 'message'), [

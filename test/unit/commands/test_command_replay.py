@@ -1,6 +1,5 @@
 """`replay` writes consistent measured, predicted and residual torque."""
 
-import json
 
 from bench.shared.command_line import refused
 from bench.shared.recordings import messages, motion, NAMES, write_folder
@@ -42,7 +41,7 @@ def test_three_consistent_topics(tmp_path, bag, model, capsys):
     assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out)]) == 0
     printed = capsys.readouterr()
     assert '150 messages' in printed.out and 'wrist' in printed.out
-    assert 'outside the trained range' in printed.err
+    assert f'{100 * (Q[:, 1] < 0.9).mean():.0f} % of the samples are outside' in printed.err
     messages = topics(out)
     measured, predicted, residual = (messages[name].samples for name in messages)
     assert measured.names == predicted.names == residual.names == ('wrist', 'elbow')
@@ -55,18 +54,6 @@ def test_three_consistent_topics(tmp_path, bag, model, capsys):
     np.testing.assert_array_equal(residual.tau, TAU[:, columns] - expected)
     starts = {recording.report.start_ns for recording in messages.values()}
     assert starts == {read_bag(bag).report.start_ns}
-
-
-def test_json(tmp_path, bag, model, capsys):
-    out = tmp_path / 'out.mcap'
-    assert main(['replay', str(bag), '--model', str(tmp_path / 'm.json'), '-o', str(out),
-                 '--json']) == 0
-    facts = json.loads(capsys.readouterr().out)
-    wrist = NAMES.index('wrist')
-    residual = TAU[:, wrist] - model.predict(Q[:, [wrist, NAMES.index('elbow')]])[:, 0]
-    assert facts['joints']['wrist']['rms'] == pytest.approx(np.sqrt(np.mean(residual ** 2)))
-    assert facts['outside_trained_range'] == pytest.approx((Q[:, 1] < 0.9).mean())
-    assert 0.1 < facts['outside_trained_range'] < 0.9
 
 
 def test_the_input_recording_is_never_overwritten(tmp_path, bag, model, capsys):

@@ -65,7 +65,7 @@ def test_no_cell_and_no_word_of_a_heading_is_cut(width, monkeypatch, capsys):
 def test_a_command_is_never_broken(capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '40')
     command = 'gravity_comp fit ' + ' '.join(f'run_{n}.mcap' for n in range(20))
-    terminal.show_command(command)
+    terminal.show(terminal.command(command))
     assert capsys.readouterr().out == f'  {command}\n'
 
 
