@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-import re
 
-from gravity_comp_ros.commands.arguments import recording
+from gravity_comp_ros.commands.outputs import names_file
 from gravity_comp_ros.commands.usage import VERBS
 import shtab
-
-# Metavars of options that name a file.
-_FILES = re.compile(r'\.\w|FILE|MOTION')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -22,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
         parser = verbs.add_parser(name, help=verb.text, allow_abbrev=False)
         verb.add_arguments(parser)
         for action in parser._actions:
-            if action.type in (Path, recording) or _FILES.search(str(action.metavar)):
+            if names_file(action):
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
     print(shtab.complete(root, args.shell))
     return 0

@@ -7,11 +7,14 @@ from collections.abc import Iterator
 from itertools import combinations
 import os
 from pathlib import Path
+import re
 
+from gravity_comp_ros.commands.arguments import recording
 from gravity_comp_ros.errors import OptionError
 
-# Arguments with a file or folder to write; each other argument may name an input.
+# Arguments with a file or folder to write; other files are inputs.
 OUTPUTS = ('output', 'json', 'html')
+_METAVAR = re.compile(r'\.\w|FILE|MOTION')
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -39,9 +42,14 @@ def check_outputs(args: argparse.Namespace) -> None:
             _check_writable(path)
 
 
+def names_file(action: argparse.Action) -> bool:
+    """Return whether an argument is a file or folder, by its type or its metavar."""
+    return action.type in (Path, recording) or bool(_METAVAR.search(str(action.metavar)))
+
+
 def _paths(args: argparse.Namespace) -> Iterator[tuple[str, str, Path]]:
-    """Yield each argument that may be a path, its option or metavar, and the path."""
-    for action in args.parser._actions:
+    """Yield each file or folder of the arguments: its argument, option or metavar, and path."""
+    for action in filter(names_file, args.parser._actions):
         value = getattr(args, action.dest, None)
         for item in value if isinstance(value, (list, tuple)) else [value]:
             if isinstance(item, (str, Path)) and item not in ('', '-'):

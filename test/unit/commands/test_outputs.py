@@ -59,6 +59,12 @@ def test_a_missing_folder_is_reported_before_the_work(tmp_path, capsys, verb):
     assert 'there is no folder' in error and error.count('\n') == 1
 
 
+def test_many_effects_are_no_file_name(tmp_path, capsys):
+    effects = ','.join(f'torque_offset:joint_{k}' for k in range(40))
+    assert main(['add', effects, 'no.mcap', '--model', str(tmp_path / 'no.json')]) == 1
+    assert 'no.json' in capsys.readouterr().err
+
+
 def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):
     bag = tmp_path / 'bag'
     bag.mkdir()
