@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bench.paper.scenes import FloatArray
-from gravity_comp_ros.data.holdout import split, within
+from gravity_comp_ros.data.holdout import blocks_to_hold_out, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import requests
@@ -75,9 +75,8 @@ def evaluate(path: Path, name: str,
              formulations: tuple[str, ...] = FORMULATIONS) -> list[RecordingResult]:
     """Return the results of every formulation on a recording."""
     samples = read(path)
-    parts = split(samples, _HELD_OUT, _GUARD)
-    use = ~within(samples, parts.guarded)
-    held = within(samples, parts.blocks)
+    blocks, guarded = blocks_to_hold_out(samples, _HELD_OUT, _GUARD)
+    use, held = ~within(samples, guarded), within(samples, blocks)
     rows = []
     for formulation in formulations:
         options = FitOptions(formulation)
@@ -89,7 +88,7 @@ def evaluate(path: Path, name: str,
                     samples, fit(samples, options, use=use).model,
                     requests(list(EFFECTS), samples.names), RefitOptions(slow=None), use).model
             else:
-                model = fit(parts.fitted, options).model
+                model = fit(samples.select(use), options).model
         except GravityCompError as problem:
             print(f'  {name}, {method}: {problem}')
             continue

@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
-from gravity_comp_ros.data.holdout import split, within
+from gravity_comp_ros.data.holdout import blocks_to_hold_out, within
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
@@ -225,10 +225,10 @@ class Recording(Displayable):
         :raises DataError: if one of the parts would be empty.
         :raises OptionError: if the fraction is not between 0 and 1.
         """
-        parts = split(self.slow, fraction, guard)
-        holdout = Holdout(fraction, parts.held_out.n_samples, parts.blocks)
-        train = self.usable & ~within(self.samples, parts.guarded)
-        test = self.usable & within(self.samples, parts.blocks)
+        blocks, guarded = blocks_to_hold_out(self.slow, fraction, guard)
+        holdout = Holdout(fraction, int(within(self.slow, blocks).sum()), blocks)
+        train = self.usable & ~within(self.samples, guarded)
+        test = self.usable & within(self.samples, blocks)
         return replace(self, use=train, holdout=holdout), replace(self, use=test, holdout=holdout)
 
     def to_json(self) -> dict[str, Any]:

@@ -27,23 +27,10 @@ class Block:
     end: float
 
 
-@dataclass(frozen=True)
-class Split:
+def blocks_to_hold_out(samples: JointSamples, fraction: float = 0.2, guard: float = GUARD
+                       ) -> tuple[tuple[Block, ...], tuple[Block, ...]]:
     """
-    Fitted samples, held-out samples, and the `blocks` of time of the latter.
-
-    `guarded` are the same blocks with their margins, in which no sample is fitted.
-    """
-
-    fitted: JointSamples
-    held_out: JointSamples
-    blocks: tuple[Block, ...]
-    guarded: tuple[Block, ...]
-
-
-def split(samples: JointSamples, fraction: float = 0.2, guard: float = GUARD) -> Split:
-    """
-    Divide samples into fitted and held-out ones.
+    Return the blocks of time that are held out, and those with their margins, which no fit uses.
 
     With several runs, the last `fraction` of the runs is held out, at least one. With a single
     run, two blocks of consecutive time are held out, `fraction` of its duration together; samples
@@ -62,13 +49,11 @@ def split(samples: JointSamples, fraction: float = 0.2, guard: float = GUARD) ->
     filled = np.unique(samples.runs)
     count = min(max(1, round(fraction * filled.size)), filled.size - 1)
     blocks = _whole_runs(samples, filled[-count:]) if count else _parts(samples, fraction)
-    held_out = within(samples, blocks)
     margins = tuple(Block(b.run, b.start - guard, b.end + guard) for b in blocks)
-    guarded = within(samples, margins)
-    if not held_out.any() or guarded.all():
+    if not within(samples, blocks).any() or within(samples, margins).all():
         raise DataError(f'{samples.n_samples} samples are too few to hold {fraction:.0%} '
                         'out and fit the rest')
-    return Split(samples.select(~guarded), samples.select(held_out), blocks, margins)
+    return blocks, margins
 
 
 def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:

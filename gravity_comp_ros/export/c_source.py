@@ -15,7 +15,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export import c_text
 from gravity_comp_ros.export.effect_code import effect_code, EffectCode
 from gravity_comp_ros.export.gravity_code import gravity_code
-from gravity_comp_ros.export.numbers import Numbers, Parameters
+from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum
 from gravity_comp_ros.printable import printable
@@ -39,7 +39,7 @@ class CSource:
     header: str
     source_name: str
     source: str
-    parameters: Parameters
+    parameters: Numbers
     effects: tuple[str, ...]
     left_out: dict[str, str]
     in_motion: tuple[str, ...]
@@ -55,7 +55,7 @@ class _Program:
     rotations: int
 
 
-def parameters_of(model: GravityModel) -> Parameters:
+def parameters_of(model: GravityModel) -> Numbers:
     """
     Return the numbers of a model in the order that `gc_set_parameters` takes.
 
@@ -63,7 +63,7 @@ def parameters_of(model: GravityModel) -> Parameters:
     numbers of gravity (`gravity_code`). Then, effect by effect, its coefficients and nonlinear
     parameters. The labels name every number with its unit.
     """
-    return _program(model).numbers.parameters()
+    return _program(model).numbers
 
 
 def c_source(model: GravityModel, prefix: str = 'gc') -> CSource:
@@ -77,11 +77,10 @@ def c_source(model: GravityModel, prefix: str = 'gc') -> CSource:
         raise OptionError(f'prefix {printable(prefix)!r} is not a C name: it takes lower-case '
                           f'letters, digits and _, and begins with a letter')
     program = _program(model)
-    parameters = program.numbers.parameters()
-    texts = {'HEADER': f'{prefix}_gravity.h', **_texts(model, program, parameters)}
+    texts = {'HEADER': f'{prefix}_gravity.h', **_texts(model, program)}
     header, source = (_filled(template, prefix, texts)
                       for template in (c_text.HEADER, c_text.SOURCE))
-    return CSource(f'{prefix}_gravity.h', header, f'{prefix}_gravity.c', source, parameters,
+    return CSource(f'{prefix}_gravity.h', header, f'{prefix}_gravity.c', source, program.numbers,
                    program.effects.included, dict(program.effects.left_out),
                    program.effects.in_motion)
 
@@ -92,17 +91,17 @@ def _program(model: GravityModel) -> _Program:
         numbers.add_all((f'{joint} q_{word} rad' for joint in model.joints), limits)
     gravity = gravity_code(model, numbers)
     # The rotations are the last numbers of a chain's gravity.
-    rotations = len(numbers.values) - 9 * model.n_joints if model.chain is not None else -1
+    rotations = len(numbers.labels) - 9 * model.n_joints if model.chain is not None else -1
     return _Program(gravity, effect_code(model, numbers), numbers, rotations)
 
 
-def _texts(model: GravityModel, program: _Program, parameters: Parameters) -> dict[str, str]:
+def _texts(model: GravityModel, program: _Program) -> dict[str, str]:
     """Return the text of each place in the templates."""
-    effects, n = program.effects, model.n_joints
+    effects, numbers = program.effects, program.numbers
     static, friction = '\n'.join(effects.static), '\n'.join(effects.friction)
     return {
-        'VERSION': __version__, 'SHA256': checksum(model), 'N': str(n),
-        'COUNT': str(len(parameters.values)), 'LAYOUT': f'0x{parameters.layout:08x}',
+        'VERSION': __version__, 'SHA256': checksum(model), 'N': str(model.n_joints),
+        'COUNT': str(len(numbers.labels)), 'LAYOUT': f'0x{numbers.layout:08x}',
         'FORMULATION': model.formulation,
         'JOINT_LIST': '\n'.join(
             f' *   {k}  {_comment(joint)}: {low:+.4f} to {high:+.4f} rad' for k, (joint, low, high)
@@ -114,8 +113,7 @@ def _texts(model: GravityModel, program: _Program, parameters: Parameters) -> di
         'VALUES': '\n'.join(
             f'    GC_C({value!r}),{" " * max(1, 26 - len(repr(value)))}/* {k:4d}  '
             f'{_comment(label)} */'
-            for k, (label, value) in enumerate(zip(parameters.labels,
-                                                   parameters.values.tolist()))),
+            for k, (label, value) in enumerate(zip(numbers.labels, numbers.values.tolist()))),
         'HELPERS': _helpers(static + friction), 'GRAVITY': program.gravity,
         'STATIC': _with_gravity(static),
         'FRICTION': _friction(friction),

@@ -12,7 +12,7 @@ from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.export.c_source import parameters_of
-from gravity_comp_ros.export.numbers import Parameters
+from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
@@ -38,18 +38,18 @@ JOINT_TOPICS = ('gravity_torques', 'prediction', 'residual', 'extrapolation', 'e
 MAX_POSITION_OFFSET = 0.2
 
 
-def model_message(parameters: Parameters) -> Float64MultiArray:
+def model_message(numbers: Numbers) -> Float64MultiArray:
     """
     Return the numbers of a model as a message, for a controller that runs the exported C source.
 
     `layout.dim[0].label` is the layout in hexadecimal, its size the number of values; the labels
     of the other dimensions, all of size 1, name the values.
     """
-    count = len(parameters.values)
-    message = Float64MultiArray(data=parameters.values.tolist())
+    count = len(numbers.labels)
+    message = Float64MultiArray(data=numbers.values.tolist())
     message.layout.dim = [
-        MultiArrayDimension(label=f'{parameters.layout:08x}', size=count, stride=count),
-        *(MultiArrayDimension(label=label, size=1, stride=1) for label in parameters.labels)]
+        MultiArrayDimension(label=f'{numbers.layout:08x}', size=count, stride=count),
+        *(MultiArrayDimension(label=label, size=1, stride=1) for label in numbers.labels)]
     return message
 
 

@@ -77,6 +77,6 @@ def test_a_payload_as_a_message():
 def test_a_message_names_every_number(iiwa_model_file):
     parameters = parameters_of(load_model(iiwa_model_file))
     message = model_message(parameters)
-    assert tuple(dim.label for dim in message.layout.dim[1:]) == parameters.labels
+    assert [dim.label for dim in message.layout.dim[1:]] == parameters.labels
     assert message.layout.dim[1].label == 'iiwa_joint_1 q_min rad'
     np.testing.assert_array_equal(message.data, parameters.values)
