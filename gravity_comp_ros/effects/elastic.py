@@ -13,8 +13,6 @@ import numpy as np
 _MIN_TRAVEL = 0.2
 # Maximum distance in rad from the middle of the motion to the rest angle of a spring: 360 degrees.
 _MAX_REST_ANGLE = 2.0 * np.pi
-# Minimum travel in rad for harmonics: over less, they are close to a parabola.
-_CRANK_TRAVEL = 1.5
 # Parts of the range in which a cable is slack.
 _CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 # Limits of these parts: one that is taut, or slack, over the whole range is another effect.
@@ -72,8 +70,7 @@ class JointSpring(Effect):
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return a torsion spring, and cranks with 1 and 2 harmonics."""
         low, span = _range(motion, joint)
-        orders = (0.0,) if span < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
-        return [{'centre': low + 0.5 * span, 'overtones': count} for count in orders]
+        return [{'centre': low + 0.5 * span, 'overtones': count} for count in (0.0, 1.0, 2.0)]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         if not _is_crank(setting):

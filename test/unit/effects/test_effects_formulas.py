@@ -201,7 +201,7 @@ def test_columns_of_the_whole_arm_by_hand(motion):
 
 @pytest.mark.parametrize('name, columns, expected', [
     ('coulomb_friction', [1.0], [2.0]),
-    ('viscous_friction', [0.1], [6.0]),
+    ('viscous_friction', [0.1], [20.0]),
     ('joint_spring', [0.5, 1.0], [6.0, 6.0]),
     ('torque_offset', [1.0], [6.0]),
     # A tenth of 20 N·m over the RMS of the column, by default.
@@ -270,9 +270,9 @@ def test_the_travel_includes_the_periods_of_the_longest_ripple(travel, lowest):
     assert all(s['k'] * travel >= np.pi - 0.01 for s in finer)
 
 
-def test_a_spring_over_a_short_range_is_no_crank():
+def test_a_spring_is_a_torsion_spring_or_on_a_crank():
     t = np.arange(0.0, 60.0, 0.1)
-    for half, orders in ((0.05, []), (0.4, [0.0]), (1.0, [0.0, 1.0, 2.0])):
+    for half, orders in ((0.05, []), (0.4, [0.0, 1.0, 2.0])):
         q = 0.3 + half * np.sin(t)[:, None]
         samples = JointSamples.single_run(('a',), t, q, np.gradient(q, t, axis=0), q)
         spring = known_effect('joint_spring')
