@@ -19,7 +19,7 @@ import time
 from bench.campaign.judging import judging_case
 from bench.cases.cases import ARMS, recordings
 import gravity_comp_ros as gc
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.applied_effects import target

@@ -27,7 +27,7 @@ import tempfile
 from bench.real_robots.arms import SOURCES, urdf
 from bench.real_robots.data_sheets import ARMS, description
 import gravity_comp_ros as gc
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.applied_effects import target
 import numpy as np

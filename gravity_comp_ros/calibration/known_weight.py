@@ -24,7 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial

@@ -1,8 +1,19 @@
-"""Joint velocity from joint position, without delay."""
+"""
+Slopes of recorded signals, without delay: velocity, acceleration, and a check of velocity.
+
+A recorded velocity is checked against the position, for drivers that publish counts per second or
+degrees: the integral of the measured qd over half a second is compared with the change of q. The
+ratio b of integral = b change is fitted through the origin; it should be 1, and their correlation
+too. An acceleration is the slope of the speed over a short window, symmetric about each sample and
+within one run, so that it is not shifted in time.
+"""
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from dataclasses import replace
+
+from gravity_comp_ros.data.runs import rows_of, run_slices
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,3 +119,142 @@ def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
     slope[:half] = (derivative @ (cubic[1:] @ q[:length]))[:half]
     slope[-half:] = (derivative @ (cubic[1:] @ q[-length:]))[-half:]
     return slope
+
+
+# s. Long enough for a motion above the noise of encoders, shorter than a reversal.
+_SPAN = 0.5
+# rad. Minimum change over a span; a smaller one may be encoder noise.
+_MIN_CHANGE = 5e-4
+_MIN_SPANS = 20
+# Bounds of qd / (dq/dt) for consistent velocities, and minimum correlation.
+_MIN_RATIO, _MAX_RATIO, _MIN_LIKENESS = 0.5, 2.0, 0.6
+
+
+def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray,
+                 runs: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the ratio of qd to dq/dt of each joint (N,), and their correlation (N,).
+
+    NaN if a joint moves too little, or if all velocities are 0.
+
+    :param t: times (M,) in s, rising within a run; q, qd (M, N).
+    :param runs: run number of each sample (M,), None for one run.
+    """
+    ratio = np.full(q.shape[1], np.nan)
+    likeness = ratio.copy()
+    steps = np.diff(t)
+    rising = steps > 0 if runs is None else np.diff(runs) == 0
+    if not rising.any() or not np.nan_to_num(qd).any():
+        return ratio, likeness
+    median_step = float(np.median(steps[rising]))
+    length = max(1, int(round(_SPAN / median_step)))
+    # The mean slope over a gap is not the velocity.
+    gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * median_step)))
+    whole = gaps[length:] == gaps[:-length]
+    for n in range(q.shape[1] if len(t) > length else 0):
+        integral = np.append(0.0, np.cumsum(0.5 * (qd[1:, n] + qd[:-1, n]) * steps))
+        change = (q[length:, n] - q[:-length, n])[whole]
+        area = (integral[length:] - integral[:-length])[whole]
+        use = np.abs(change) > _MIN_CHANGE
+        if np.count_nonzero(use) >= _MIN_SPANS:
+            change, area = change[use], area[use]
+            ratio[n] = area @ change / (change @ change)
+            size = np.sqrt((area @ area) * (change @ change))
+            likeness[n] = area @ change / size if size else np.nan
+    return ratio, likeness
+
+
+def is_inconsistent(ratio: FloatArray, likeness: FloatArray) -> BoolArray:
+    """Return the mask (N,) of joints whose velocity contradicts the position."""
+    return np.asarray((ratio < _MIN_RATIO) | (ratio > _MAX_RATIO) | (likeness < _MIN_LIKENESS))
+
+
+def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
+    """
+    Return the samples with velocities consistent with positions, and a warning or ''.
+
+    Inconsistent velocities are replaced by the slope of the positions.
+    """
+    ratio, likeness = slope_ratios(samples.t, samples.q, samples.qd, samples.runs)
+    inconsistent = np.flatnonzero(is_inconsistent(ratio, likeness))
+    if not inconsistent.size:
+        return samples, ''
+    qd = samples.qd.copy()
+    for run in run_slices(samples):
+        slope = np.nan_to_num(differentiate(samples.t[run], samples.q[run]), nan=0.0)
+        for n in inconsistent:
+            qd[run, n] = slope[:, n]
+    names = ', '.join(f'{samples.names[n]} ({ratio[n]:.2g} times)' for n in inconsistent)
+    return replace(samples, qd=qd), (
+        f'velocity contradicts position on {names}: the slope of the positions is used instead. '
+        f'Check the units of velocity in the driver')
+
+
+# Maximum sample interval, in s, of a recording that resolves starts and stops.
+_MAX_INTERVAL = 0.06
+
+
+# Window of the cubics, s: it passes slow arm motion (up to about 2 Hz) and reduces a speed noise
+# of 1 mrad/s at 50 Hz to an acceleration noise of about 0.006 rad/s^2.
+WINDOW = 0.3
+
+
+def accelerations(samples: JointSamples) -> FloatArray:
+    """
+    Return qdd (M, N) in rad/s^2: `samples.qdd` if known, else the slope of qd within each run.
+
+    The slope is 0 at isolated samples.
+    """
+    if samples.qdd is not None:
+        return samples.qdd
+    return _slopes(samples, np.arange(samples.n_samples))
+
+
+def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
+    """
+    Return `part`, a selection of `samples`, with accelerations computed from all of these.
+
+    The gate reduces the sample rate, which smooths quick starts and stops. If `samples` do not
+    resolve these either, accelerations stay unknown.
+    """
+    if part.qdd is not None or not is_resolved(samples):
+        return part
+    rows = np.arange(len(samples)) if part is samples else rows_of(samples, part)
+    return replace(part, qdd=_slopes(checked_velocity(samples)[0], rows))
+
+
+def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:
+    """Return the slope (R, N) of qd at samples number `rows`, rising, within each run."""
+    qdd = np.zeros((len(rows), samples.n_joints))
+    if not samples.qd.any():
+        return qdd
+    for run in run_slices(samples):
+        here = slice(*np.searchsorted(rows, [run.start, run.stop]))
+        qdd[here] = differentiate(samples.t[run], samples.qd[run], WINDOW, rows[here] - run.start)
+    return np.nan_to_num(qdd, nan=0.0)
+
+
+def is_resolved(samples: JointSamples) -> bool:
+    """Return whether the sample rate resolves quick starts and stops."""
+    within = np.diff(samples.runs) == 0
+    return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
+
+
+def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray | None:
+    """
+    Return the acceleration (N,) in rad/s^2 at the time t in s, from the speeds of messages.
+
+    The cubic is that of `with_accelerations`, without interpolation on a regular grid. None if
+    the messages on either side do not resolve quick starts and stops.
+
+    :param times: rising times (M,) of the messages in s, and their speeds qd (M, N) in rad/s.
+    """
+    half = 0.5 * WINDOW
+    near = np.abs(times - t) <= half + 1e-9
+    x = (times[near] - t) / half
+    has_both_sides = len(x) >= 4 and x[0] < -0.5 and x[-1] > 0.5
+    if not has_both_sides or np.median(np.diff(x)) * half > _MAX_INTERVAL:
+        return None
+    powers = np.vander(x, 4, increasing=True)
+    cubic = np.linalg.lstsq(powers, qd[near], rcond=None)[0]
+    return np.asarray(cubic[1] / half)

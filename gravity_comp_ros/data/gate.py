@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from gravity_comp_ros.data.acceleration import with_accelerations
+from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples

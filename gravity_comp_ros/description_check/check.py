@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description_check.arm_state import ArmState

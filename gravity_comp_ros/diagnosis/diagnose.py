@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport
 from gravity_comp_ros.diagnosis.unexplained import unexplained
 from gravity_comp_ros.diagnosis.verdict import (

@@ -11,8 +11,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
-from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import (
     Estimate, estimate, estimate_again, estimate_as, FitOptions, Progress)

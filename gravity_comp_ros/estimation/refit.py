@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.effects.offset import offset_std

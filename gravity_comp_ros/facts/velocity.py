@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
 from gravity_comp_ros.data.samples import BoolArray
-from gravity_comp_ros.data.velocity_check import is_inconsistent, slope_ratios
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.acceleration import acceleration_at, WINDOW
+from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
 from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.node.messages import CompleteReading

@@ -1,9 +1,14 @@
-"""Conversion of the columns of a topic to samples; defects are dropped and counted, or refused."""
+"""
+Conversion of the columns of a topic to samples; defects are dropped and counted, or refused.
+
+Messages that are not of the arm's driver are such a defect: several publishers may send the same
+joints on one topic.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -13,7 +18,6 @@ from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.publishers import positions_alternate, second_publisher
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import fingerprint
 from gravity_comp_ros.recordings.topic_choice import COMMON_DEFECT
@@ -32,6 +36,22 @@ BAD_STAMPS = 0.1
 # Number of messages after a step of the clock that are earlier, and of steps, at most: messages of
 # two clocks alternate.
 _AFTER_STEP, _MAX_STEPS = 10, 3
+# Maximum magnitude of a position, velocity or effort in any unit.
+MAX_MAGNITUDE = 1e9
+# Minimum length of a gap, in s and in median intervals.
+GAP, GAP_STEPS = 10.0, 100.0
+# Rows processed together; limits the memory of temporary arrays.
+_BLOCK_ROWS = 65536
+# Share of messages from which a group of messages may be a publisher of its own.
+_MIN_SHARE = 0.01
+# Changes from one group to the other per message of the smaller group: publishers alternate,
+# whereas the arrays of one publisher change once, as its drives are enabled.
+_MIN_CHANGES = 0.5
+# Minimum median step between messages, rad, and maximum ratio of the step over two messages to
+# it, of positions that alternate.
+_MIN_STEP, _MAX_RETURN = 0.05, 0.2
+# Minimum step to efforts of 0 as a share of the usual effort: a coarse sensor has smaller ones.
+_MIN_FALL = 0.5
 
 
 class Cleaning:
@@ -58,7 +78,7 @@ class Cleaning:
         if zero.any() or (sign * unit != 1.0).any():
             self.q, self.qd = sign * (unit * self.q - zero), sign * unit * self.qd
             self.tau = sign * self.tau
-        second, fact = second_publisher(columns, joints, self.q, self.tau)
+        second, fact = _second_publisher(columns, joints, self.q, self.tau)
         if fact is not None:
             accepted = fact.kind in self.accept
             self.facts.append(as_noted(fact) if accepted else fact)
@@ -164,7 +184,7 @@ class Cleaning:
                    NOT_FINITE)
 
     def _check_jumps(self) -> None:
-        if positions_alternate(self.q):
+        if _positions_alternate(self.q):
             raise BagError(f'{self.where}: positions alternate between two values from message to '
                            f'message, as if two robots published the same joint names on one '
                            f'topic; give each robot a namespace and record again')
@@ -249,14 +269,6 @@ def listed(dropped: Mapping[str, int]) -> str:
     return ', '.join(f'{count} {reason}' for reason, count in dropped.items())
 
 
-# Maximum magnitude of a position, velocity or effort in any unit.
-MAX_MAGNITUDE = 1e9
-# Minimum length of a gap, in s and in median intervals.
-GAP, GAP_STEPS = 10.0, 100.0
-# Rows processed together; limits the memory of temporary arrays.
-_BLOCK_ROWS = 65536
-
-
 def mask_out_of_range(*arrays: FloatArray) -> int:
     """Set finite values beyond `MAX_MAGNITUDE` to NaN, in place; return their number."""
     count = 0
@@ -285,3 +297,70 @@ def gap_notes(t: FloatArray) -> list[str]:
     what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
     return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
             f'its load changed in between, cut the recording there']
+
+
+def _second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
+                      tau: FloatArray) -> tuple[BoolArray, Fact | None]:
+    """
+    Return the mask (M,) of alternating messages without effort, and the fact about them.
+
+    Messages without efforts, or with efforts of 0 only, are of a second publisher if they
+    alternate with those of the driver, and have other positions or another order of joints, or
+    if the efforts fall to 0 there. Those of the driver itself without efforts have no fact.
+
+    :param q: positions (M, N) in any unit; NaN if missing.
+    :param tau: efforts (M, N).
+    """
+    with_effort = np.nan_to_num(tau).any(axis=1)
+    relevant: BoolArray = np.asarray(np.isfinite(q).any(axis=1))
+    second: BoolArray = np.asarray(relevant & ~with_effort)
+    few = min(int(second.sum()), int((relevant & with_effort).sum()))
+    nothing = np.zeros_like(second)
+    if few < _MIN_SHARE * relevant.sum() or few < 2:
+        return nothing, None
+    order = second[relevant]
+    if np.count_nonzero(order[1:] != order[:-1]) < _MIN_CHANGES * few:
+        return nothing, None
+    names = columns.names_of(int(np.argmax(second)))
+    if not _positions_differ(q[relevant], order):
+        if np.isfinite(tau[second]).any():
+            if not _efforts_fall(np.nan_to_num(tau[relevant]), order):
+                return nothing, None
+        elif names == columns.names_of(int(np.argmax(relevant & with_effort))):
+            return second, None
+    share = second.sum() / relevant.sum()
+    listed = ', '.join(names[:6]) + (', …' if len(names) > 6 else '')
+    return second, Fact(
+        Kind.PUBLISHER, tuple(joint for joint in joints if joint in names),
+        f'a second publisher sends {counted(int(second.sum()), "message")} without effort '
+        f'({100 * share:.0f} %, in the order {listed})', Action.LEFT_OUT,
+        'its messages are left out', '--accept second_publisher keeps them')
+
+
+def _positions_differ(q: FloatArray, second: BoolArray) -> bool:
+    """Return whether positions change where the publisher changes."""
+    step = np.nanmax(np.abs(np.diff(q, axis=0)), axis=1)
+    changes = second[1:] != second[:-1]
+    return bool(np.nanmedian(step[changes]) > _MIN_STEP)
+
+
+def _efforts_fall(tau: FloatArray, second: BoolArray) -> bool:
+    """Return whether efforts change by their usual size where the publisher changes."""
+    size = np.abs(tau[~second]).max(axis=1)
+    step = np.abs(np.diff(tau, axis=0)).max(axis=1)[second[1:] != second[:-1]]
+    return bool(np.median(step) > _MIN_FALL * np.median(size))
+
+
+def _positions_alternate(q: FloatArray) -> bool:
+    """
+    Return whether positions (M, N) in rad alternate between two values, message by message.
+
+    This occurs if two robots publish the same joint names on one topic.
+    """
+    if len(q) < 20:
+        return False
+    for joint in q.T:
+        step = np.median(np.abs(np.diff(joint)))
+        if step > _MIN_STEP and np.median(np.abs(joint[2:] - joint[:-2])) < _MAX_RETURN * step:
+            return True
+    return False

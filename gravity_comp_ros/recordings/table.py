@@ -11,10 +11,10 @@ from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
     Columns, find_columns, has_columns, named_columns)
-from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
+from gravity_comp_ros.recordings.table_files import (
+    is_parquet, read_csv, read_npz, read_parquet, Table)
 from gravity_comp_ros.recordings.table_layouts import (
     JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
-from gravity_comp_ros.recordings.table_parquet import is_parquet, read_parquet
 from gravity_comp_ros.recordings.table_units import (
     check_angles, check_seconds, check_velocity, decoded)
 from gravity_comp_ros.recordings.units import (

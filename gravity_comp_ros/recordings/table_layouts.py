@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 import re
 
+from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.data.velocity_check import is_inconsistent, slope_ratios
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.table_files import Table
 import numpy as np

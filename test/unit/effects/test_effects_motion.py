@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bench.shared.effect_motions import (
     arm_of, clean_motion, clean_samples, exact_chain, motion_on, motions_of)
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals

@@ -6,8 +6,8 @@ from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
-from gravity_comp_ros.data.acceleration import accelerations
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters

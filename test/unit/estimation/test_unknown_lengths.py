@@ -6,7 +6,7 @@ from bench.cases.cases import ARMS
 from bench.cases.generated import generated_arm
 from bench.shared.fast_arms import NOISE, of_motion, recording
 import gravity_comp_ros as gc
-from gravity_comp_ros.data.acceleration import accelerations
+from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.estimation.estimate import FitOptions

@@ -1,7 +1,7 @@
 """Inertia in the node: samples wait for later messages, which determine their acceleration."""
 
 from bench.shared.node_messages import play, refit
-from gravity_comp_ros.data.acceleration import with_accelerations
+from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
