@@ -53,16 +53,17 @@ def candidates(job: FitJob, chain: GravityModel | None,
                first: FullFit | None) -> Iterator[Candidate]:
     """Yield the candidate models; `first` is the first full fit where it exists already."""
     base, train = chain or job.base, job.rows.train
-    if base is not None and (base.energy is None or base.joints != train.names):
+    if base is not None and base.energy is None:
         base = None
-    requested = requests(job.effects, train.names)
+    effects = job.settings.effects
+    requested = requests(effects, train.names)
     new_effects = [request.target for request in requested
                    if base is None or not base.applied.has(request.effect.name, request.joint)]
     if job.on_request and new_effects:
         base = None
         if len(train) < MIN_FULL_FIT_SAMPLES:
             raise FitError(f'{len(train)} training samples; a model with '
-                           f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
+                           f'{", ".join(effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
                            'moving slowly')
     if base is None:
         yield from _full_fits(job, first)
@@ -84,17 +85,16 @@ def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
     """
     first = first or full_fit(job)
     yield Candidate.full(first, job)
-    if job.formulation == 'auto':
+    if job.settings.formulation == 'auto':
         with suppress(FitError, DataError):
             yield Candidate.full(fit_as('potential', first, options_of(job)), job)
 
 
 def options_of(job: FitJob) -> FitOptions:
     """Return the options of a full fit, with known axes if it uses them."""
-    formulation = 'chain' if job.formulation == 'auto' else job.formulation
-    known = formulation == 'chain' and job.geometry is not None \
-        and job.geometry.joints == job.rows.samples.names
-    return FitOptions(formulation, geometry=job.geometry if known else None)
+    formulation = job.settings.formulation
+    formulation = 'chain' if formulation == 'auto' else formulation
+    return FitOptions(formulation, geometry=job.geometry if formulation == 'chain' else None)
 
 
 def full_fit(job: FitJob) -> FullFit:
@@ -109,14 +109,14 @@ def full_fit(job: FitJob) -> FullFit:
     """
     samples = job.rows.train
     # Without a request the effects of the model in use are predicted again.
-    targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
-        else job.effects
+    targets = job.settings.effects or (
+        tuple(e.target for e in job.old.applied.effects) if job.old else ())
     requested = requests(targets, samples.names)
     names = {request.effect.name for request in requested}
     tested = [effect for effect in all_effects().values()
               if not effect.resembles_gravity or effect.name in names]
     result = requested_fit(samples, requested, options_of(job), tested)
-    if job.base is None or job.base.joints != result.model.joints:
+    if job.base is None:
         return result
     # Distances learned from earlier payloads stay valid.
     return replace(result, model=replace(

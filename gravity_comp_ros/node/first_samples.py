@@ -39,7 +39,7 @@ def judged(job: FitJob) -> tuple[FitJob, Check]:
     none = np.zeros(samples.n_joints, dtype=bool)
     signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
                       np.arange(len(samples)), none)
-    accept = accepted_kinds(job.accept)
+    accept = accepted_kinds(job.settings.accept)
     judgement = judge(signals, np.ones(samples.n_joints), none, True, accept | _ELSEWHERE)
     kept = np.zeros(len(samples), dtype=bool)
     kept[judgement.signals.rows] = True
@@ -62,8 +62,7 @@ def judged(job: FitJob) -> tuple[FitJob, Check]:
 
 def _facts_of_arm(job: FitJob, samples: JointSamples) -> list[Fact]:
     """Return the facts that one arm for all joints shows."""
-    geometry = job.geometry if job.geometry and job.geometry.joints == samples.names else None
-    order = joint_order(samples.names)
+    geometry, order = job.geometry, joint_order(samples.names)
     return list(torque_facts(
         samples, None if geometry is None else geometry.rotations,
         by_name=geometry is None and order.joints == samples.names

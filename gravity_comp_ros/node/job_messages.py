@@ -16,6 +16,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVIT
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import Rows
+from gravity_comp_ros.node.parameters import Parameters
 
 # Checks that fail where the effort is faulty.
 FAULTS = (checks.NO_FACT, checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS,
@@ -33,6 +34,10 @@ class PayloadLimits:
     mass: float = 20.0
     reach: float = 1.0
 
+    @classmethod
+    def of(cls, settings: Parameters) -> PayloadLimits:
+        return cls(settings.max_payload, settings.max_payload_reach)
+
     @property
     def moment(self) -> float:
         """The largest change of one link's moment, N·m."""
@@ -46,21 +51,17 @@ class FitJob:
 
     - `base`: model in use when the epoch began; its change may be fitted.
     - `old`: model in use now, to compare with.
-    - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
-    - `payload`: limits of a payload; `geometry`: the axes where they are known.
-    - `formulation`: formulation of a full fit, as in `FitOptions`.
-    - `accept`: names of kinds of facts (`facts.fact.Kind`) that do not prevent a first model.
+    - `settings`: formulation and effects of a full fit, limits of a payload, accepted facts.
+    - `geometry`: the axes where they are known.
+    - `on_request`: whether a service call requested the fit.
     """
 
     rows: Rows
     base: GravityModel | None
     old: GravityModel | None
-    formulation: str = 'auto'
-    effects: tuple[str, ...] = ()
-    on_request: bool = False
-    payload: PayloadLimits = PayloadLimits()
+    settings: Parameters = Parameters()
     geometry: Geometry | None = None
-    accept: tuple[str, ...] = ()
+    on_request: bool = False
 
 
 @dataclass(frozen=True, eq=False)

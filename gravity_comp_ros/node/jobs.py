@@ -105,7 +105,7 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     """Return whether the samples show another payload."""
     samples, model, since = job.samples, job.model, float(job.samples.t[0])
     chain = _chains.of(model, job.geometry)
-    if chain is None or chain.joints != samples.names:
+    if chain is None:
         return PayloadResult(False, True, 'the effort has changed; a payload cannot '
                              'be tested, because no serial chain explains this arm', since)
     (gravity, others), noise = without_effects(model, samples), residual_noise(model)
@@ -205,7 +205,7 @@ def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterato
     residual = np.maximum(*(
         moving_rms(np.where(outliers_of_fit(error[part], samples.select(part)), 0.0, error[part]),
                    samples.qd[part]) for part in (job.rows.held_out, ~job.rows.held_out)))
-    if base is None or base.joints != samples.names:
+    if base is None:
         yield acceptance.joints_agree(job.rows.train, residual)
         return
     # With other effects gravity changes without a change of the payload.
@@ -213,14 +213,15 @@ def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterato
     gravity, friction = without_effects(source, samples)
     before = base.predict(gravity.q)
     noise = allowance * reference_noise(expected_residual(base), gravity, before)
-    if chain is None or chain.joints != samples.names:
+    if chain is None:
         yield acceptance.gravity_present(gravity, before, noise)
         yield acceptance.joints_agree(samples, residual, (
             noise, rms(prediction.torque - predict_torque(base, samples))))
         return
+    limits = PayloadLimits.of(job.settings)
     yield from acceptance.body_checks(
-        tables(gravity, friction, base, chain, noise, job.payload,
-               axes_under(chain, job.geometry)), noise, 1.0, job.payload)
+        tables(gravity, friction, base, chain, noise, limits, axes_under(chain, job.geometry)),
+        noise, 1.0, limits)
 
 
 def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
@@ -265,16 +266,16 @@ def _without_outliers(job: FitJob, chain: GravityModel | None
     little weight (`huber_weights`) and is returned if it is a candidate of the job.
     """
     first, samples = None, job.rows.samples
-    if chain is not None and chain.joints == samples.names:
+    if chain is not None:
         gravity, _ = without_effects(job.base or chain, samples)
         is_outlier = outliers_of_change(gravity, chain)
     else:
         try:
-            first = full_fit(replace(job, effects=()))
+            first = full_fit(replace(job, settings=replace(job.settings, effects=())))
         except (FitError, DataError):
             return job, {}, None
         is_outlier = outliers_of_fit(predicted(first.model, job).residual(samples), samples)
-    first = None if job.effects else first
+    first = None if job.settings.effects else first
     if not is_outlier.any():
         return job, {}, first
     counts = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}

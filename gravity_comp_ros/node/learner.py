@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any
 
@@ -97,7 +98,8 @@ class Learner:
                 self._start_queued(wall, self._queued)
             elif (model := self._tested_model()) is not None and self.arm.watch.is_due():
                 window = self.arm.watch.window()
-                test = PayloadJob(window, model, self._limits(), self.arm.geometry)
+                test = PayloadJob(window, model, PayloadLimits.of(self.arm.settings),
+                                  self.arm.geometry)
                 self._submit(wall, Job(PAYLOAD), lambda: test)
             elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
                 self._submit_fit(wall, Job(FIT))
@@ -108,12 +110,10 @@ class Learner:
         self.fits.submit(job, wall, prepare)
 
     def _submit_fit(self, wall: float, job: Job) -> None:
-        ring, geometry, limits = self.arm.epoch.snapshot(), self.arm.geometry, self._limits()
-        base, old, settings = self._base, self.models.model, self.arm.settings
-        on_request = job.call is not None
-        self._submit(wall, job, lambda: FitJob(
-            rows_of(ring), base, old, settings.formulation, settings.effects, on_request, limits,
-            geometry, settings.accept))
+        ring, job_of = self.arm.epoch.snapshot(), partial(
+            FitJob, base=self._base, old=self.models.model, settings=self.arm.settings,
+            geometry=self.arm.geometry, on_request=job.call is not None)
+        self._submit(wall, job, lambda: job_of(rows_of(ring)))
         self.arm.epoch.fit_started()
 
     def _start_queued(self, wall: float, job: Job) -> None:
@@ -127,9 +127,6 @@ class Learner:
             self._submit(wall, job, lambda: DiagnosisJob(ring.samples(), model))
         else:
             self._submit_fit(wall, job)
-
-    def _limits(self) -> PayloadLimits:
-        return PayloadLimits(self.arm.settings.max_payload, self.arm.settings.max_payload_reach)
 
     def _tested_model(self) -> GravityModel | None:
         """Return the model in use if it is confirmed and of the present payload."""
@@ -226,9 +223,8 @@ class Learner:
                                 epoch.number)
         before = self.models.before
         # The samples of a closed epoch determine the whole change.
-        change = UncertainChange(result.model, base, result.low, result.high) if (
-            epoch.is_open and base is not None
-            and base.joints == result.model.joints) else None
+        change = None if base is None or not epoch.is_open else UncertainChange(
+            result.model, base, result.low, result.high)
         self.arm.use(entry.model, None if before is None else before.model,
                      result.model.coverage.n_samples, change)
         self.arm.epoch.note = ''

@@ -89,8 +89,7 @@ class Watch:
         :param before: the last model of the previous payload, None if there is none.
         :param learned: number of training samples; a model from a file (0) counts as confirmed.
         """
-        self._model = model
-        self._before = before if before is not None and before.joints == model.joints else None
+        self._model, self._before = model, before
         self._noise = expected_residual(model)
         self._required, self._predicted = min(learned, MAX_REQUIRED), 0
         self._errors.clear()

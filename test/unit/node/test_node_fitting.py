@@ -15,11 +15,13 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.worker.worker_process import BUSY, command, Failed, READY, Supervised
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
+POTENTIAL = Parameters(formulation='potential')
 FITTING = 'gravity_comp_ros.node.jobs:fitting'
 
 
@@ -33,7 +35,7 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
 
 def job(old=None, mass=1.0, train=None):
     return FitJob(rows_of(train or pendulum(mass=mass), pendulum(20, 1, mass)), old, old,
-                  'potential')
+                  POTENTIAL)
 
 
 @contextmanager
@@ -63,10 +65,11 @@ def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
     rough = two_links(1, reach=WIDE)
     samples = replace(rough, tau=rough.tau * gains).select(np.arange(0, 1200, 4))
     rows = Rows(samples, np.arange(300) % 20 >= 15)
-    result = run_fit(FitJob(rows, None, None, 'potential'))
+    result = run_fit(FitJob(rows, None, None, POTENTIAL))
     assert result.accepted == (not kind) and kind in result.fault
     if kind == 'effort_sign':
-        assert run_fit(FitJob(rows, None, None, 'potential', accept=(kind,))).checks[0].passed
+        assert run_fit(FitJob(
+            rows, None, None, replace(POTENTIAL, accept=(kind,)))).checks[0].passed
 
 
 def test_it_fits_and_stays_running():
