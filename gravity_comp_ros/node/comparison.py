@@ -22,6 +22,8 @@ import numpy as np
 _NEGLIGIBLE, _MIN_SENT = 0.05, 0.5
 # Minimum variation of the published torque of a joint, as a fraction of the largest.
 _MIN_VARIATION = 0.02
+# Steps between two delays of the published torque.
+_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 # Speed over which friction changes its sign, rad/s.
 _WIDTH = 0.01
 
@@ -153,29 +155,24 @@ def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Ch
     spread = torque[:, 0].std(axis=0)
     counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
     model, *echoes = (error[:, counts] for error in errors)
-    # Of the least RMS difference, and the delay.
-    echo, delay = min((_between(*pair, *delays) for pair, delays in zip(
-        zip(echoes, echoes[1:]), zip(DELAYS, DELAYS[1:]))), key=lambda fit: fit[0])
-    residual = float(np.sqrt((model ** 2).mean()))
+    # A driver has any delay, so the torque is interpolated between those of the history. On a busy
+    # machine the delay of some samples differs, so the sizes are medians.
+    echo, delay = min(
+        (_median_size((1.0 - share) * first + share * second), start + share * (end - start))
+        for first, second, start, end in zip(echoes, echoes[1:], DELAYS, DELAYS[1:])
+        for share in _SHARES)
+    residual = _median_size(model)
     return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), OPTIONS.max_echo, text=(
         'the effort is the torque that this node published '
-        f'{1e3 * delay:.0f} ms before: RMS difference {echo:.3g} N·m, '
+        f'{1e3 * delay:.0f} ms before: median difference {echo:.3g} N·m, '
         f'residual of the new model {residual:.3g} N·m. Either the model in use is right already, '
         'or the arm floats on that torque and is guided by hand, which gives no new data: '
         'move it by its own controller'))
 
 
-def _between(first: FloatArray, second: FloatArray, start: float, end: float
-             ) -> tuple[float, float]:
-    """
-    Return the smallest RMS difference in N·m at a delay from `start` to `end` in s, and the delay.
-
-    :param first: measured minus published torque (M, N) at the first delay, `second` at the other.
-    """
-    step = first - second
-    share = min(max(float((first * step).sum()) / max(float((step ** 2).sum()), 1e-30), 0.0), 1.0)
-    return (float(np.sqrt(((first - share * step) ** 2).mean())),
-            start + share * (end - start))
+def _median_size(error: FloatArray) -> float:
+    """Return the median over the samples of the RMS of an error (M, N) over the joints."""
+    return float(np.sqrt(np.median((error ** 2).mean(axis=1))))
 
 
 def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:

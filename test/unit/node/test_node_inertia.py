@@ -97,28 +97,6 @@ def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     assert sample.qdd is None and not delayed.due(0.3)
 
 
-@pytest.mark.parametrize('reverses', [False, True])
-def test_a_sample_is_the_mean_of_the_messages_around_it(reverses):
-    """Not where a joint reverses: the mean of friction is not that of the mean motion."""
-    delayed, middle = DelayedSamples(), 0.5
-    for k in range(101):
-        t = 0.01 * k
-        qd = np.array([0.1, 2.0 * (t - middle) if reverses else 0.0])
-        reading = CompleteReading(t, np.array([t, 0.0]), qd, np.array([t * t, 1.0]))
-        delayed.add(reading)
-        if k == 50:
-            delayed.hold(reading, np.zeros((1, 2)))
-        waiting = delayed.due(t)
-        if waiting:
-            break
-    sample, = waiting
-    assert sample.reading.t == pytest.approx(middle)
-    near = 0.01 * np.arange(45, 56)
-    mean = middle ** 2 if reverses else np.mean(near ** 2)
-    np.testing.assert_allclose(sample.reading.tau, [mean, 1.0])
-    np.testing.assert_allclose(sample.reading.q, [middle, 0.0])
-
-
 @pytest.mark.campaign
 def test_the_node_learns_inertia_and_gravity_is_accurate(live):
     """The first axis is vertical: only a tilt of the base explains its inertia as gravity."""

@@ -48,13 +48,17 @@ def test_an_echo_with_a_delay_between_those_of_the_history_is_refused():
     def published(delay):
         return np.sin(motion(shift=delay).q) * [10.0, 4.0]
 
-    measured = replace(samples, tau=published(0.035) + 0.01 * np.random.default_rng(3)
-                       .standard_normal(samples.q.shape))
+    echo, late = published(0.032), published(0.5)
+    noise = 0.01 * np.random.default_rng(3).standard_normal(samples.q.shape)
+    # On a busy machine some messages are late.
+    is_late = np.arange(120)[:, None] % 10 == 0
+    measured = replace(samples, tau=np.where(is_late, late, echo) + noise)
     sent = np.stack([published(delay) for delay in DELAYS], axis=1)
-    # The new model explains the noise in part.
-    check = echo_of(sent, measured, 0.1 * published(0.035) + 0.9 * measured.tau)
-    assert '35 ms' in check.text
-    assert check.statistic == pytest.approx(0.1, rel=0.1)
+    check = echo_of(sent, measured, echo)
+    assert not check.passed and '32 ms' in check.text
+    # A model that explains half of the noise.
+    better = echo_of(sent, measured, echo + 0.5 * noise)
+    assert better.statistic == pytest.approx(0.5, rel=0.2)
 
 
 def test_an_arm_moved_by_its_controller_is_no_echo():
