@@ -2,7 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+import numpy as np
+
+
+def pinocchio_torque(text: str | bytes, joints: Sequence[str], q: np.ndarray,
+                     held: Mapping[str, float] = MappingProxyType({}),
+                     payload: tuple[float, np.ndarray] | None = None) -> np.ndarray:
+    """
+    Return the gravity torque (M, N) of joints of a URDF at q (M, N) by Pinocchio.
+
+    :param held: positions of other joints; those that are not named are at 0.
+    :param payload: mass in kg and centre (3,) in m in the frame of the last joint.
+    """
+    import pinocchio as pin
+    text = text if isinstance(text, str) else text.decode()
+    model = pin.buildModelFromXML(text.strip())
+    model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    parts = {name: model.joints[model.getJointId(name)] for name in (*joints, *held)}
+    if payload is not None:
+        model.appendBodyToJoint(model.getJointId(joints[-1]),
+                                pin.Inertia(*payload, np.zeros((3, 3))), pin.SE3.Identity())
+    data, torques, rows = model.createData(), [], [parts[name].idx_v for name in joints]
+    for pose in q:
+        full = pin.neutral(model)
+        for name, value in (*held.items(), *zip(joints, pose)):
+            full[parts[name].idx_q] = value
+        torques.append(pin.computeGeneralizedGravity(model, data, full)[rows])
+    return np.array(torques)
 
 
 def joint(name: str, parent: str, child: str, kind: str = 'revolute', xyz: str = '0 0 0.3',

@@ -17,15 +17,14 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, friction_numbers)
 from gravity_comp_ros.export.nearest_masses import (
-    Links, nearest_masses, NearestOptions, trained_poses)
+    Links, nearest_masses, trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
 
-def changed_mjcf(path: Path, data: bytes, model: GravityModel,
-                 options: NearestOptions = NearestOptions()) -> ChangedDescription:
+def changed_mjcf(path: Path, data: bytes, model: GravityModel) -> ChangedDescription:
     """
     Return an MJCF with the masses and centres nearest to its own that give the model's torque.
 
@@ -37,9 +36,8 @@ def changed_mjcf(path: Path, data: bytes, model: GravityModel,
     arm = _Mujoco(path, model.joints)
     elements = _body_elements(edit, arm, str(path))
     links = arm.links()
-    q = trained_poses(model, options.poses)
-    result = nearest_masses(links, arm.columns(q), model.predict(q), model.noise, model.joints,
-                            options)
+    q = trained_poses(model)
+    result = nearest_masses(links, arm.columns(q), model.predict(q), model.noise, model.joints)
     for body, mass, centre in zip(arm.bodies, result.masses, result.centres):
         _write(edit, elements[body], arm, body, float(mass), centre)
     effects = _write_friction(edit, model)

@@ -88,7 +88,7 @@ class NearestMasses:
     after: FloatArray
 
 
-def trained_poses(model: GravityModel, count: int) -> FloatArray:
+def trained_poses(model: GravityModel, count: int = NearestOptions().poses) -> FloatArray:
     """Return poses (count, N) drawn from the trained range of a model."""
     return np.random.default_rng(0).uniform(model.coverage.q_min, model.coverage.q_max,
                                             (count, model.n_joints))

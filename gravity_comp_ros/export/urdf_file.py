@@ -13,7 +13,7 @@ from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, friction_numbers)
 from gravity_comp_ros.export.nearest_masses import (
-    Links, nearest_masses, NearestOptions, trained_poses)
+    Links, nearest_masses, trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -25,8 +25,7 @@ _THINNEST = 1e-3
 
 
 def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
-                 held: HeldPositions = HeldPositions(),
-                 options: NearestOptions = NearestOptions()) -> ChangedDescription:
+                 held: HeldPositions = HeldPositions()) -> ChangedDescription:
     """
     Return a URDF with the masses and centres nearest to its own that give the model's torque.
 
@@ -46,10 +45,9 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
                   np.array([_consistent(x.second_moment) for x in inertials.values()]))
     arm, notes = _with_model_axes(arm, model)
     order = [model.joints.index(name) for name in arm.geometry.joints]
-    q = trained_poses(model, options.poses)
+    q = trained_poses(model)
     result = nearest_masses(links, arm.columns(q[:, order], links.names),
-                            model.predict(q)[:, order], model.noise[order], arm.geometry.joints,
-                            options)
+                            model.predict(q)[:, order], model.noise[order], arm.geometry.joints)
     for name, mass, centre in zip(inertials, result.masses, result.centres):
         _write(edit, elements[name], float(mass), centre)
     notes += _repaired(edit, elements, inertials)

@@ -1,7 +1,6 @@
 """Joint axes from descriptions with the peculiarities of real robots, against Pinocchio."""
 
 from bench.shared import urdf_snippets as robots
-from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -9,42 +8,21 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from hypothesis import given, strategies
 import numpy as np
-import pinocchio as pin
 import pytest
 
 MASS, COM = 2.0, np.array([0.03, -0.05, 0.12])
 
 
-def pinocchio_torque(text: str, joints, q: np.ndarray, held: dict[str, float],
-                     payload: bool = False) -> np.ndarray:
-    """Return the gravity torque of `joints` at poses q, other joints at `held` or at 0."""
-    model = pin.buildModelFromXML(text.strip())
-    model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-    if payload:
-        last = model.getJointId(joints[-1])
-        model.appendBodyToJoint(last, pin.Inertia(MASS, COM, np.zeros((3, 3))),
-                                pin.SE3.Identity())
-    data, torques = model.createData(), []
-    rows = [model.joints[model.getJointId(name)].idx_v for name in joints]
-    rest = {model.joints[model.getJointId(name)].idx_q: value for name, value in held.items()}
-    for pose in q:
-        full = pin.neutral(model)
-        full[list(rest)] = list(rest.values())
-        full[[model.joints[model.getJointId(name)].idx_q for name in joints]] = pose
-        torques.append(pin.computeGeneralizedGravity(model, data, full)[rows])
-    return np.array(torques)
-
-
 def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
     """Check that the axes explain the gravity torque, and the lengths that of a payload."""
     q = np.random.default_rng(0).uniform(-2.5, 2.5, (30, geometry.n_joints))
-    torque = pinocchio_torque(text, geometry.joints, q, held)
+    torque = robots.pinocchio_torque(text, geometry.joints, q, held)
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
     flat = columns.reshape(len(columns), -1).T
     moments = np.linalg.lstsq(flat, torque.T.ravel(), rcond=None)[0]
     np.testing.assert_allclose(flat @ moments, torque.T.ravel(), atol=1e-8)
     tool = np.array([MASS, *(MASS * COM)]) @ geometry.tool_moments()
-    more = pinocchio_torque(text, geometry.joints, q, held, payload=True) - torque
+    more = robots.pinocchio_torque(text, geometry.joints, q, held, (MASS, COM)) - torque
     np.testing.assert_allclose(Chain(geometry.rotations, tool.reshape(-1, 2)).torque(q), more,
                                atol=1e-8)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 
 from bench.shared import urdf_snippets as snippets
+from bench.shared.urdf_snippets import pinocchio_torque
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm, urdf_inertials
@@ -29,27 +30,12 @@ IIWA = (BAGS / 'iiwa7.urdf').read_bytes()
 NUMBER = re.compile(rb'(?<=")[-+0-9.e ]+(?=")')
 
 
-def pinocchio_torque(urdf: bytes, joints, q: np.ndarray) -> np.ndarray:
-    """Return the gravity torque (M, N) of a URDF by Pinocchio; other joints are at 0."""
-    model = pin.buildModelFromXML(urdf.decode())
-    model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-    data, pose = model.createData(), pin.neutral(model)
-    ids = [model.joints[model.getJointId(name)] for name in joints]
-    result = []
-    for row in q:
-        for joint, angle in zip(ids, row):
-            pose[joint.idx_q] = angle
-        torque = pin.computeGeneralizedGravity(model, data, pose)
-        result.append([torque[joint.idx_v] for joint in ids])
-    return np.array(result)
-
-
 def exact_model(urdf, joints, scale=1.0, coverage=2.0) -> GravityModel:
     """Return a chain on the axes of a URDF with the moments of its links times a factor."""
     arm = described_arm(urdf, joints)
     n = len(joints)
     q = np.random.default_rng(0).uniform(-2, 2, (200, n))
-    tau = scale * pinocchio_torque(urdf if isinstance(urdf, bytes) else urdf.encode(), joints, q)
+    tau = scale * pinocchio_torque(urdf, joints, q)
     zero = Chain(arm.geometry.rotations, np.zeros((n, 2)))
     columns = zero.jacobian(q)[2 * n:].transpose(2, 1, 0).reshape(-1, 2 * n)
     moments = np.linalg.lstsq(columns, tau.ravel(), rcond=None)[0].reshape(n, 2)
@@ -201,14 +187,10 @@ def test_utf16_is_refused():
 
 
 def test_an_impossible_inertia_is_repaired_and_named():
-    text = snippets.UR.replace('ixx="0.1" iyy="0.1" izz="0.1"', 'ixx="0.1" iyy="0.1" izz="0.5"', 1)
-    joints = snippets.UR_JOINTS
-    arm = described_arm(text, joints)
-    model = exact_model(text, joints)
-    changed = changed_urdf(text.encode(), model)
-    named = [note for note in changed.notes if 'triangle inequality' in note]
-    first = text.split('<link name="')[2].split('"')[0]
-    assert len(named) == (1 if first in arm.places else 0)
+    text = snippets.UR.replace('ixx="0.1" iyy="0.1" izz="0.1"', 'ixx="0.1" iyy="0.1" izz="0.5"')
+    changed = changed_urdf(text.encode(), exact_model(text, snippets.UR_JOINTS))
+    assert [note.split()[1] for note in changed.notes] == [f'{name}:' for name in changed.links]
+    assert all('triangle inequality' in note for note in changed.notes)
     for body in pin.buildModelFromXML(changed.data.decode()).inertias[1:]:
         moments = np.linalg.eigvalsh(body.inertia)
-        assert not named or moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
+        assert moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
