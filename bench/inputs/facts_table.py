@@ -45,7 +45,7 @@ def facts_of(path: Path) -> list[Fact]:
     data = Recording(read.samples, reports=(read.report,))
     arm = known_arm(data)
     motion = enough_motion(arm.of(data).samples, arm.axes.geometry).facts()
-    return [*read.report.facts, *arm_facts(data, options, arm),
+    return [*read.report.facts, *arm_facts(data, arm),
             *describe(read.samples).motion, *motion]
 
 

@@ -15,16 +15,14 @@ from gravity_comp_ros.estimation.joint_gains import GainOptions
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
 from gravity_comp_ros.facts.fact import as_noted, Fact, refused
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.recordings.read_options import ReadOptions
 
 
-def arm_facts(recording: Recording, options: ReadOptions, arm: KnownArm | None = None,
+def arm_facts(recording: Recording, arm: KnownArm | None = None,
               model: GravityModel | None = None,
               limits: GainOptions = GainOptions()) -> list[Fact]:
     """
-    Return the facts on the order of the names, axes, gains, and the vertical.
+    Return the facts on the order of the names, axes, gains, and the vertical, of files.
 
-    :param options: those that the recording was read with.
     :param arm: axes and joint order; None for those of the model.
     :param model: see `torque_facts`.
     :param limits: of gains.
@@ -34,8 +32,9 @@ def arm_facts(recording: Recording, options: ReadOptions, arm: KnownArm | None =
         recording, geometry = arm.of(recording), arm.axes.geometry
         rotations = None if geometry is None else geometry.rotations
         by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
-    facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording, options),
-                         by_name, limits)
+    facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
+                         limits)
+    options = recording.reports[0].options
     return [as_noted(fact) if fact.kind.value in options.accept else fact for fact in facts]
 
 
@@ -50,10 +49,10 @@ def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:
         raise DataError(f'{where}: ' * bool(where) + fact.sentence + f'. {why}' * bool(why))
 
 
-def _whole_arm(recording: Recording, options: ReadOptions) -> WholeArm:
-    """Return the reader of the recordings with the joints that `options.joints` leaves out."""
+def _whole_arm(recording: Recording) -> WholeArm:
+    """Return the reader of the recordings with the joints that their options leave out."""
     def read() -> JointSamples | None:
-        every = replace(options, joints=None, refuse=False)
+        every = replace(recording.reports[0].options, joints=None, refuse=False)
         try:
             whole = read_recording([each.path for each in recording.reports], every, None)
         except BagError:

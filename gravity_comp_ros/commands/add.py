@@ -8,7 +8,7 @@ import shlex
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
@@ -51,7 +51,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
-        check_facts(arm_facts(recording, arguments.read_options(args), model=model))
+        check_facts(arm_facts(recording, model=model))
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
     reports = recording.reports
     holdout = refitting.held_out_errors(

@@ -14,7 +14,6 @@ from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, learn, LearnOptions
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         if model is not None:
             recording = refitting.without_held_out(model, recording)
         arm = known_arm(recording, _options(args))
-        facts = arm_facts(recording, read_options(args), arm, model)
+        facts = arm_facts(recording, arm, model)
         check_facts(facts)
         base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
         reports, samples = recording.reports, recording.used

@@ -10,8 +10,7 @@ import shlex
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands import next_step, terminal
-from gravity_comp_ros.description.links import described_arm
+from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
@@ -141,9 +140,7 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
 def _payload(args: argparse.Namespace, model: GravityModel) -> Result:
     payload = payload_of(model)
     if args.flange is not None:
-        arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf),
-                            HeldPositions(args.fixed))
-        payload = in_frame(payload, arm, args.flange)
+        payload = in_frame(payload, reading.arm_of_model(args, model), args.flange)
     lines = drive_lines(payload)
     listing: list[terminal.Line] = [
         payload.sentence(), 'the inertia is not identified and is 0 in these lines; none was '

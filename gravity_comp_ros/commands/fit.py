@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
-        facts = arm_facts(whole, arguments.read_options(args), arm)
+        facts = arm_facts(whole, arm)
         check_facts(facts)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()

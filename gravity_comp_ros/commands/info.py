@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
             data = Recording(each.samples, slow, (each.report,))
             arm = known_arm(data, LearnOptions(axes=axes_options(args),
                                                ordered=args.joints is not None))
-            more = arm_facts(data, options, arm)
+            more = arm_facts(data, arm)
             facts.append((replace(each.report, facts=(*each.report.facts, *more)),
                           describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.

@@ -103,3 +103,9 @@ def described_arm_of(args: argparse.Namespace, text: bytes | str, source: str,
     """Return the described arm among the recorded joints, with the joints of --fixed held."""
     return described_arm(text, arm_joints(text, recorded, source).joints, source,
                          HeldPositions(args.fixed))
+
+
+def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
+    """Return the arm of a model as --urdf describes it, with the joints of --fixed held."""
+    return described_arm(read_text(args.urdf), model.joints, str(args.urdf),
+                         HeldPositions(args.fixed))

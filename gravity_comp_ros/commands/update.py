@@ -11,8 +11,6 @@ from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.description.links import described_arm, DescribedArm
-from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.joint_gains import OF_UPDATE
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
@@ -54,8 +52,11 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         report('update', 0.5)
         axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
                           model=model)
-        arm = None if args.flange is None else _arm(args, model)
-        check_facts(arm_facts(recording, arguments.read_options(args), None, model, OF_UPDATE),
+        arm = None
+        if args.flange is not None:
+            arm = reading.arm_of_model(args, model)
+            arm.place(args.flange)  # a missing flange is reported before the update
+        check_facts(arm_facts(recording, model=model, limits=OF_UPDATE),
                     why='A payload changes no axis, no gain and no vertical')
         result, axes = update_model(model, recording, axes)
         estimate = result.report.payload
@@ -73,14 +74,6 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     terminal.answer(args, document,
                     lambda: _show(args, recording, axes, result, target, flange), *warnings)
     return 0
-
-
-def _arm(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
-    """Return the described arm, whose flange is checked before the update."""
-    fixed = arguments.axes_options(args).fixed
-    arm = described_arm(read_text(args.urdf), model.joints, str(args.urdf), HeldPositions(fixed))
-    arm.place(args.flange)
-    return arm
 
 
 def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
@@ -11,7 +11,6 @@ from gravity_comp_ros.report.style import (
     BLUE, GREEN, label, ORANGE, plot, PURPLE, SKY, VERMILION, YELLOW)
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.session import Session
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
 _DASHES = ('solid', 'dashed')
@@ -25,11 +24,16 @@ Errors = Sequence[tuple[str, dict[str, float]]]
 
 
 class HistoryPanel:
-    """The panel of one page. It keeps the name field, and unfinished input, over updates."""
+    """
+    The panel of one page. Its name field, and unfinished input, stay over updates.
 
-    def __init__(self) -> None:
-        self._shown: tuple[str, int, str] | None = None
-        self._name: UIElement = widgets.html('')
+    :param rename: sets the name of the current stage.
+    """
+
+    def __init__(self, rename: Callable[[str], None]) -> None:
+        self._shown: tuple[int, str] | None = None
+        self._name = widgets.field('Name of this stage', '', 'stage-name')
+        self._name.on_change('value', lambda attribute, old, new: rename(new))
 
     def parts(self, results: Results) -> list[UIElement]:
         """Return the panel of a session."""
@@ -49,22 +53,11 @@ class HistoryPanel:
         if at > 0:
             elements.append(widgets.button(
                 f'Undo {stage.name}', lambda: session.select_stage(at - 1), name='undo'))
-        key = (session.id, at, stage.name)
-        if self._shown != key:
-            self._shown, self._name = key, self._field(session, at, stage.name)
+        if self._shown != (at, stage.name):
+            self._shown, self._name.value = (at, stage.name), stage.name
         return [*elements, row(column(stages, sizing_mode='stretch_width'),
                                column(self._name, sizing_mode='stretch_width'),
                                sizing_mode='stretch_width')]
-
-    def _field(self, session: Session, at: int, name: str) -> UIElement:
-        entry = widgets.field('Name of this stage', name, 'stage-name')
-
-        def on_change(attribute: str, old: str, new: str) -> None:
-            self._shown = (session.id, at, new.strip())
-            session.rename(new)
-
-        entry.on_change('value', on_change)
-        return entry
 
 
 def chart(stages: Errors) -> UIElement:

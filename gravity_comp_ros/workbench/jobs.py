@@ -50,13 +50,11 @@ class Read:
     urdf: str | None = None
     ordered: bool = False
 
-    def gives_same_samples(self, other: Read | None) -> bool:
-        """Return whether another reading gives the same samples, up to the order of joints."""
-        if other is None or self.paths != other.paths or (
-                self.options.joints is None) != (other.options.joints is None):
-            return False
-        return set(self.options.joints or ()) == set(other.options.joints or ()) \
-            and replace(self.options, joints=None) == replace(other.options, joints=None)
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Return the identity of the samples, up to the order of the joints."""
+        joints = self.options.joints
+        return (self.paths, joints and frozenset(joints), replace(self.options, joints=None))
 
     def of_joints(self, names: tuple[str, ...]) -> Read:
         """Return the reading that selects these joints."""
@@ -134,14 +132,14 @@ class JobRunner:
             targets = None if job.effects is None else named_targets(job.effects, model.joints)
             return plan(recording.samples, model, targets, diagnosis=job.diagnosis,
                         progress=progress)
-        check_facts(arm_facts(recording, job.read.options, model=model))
+        check_facts(arm_facts(recording, model=model))
         if job.step is Step.DIAGNOSE:
             return diagnose(recording.samples, model, progress=progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(model, recording, job.effects or (), speeds, progress)
 
     def _samples(self, job: Read, progress: ProgressCallback) -> ReadResult:
-        if self._known is not None and job.gives_same_samples(self._known[0]):
+        if self._known is not None and job.key == self._known[0].key:
             return self._known[1]
         try:
             result = _read(job, progress)
@@ -161,20 +159,19 @@ def _read(job: Read, progress: ProgressCallback) -> ReadResult:
     arm = known_arm(Recording(samples, None, reports),
                     LearnOptions(axes=AxesOptions(job.urdf), ordered=job.ordered))
     if job.options.joints is not None:
-        return ReadResult(samples, _judged(recordings, arm, job.options))
+        return ReadResult(samples, _judged(recordings, arm))
     left_out = arm.axes.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
-    return ReadResult(samples.joints(arm.order.joints), _judged(recordings, arm, job.options))
+    return ReadResult(samples.joints(arm.order.joints), _judged(recordings, arm))
 
 
-def _judged(recordings: Sequence[BagRecording], arm: KnownArm,
-            options: ReadOptions) -> tuple[ReadReport, ...]:
+def _judged(recordings: Sequence[BagRecording], arm: KnownArm) -> tuple[ReadReport, ...]:
     """Return the reports with the facts on the joints against each other."""
     reports = []
     for each in recordings:
-        facts = arm_facts(Recording(each.samples, None, (each.report,)), options, arm)
+        facts = arm_facts(Recording(each.samples, None, (each.report,)), arm)
         reports.append(replace(each.report, facts=(*each.report.facts, *facts)))
     return tuple(reports)
 

@@ -45,7 +45,7 @@ class Page:
         self.view = NAMES[0]
         self._version, self._reason, self._moves_focus = -1, '', False
         self._side: Sidebar | None = None
-        self._history, self._two = HistoryPanel(), TwoModels()
+        self._history, self._two = HistoryPanel(self._rename), TwoModels()
         self._build(document)
         document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
@@ -127,6 +127,9 @@ class Page:
     def _add(self, targets: tuple[str, ...]) -> None:
         self._moves_focus = True
         self._on_session(lambda session: session.add(targets))
+
+    def _rename(self, name: str) -> None:
+        self._on_session(lambda session: session.rename(name))
 
     def _on_tab(self, number: int) -> None:
         self.view = NAMES[number]

@@ -67,7 +67,7 @@ class Session(State):
     @property
     def is_read(self) -> bool:
         """Return whether the recordings have been read with the current choice."""
-        return self._reading().gives_same_samples(self.read_as)
+        return self.read_as is not None and self.read_as.key == self._reading().key
 
     @property
     def plan(self) -> MotionPlan | None:
@@ -146,8 +146,9 @@ class Session(State):
 
     def rename(self, name: str) -> None:
         """Set the name of the current stage."""
-        if self.at is not None and name.strip():
-            self._change_stage(name=name.strip())
+        name = name.strip()
+        if self.stage is not None and name not in ('', self.stage.name):
+            self._change_stage(name=name)
             self._save()
             self.version += 1
 
