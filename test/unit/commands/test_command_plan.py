@@ -120,13 +120,6 @@ def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, mess
     assert message in capsys.readouterr().err and not out.exists()
 
 
-@pytest.mark.parametrize('motion, status, message', [
-    ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
-def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, message):
-    assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
-    assert message in capsys.readouterr().err
-
-
 def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.csv'
     assert main(command(folder, motion)) == 0

@@ -83,7 +83,7 @@ def test_json_and_limits(tmp_path, capsys):
 
 @pytest.mark.parametrize(('arguments', 'message'), [
     (('--arm', 'puma'), 'no arm puma'), (('--arm', 'none.urdf'), 'cannot read URDF none.urdf'),
-    (('--noise', '-1'), 'absolute is -1'),
+    (('--noise', '-1'), 'absolute is -1'), (('--motion', 'none.yaml'), 'no such file'),
     (('--samples', '5', '--duration', '5'), 'not both'), (('--max-speed', '1'), 'multisine'),
     (('--payload-com', '0', '0', '1'), 'requires --payload'),
     (('--payload-at', '5'), 'needs a payload'), (('--joint-names', 'a,b'), '7 joints'),

@@ -69,17 +69,11 @@ def test_a_command_is_never_broken(capsys, monkeypatch):
     assert capsys.readouterr().out == f'  {command}\n'
 
 
-def test_progress_of_short_work_is_silent_in_a_log(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 3600.0)
-    with terminal.progress() as report:
-        report('read', 0.0)
-        report('fit', 0.5)
-    assert capsys.readouterr().err == ''
-
-
-def test_long_work_prints_each_stage_once_in_a_log(capsys, monkeypatch):
-    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', 0.0)
+@pytest.mark.parametrize('delay, lines', [
+    (3600.0, ''), (0.0, '... read [red]a\n... fit\n')])
+def test_long_work_prints_each_stage_once_in_a_log(capsys, monkeypatch, delay, lines):
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', delay)
     with terminal.progress() as report:
         for stage, fraction in (('read [red]a', 0.0), ('read [red]a', 0.5), ('fit', 0.6)):
             report(stage, fraction)
-    assert capsys.readouterr().err == '... read [red]a\n... fit\n'
+    assert capsys.readouterr().err == lines
