@@ -129,7 +129,8 @@ def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOpt
         chosen, left_out = arm.joints, arm.left_out
     held = _held_positions(reports, options.fixed, text, chosen, source)
     geometry = described_arm(text, chosen, source, held).geometry
-    notes = [f'axes from {source}']
+    masses = ', its masses as a prior of the inertias' if geometry.inertials.any() else ''
+    notes = [f'axes from {source}{masses}']
     notes += [f'joint {name} is left out: it {reason}' for name, reason in left_out.items()]
     notes += [f'joint {joint.name} of the description is held at {joint.value:.4g} '
               f'({_SOURCES[joint.by]})' for joint in geometry.held]

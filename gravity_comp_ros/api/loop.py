@@ -41,7 +41,8 @@ def fit(recording: Recording, *, formulation: str | None = None,
     :param effects: effects fitted jointly with gravity, on every joint (`NAME`) or on one
         (`NAME:JOINT`).
     :param urdf: a robot description file, or `none`. The default is the description in the
-        recordings, if it matches. The model takes the joint axes from it, not the masses.
+        recordings, if it matches. The model takes the joint axes from it. Its masses are
+        a prior of the inertias alone: gravity is learned from the torque.
     :param fixed: positions, in rad or m, of description joints that were not recorded.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises FitError: if there are too few samples, or no joint moves.
