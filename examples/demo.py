@@ -134,11 +134,11 @@ def summary(columns: list[tuple[str, Comparison]]) -> list[str]:
     stale, last = columns[1][1], columns[-1][1]
     worst = stale.worst
     now = last.joints[last.worst].rmse
-    return [terminal.safe(
+    return [
         f'Worst joint with the stale model: {worst}, {stale.joints[worst].rmse:.2f} N·m; after '
-        f'relearning {last.joints[worst].rmse:.2f} N·m.'), terminal.safe(
+        f'relearning {last.joints[worst].rmse:.2f} N·m.',
         f'Worst joint after relearning: {last.worst}, {now:.2f} N·m. The recordings contain '
-        '0.1 N·m of noise (bags/make.sh), which is a lower bound of the error.')]
+        '0.1 N·m of noise (bags/make.sh), which is a lower bound of the error.']
 
 
 @contextmanager
