@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import (
@@ -16,7 +15,6 @@ from gravity_comp_ros.export.nearest_masses import (
     Links, nearest_masses, trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.printable import printable
 import numpy as np
 
@@ -43,14 +41,13 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
                   np.array([x.centre for x in inertials.values()]),
                   np.array([_consistent(x.second_moment) for x in inertials.values()]))
-    arm, notes = _with_model_axes(arm, model)
     order = [model.joints.index(name) for name in arm.geometry.joints]
     q = trained_poses(model)
     result = nearest_masses(links, arm.columns(q[:, order], links.names),
                             model.predict(q)[:, order], model.noise[order], arm.geometry.joints)
     for name, mass, centre in zip(inertials, result.masses, result.centres):
         _write(edit, elements[name], float(mass), centre)
-    notes += _repaired(edit, elements, inertials)
+    notes = _repaired(edit, elements, inertials)
     return changed_description(edit, model, links, result, _write_friction(edit, model),
                                'a URDF has no such effect', notes, arm.geometry.joints)
 
@@ -87,33 +84,6 @@ def _repaired(edit: XmlEdit, elements: Mapping[str, Element],
         notes.append(f'link {name}: no body has the inertia of the description (the triangle '
                      f'inequality); it has the nearest possible one')
     return notes
-
-
-def _with_model_axes(arm: DescribedArm, model: GravityModel) -> tuple[DescribedArm, list[str]]:
-    """Return the arm with the vertical and the zero angles that the model was fitted with."""
-    own = model.geometry
-    if own is None or own.joints != arm.geometry.joints:
-        return arm, []
-    geometry: Geometry = arm.geometry
-    angle = np.degrees(np.array([_angle(a.T @ b) for a, b in zip(geometry.rotations,
-                                                                 own.rotations)]))
-    notes = []
-    if np.degrees(_tilt(geometry, own)) > 0.05:
-        notes.append(f'the model has a base tilted by {np.degrees(_tilt(geometry, own)):.2f} deg '
-                     f'from that of the description, which does not change')
-    if angle[1:].max(initial=0.0) > 0.05:
-        worst = int(np.argmax(angle[1:])) + 1
-        notes.append(f'the model has other axes or zero angles than the description, which '
-                     f'keeps its own: {angle[worst]:.2f} deg at {own.joints[worst]}')
-    return replace(arm, geometry=replace(geometry, rotations=own.rotations)), notes
-
-
-def _tilt(first: Geometry, second: Geometry) -> float:
-    return float(np.arccos(np.clip(first.rotations[0][2] @ second.rotations[0][2], -1.0, 1.0)))
-
-
-def _angle(rotation: FloatArray) -> float:
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
 
 
 def _write(edit: XmlEdit, inertial: Element, mass: float, centre: FloatArray) -> None:

@@ -124,5 +124,5 @@ class XmlEdit:
 
 
 def number(value: float) -> str:
-    """Return a number with ten digits."""
-    return f'{value:.10g}'
+    """Return a number with ten digits and twelve decimals."""
+    return f'{round(value, 12):.10g}'

@@ -15,6 +15,7 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.nearest_masses import Links, nearest_masses, NearestOptions
 from gravity_comp_ros.export.urdf_file import changed_urdf
+from gravity_comp_ros.export.xml_edit import number
 from gravity_comp_ros.export.xml_edit import XmlEdit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -133,7 +134,7 @@ def test_only_numbers_of_mass_and_origin_change_byte_for_byte():
     link = changed.links['l']
     np.testing.assert_allclose(link.mass * np.array(link.centre), [0.3, 0.0, 0.6], atol=1e-3)
     expected = text.replace("'2.0'", f"'{link.mass:.10g}'")
-    xyz = ' '.join(f'{x:.10g}' for x in link.centre)
+    xyz = ' '.join(map(number, link.centre))
     expected = expected.replace('<inertial>\n', '<inertial>\n\t\t\t'
                                 f'<origin xyz="{xyz}" rpy="0 0 0"/>\n')
     expected = expected.replace('type="revolute">\n', 'type="revolute">\n\t\t'
@@ -194,3 +195,14 @@ def test_an_impossible_inertia_is_repaired_and_named():
     for body in pin.buildModelFromXML(changed.data.decode()).inertias[1:]:
         moments = np.linalg.eigvalsh(body.inertia)
         assert moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
+
+
+def test_a_file_with_a_reversed_axis_is_refused():
+    joints = tuple(f'iiwa_joint_{n}' for n in range(1, 8))
+    before, joint, after = IIWA.partition(b'<joint name="iiwa_joint_4"')
+    wrong = before + joint + after.replace(b'xyz="0 0 1"', b'xyz="0 0 -1"', 1)
+    geometry = described_arm(IIWA, joints).geometry
+    model = exact_model(IIWA, joints)
+    for each in (model, replace(model, geometry=geometry)):
+        with pytest.raises(ModelMismatchError, match='iiwa_joint_4.*check --urdf'):
+            changed_urdf(wrong, each)
