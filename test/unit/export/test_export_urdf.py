@@ -15,8 +15,7 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.nearest_masses import Links, nearest_masses, NearestOptions
 from gravity_comp_ros.export.urdf_file import changed_urdf
-from gravity_comp_ros.export.xml_edit import number
-from gravity_comp_ros.export.xml_edit import XmlEdit
+from gravity_comp_ros.export.xml_edit import number, XmlEdit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
