@@ -224,13 +224,12 @@ class Arm:
         reading, in_use = sample.reading, self.in_use
         if in_use is None:
             return
-        qdd = reading.acceleration() if sample.qdd is None else sample.qdd
         gravity = in_use.model.predict_one(reading.q)
-        error, residual = in_use.residual(reading, gravity, qdd)
+        error, residual = in_use.residual(reading, gravity, sample.mean_qdd)
         self._squares += np.square([error, residual])
         self._n_residual += 1
         if not in_use.distance(reading.q).any():
-            self.watch.offer(reading, qdd, gravity, residual)
+            self.watch.offer(reading, sample.mean_qdd, gravity, residual)
 
     def _drop_residuals(self) -> None:
         # Sums of squared residuals since the last report: with and without nuisance terms.

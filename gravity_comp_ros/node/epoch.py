@@ -86,12 +86,14 @@ class SlowSample:
     """
     A reading that passed the gate, and the torque published before it (`SentTorqueHistory`).
 
-    `qdd` (N,) is its acceleration in rad/s^2, None if the message rate does not resolve it.
+    `qdd` (N,) is its acceleration in rad/s^2, None if the message rate does not resolve it;
+    `mean_qdd` is that of the messages around it, None for a single message.
     """
 
     reading: CompleteReading
     sent: FloatArray
     qdd: FloatArray | None = None
+    mean_qdd: FloatArray | None = None
 
 
 # Speed below which a joint is at rest for its friction, rad/s.
@@ -136,8 +138,10 @@ class DelayedSamples:
             sample = self._waiting.popleft()
             recent = list(self._recent)
             times = np.array([reading.t for reading in recent])
-            sample.qdd = acceleration_at(sample.reading.t, times, np.array(
-                [reading.qd for reading in recent]))
+            qd = np.array([reading.qd for reading in recent])
+            sample.qdd = sample.mean_qdd = acceleration_at(sample.reading.t, times, qd)
+            if sample.qdd is None and len(recent) > 1:
+                sample.mean_qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
             sample.reading = _mean(sample.reading, [recent[k] for k in np.flatnonzero(
                 np.abs(times - sample.reading.t) <= 0.5 * MEAN_OVER + 1e-6)])
             ready.append(sample)

@@ -66,7 +66,6 @@ class Reading:
 
     `t` in s, `q` (N,) in rad; `qd` (N,) in rad/s and `tau` (N,) in N·m are None where the
     message does not contain them. `new_run` is true if the clock started again before it.
-    `before` is the time in s and the velocity (N,) at least `SLOPE_WINDOW` earlier, if known.
     """
 
     t: float
@@ -74,13 +73,6 @@ class Reading:
     qd: FloatArray | None
     tau: FloatArray | None
     new_run: bool = False
-    before: tuple[float, FloatArray] | None = None
-
-    def acceleration(self) -> FloatArray | None:
-        """Return the mean acceleration (N,) since `before` in rad/s^2, None if unknown."""
-        if self.before is None or self.qd is None:
-            return None
-        return (self.qd - self.before[1]) / (self.t - self.before[0])
 
 
 @dataclass(eq=False)
@@ -183,8 +175,8 @@ class JointStateReader:
         qd = self._velocity(message.velocity, t, q)
         tau = self._effort(message.effort)
         if qd is None or tau is None:
-            return Reading(t, q, qd, tau, new_run, self._before(t))
-        return CompleteReading(t, q, qd, tau, new_run, self._before(t))
+            return Reading(t, q, qd, tau, new_run)
+        return CompleteReading(t, q, qd, tau, new_run)
 
     def _is_recent(self, age: float) -> bool:
         self.age = age
@@ -192,11 +184,6 @@ class JointStateReader:
             return True
         self.counts[TOO_OLD if age > 0.0 else FROM_FUTURE] += 1
         return False
-
-    def _before(self, t: float) -> tuple[float, FloatArray] | None:
-        if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:
-            return None
-        return self._past[0][0], self._past[0][2]
 
     def _lost_stamps(self, t: float) -> bool:
         """Return whether stamps are missing from now on, so that the time of arrival counts."""
