@@ -19,7 +19,7 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
-from gravity_comp_ros.models.noise import correlation_times
+from gravity_comp_ros.models.noise import correlation_times, of_second_differences
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses, INERTIA, later_recordings
 import numpy as np
@@ -199,6 +199,13 @@ class ArmFit:
         """Return whether a state is white, and clearly more probable than another one."""
         gain = (other.cost - state.cost) / self.time(state)
         return self.is_white(state) and gain >= self.options.min_gain
+
+    def coloured(self, state: ArmState) -> float:
+        """Return the largest residual beyond white noise, as a share of the largest effort."""
+        white = of_second_differences(
+            state.residual, self.poses.runs[2:] == self.poses.runs[:-2])
+        square = (state.residual ** 2).mean(axis=0) - white ** 2
+        return float(np.sqrt(max(square.max(), 0.0)) / self.size.max())
 
     def rest(self, state: ArmState) -> FloatArray:
         """Return the residual (N,) as a share of each joint's effort without friction."""

@@ -41,6 +41,9 @@ class GainOptions:
       may leave, and `max_reference` of the joint with the largest effort; more is another effect.
     - `friction`: standard deviation of the logarithm of a joint's friction and inertia between two
       recordings, by temperature and load.
+    - `min_coloured`: residual of equal gains beyond its white noise, as a share of the largest
+      effort, that gains far from 1 leave at least; a ratio of 1.5 leaves 0.07. With less, they
+      are not searched from other starts.
     - `starts`: drawn gains at the start of the search, whose logarithms have the standard
       deviation `spread`.
 
@@ -53,6 +56,7 @@ class GainOptions:
     max_residual: float = 0.3
     max_reference: float = 0.1
     friction: float = 0.15
+    min_coloured: float = 0.02
     starts: int = 3
     spread: float = 1.2
 
@@ -220,7 +224,7 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     starts = [np.log(fit.size[free] / fit.size[reference]), np.full(len(free), -options.spread),
               *rng.normal(0.0, options.spread, (options.starts, len(free)))]
     for seed, start in enumerate(starts):
-        if fit.is_white(best):
+        if fit.is_white(best) or fit.coloured(equal) < options.min_coloured:
             break
         log = np.zeros(n)
         log[free] = start
