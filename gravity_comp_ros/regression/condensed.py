@@ -26,7 +26,7 @@ class Condensed:
 
 def condensed(measured: JointSamples, use: BoolArray, options: EngineOptions) -> Condensed:
     """
-    Return the means over groups of at most `row_samples` in a row.
+    Return the means over groups of at most `row_samples` in a row, about `max_samples` in all.
 
     The columns of effects are computed at every sample, for every setting: more samples than
     resolve the motion within a row cost time and memory and change no mean. The torque of a row
@@ -35,7 +35,9 @@ def condensed(measured: JointSamples, use: BoolArray, options: EngineOptions) ->
     :param use: mask (M,) of the samples to fit; a group is fitted if most of its samples are.
     """
     t, width = run_time(measured), row_width(measured, use, options)
-    cell = np.floor(t / (width / options.row_samples) + 1e-6).astype(np.int64)
+    rows = np.unique(np.floor(t[use] / width) + 1e9 * measured.runs[use]).size
+    per_row = min(options.row_samples, max(options.max_samples // max(rows, 1), 1))
+    cell = np.floor(t / (width / per_row) + 1e-6).astype(np.int64)
     new = (np.diff(cell, prepend=-1) != 0) | (np.diff(measured.runs, prepend=-1) != 0)
     first = np.flatnonzero(new)
     if len(measured) < 2 * len(first):

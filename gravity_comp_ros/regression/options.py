@@ -19,7 +19,8 @@ class EngineOptions:
     - `max_rows`: with more, the means are over a longer time.
     - `row_samples`: samples of a row at which the columns of effects are computed; at more a
       recording is averaged first. Friction that reverses in a row changes its mean by 1 / (2 x
-      `row_samples`) of that friction at most.
+      `row_samples`) of that friction at most. `max_samples`: of all rows; a row of a longer
+      recording has fewer.
     - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
       for this time.
     - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
@@ -66,8 +67,9 @@ class EngineOptions:
     """
 
     row_seconds: float = 0.1
-    max_rows: int = 6000
+    max_rows: int = 2000
     row_samples: int = 10
+    max_samples: int = 10000
     rest_angle: float = 5e-4
     rest_seconds: float = 10.0
     cell_angle: float = 0.03

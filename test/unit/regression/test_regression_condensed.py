@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 OPTIONS = EngineOptions()
+ALL = replace(OPTIONS, row_samples=10 ** 6, max_samples=10 ** 9)
 
 
 def recording(rate, seconds=30.0):
@@ -33,13 +34,21 @@ def test_a_slow_recording_is_as_it_was():
 def test_rows_keep_the_means_of_all_samples():
     samples = recording(1000.0)
     problem = Problem.of(samples)
-    whole = Problem.of(samples, options=replace(OPTIONS, row_samples=10 ** 6))
+    whole = Problem.of(samples, options=ALL)
     assert len(problem.samples) == pytest.approx(len(samples) / 10, rel=0.01)
     assert len(whole.samples) == len(samples)
     assert problem.n_measured.sum() == len(samples)
     for n in range(2):
         here = np.bincount(problem.row_of, samples.tau[problem.used, n]) / problem.n_measured
         np.testing.assert_allclose(problem.y[:, n], here)
+
+
+def test_a_long_recording_has_fewer_samples_in_a_row():
+    samples = recording(100.0)
+    for most, each in ((6000, 10), (3000, 5), (100, 1)):
+        problem = Problem.of(samples, options=replace(OPTIONS, max_samples=most))
+        assert len(problem.samples) == pytest.approx(600 * each, rel=0.01)
+        assert problem.rows.n_rows == pytest.approx(600, abs=2)
 
 
 def test_samples_that_are_not_used_are_in_no_row():
@@ -51,8 +60,7 @@ def test_samples_that_are_not_used_are_in_no_row():
 
 def test_a_model_of_means_is_that_of_all_samples():
     samples = recording(1000.0)
-    coarse, fine = (fit(samples, FitOptions(engine=replace(OPTIONS, row_samples=count))).model
-                    for count in (OPTIONS.row_samples, 10 ** 6))
+    coarse, fine = (fit(samples, FitOptions(engine=each)).model for each in (OPTIONS, ALL))
     names = {effect.target for effect in fine.fitted.effects}
     assert {'coulomb_friction:j0', 'coulomb_friction:j1'} <= names
     assert {effect.target for effect in coarse.fitted.effects} == names
