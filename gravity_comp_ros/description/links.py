@@ -98,7 +98,7 @@ def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URD
     Other joints beyond an axis of the arm, such as those of a gripper, are at rest. The geometry
     has the inertial parameters of links that are possible.
 
-    :raises DataError: if the text is not a URDF, or a number of an <inertial> is wrong.
+    :raises DataError: if the text is not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     """
     geometry = parse_urdf(text, joints, source, held)
@@ -120,9 +120,12 @@ def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URD
         placed = [joint.child for joint in children]
     arm = DescribedArm(geometry, places)
     reach = float(np.linalg.norm(geometry.origins, axis=1).sum()) + _MIN_REACH
-    possible = {name: inertial for name, inertial
-                in urdf_inertials(text, arm, source, required=False).items()
-                if inertial.is_possible(reach)}
+    try:
+        inertials = urdf_inertials(text, arm, source, required=False)
+    except DataError:
+        # Axes are learned from without masses; what requires masses names the wrong number.
+        inertials = {}
+    possible = {name: each for name, each in inertials.items() if each.is_possible(reach)}
     return replace(arm, geometry=replace(geometry, inertials=frame_parameters(arm, possible)))
 
 

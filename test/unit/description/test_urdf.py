@@ -151,6 +151,8 @@ def test_the_geometry_has_the_inertials_of_links_that_are_possible():
     again = Geometry.from_json(arm.geometry.to_json())
     np.testing.assert_array_equal(again.inertials, arm.geometry.inertials)
 
+    wrong = slim.replace('mass value="1.5"', 'mass value="heavy"')
+    assert not described_arm(wrong, joints).geometry.inertials.any()
     for old, new in (('mass value="1.5"', 'mass value="0"'), ('ixx="0.01"', 'ixx="1"'),
                      ('xyz="0.2 -0.1 0.1"', 'xyz="200 -100 100"'),
                      ('ixx="0.01" iyy="0.01"', 'ixx="0.01" iyy="-0.01"')):
