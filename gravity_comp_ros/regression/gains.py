@@ -104,10 +104,20 @@ def score_of(posterior: Posterior, term: Term) -> Score:
         own += w * (z @ z.T)
         score += w * (z @ posterior.residual(j))
     information = own - side @ posterior.covariance @ side.T
-    information = np.asarray(0.5 * (information + information.T), dtype=np.float64)
+    information = _semidefinite(0.5 * (information + information.T))
     mean = np.asarray(np.linalg.solve(information + np.diag(term.prior_std ** -2.0), score),
                       dtype=np.float64)
     return Score(term, information, score, mean, own)
+
+
+def _semidefinite(matrix: FloatArray) -> FloatArray:
+    """Return a symmetric matrix without the negative eigenvalues of rounding."""
+    if len(matrix) == 1:
+        return np.maximum(matrix, 0.0)
+    values, vectors = np.linalg.eigh(matrix)
+    if values[0] >= 0.0:
+        return matrix
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def gain_of(posterior: Posterior, term: Term, kappa: float | None = None) -> float:
