@@ -19,6 +19,8 @@ _ANGLES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
 _FRICTION = 3
 # Samples that are fitted, at most, and their minimum interval, s.
 _MAX_SAMPLES, _MIN_INTERVAL = 5000, 0.02
+# Ridge of unit columns, against rounding of those that are collinear over short travel.
+_RIDGE = 1e-10
 
 
 def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fact | None]:
@@ -100,8 +102,11 @@ def _rest(signals: Signals, x: FloatArray, joints: list[int]) -> FloatArray:
     """Return the mean squared residual of the efforts of each joint, fitted by its columns."""
     rest = []
     for n in joints:
-        solution = np.linalg.lstsq(x[:, n], signals.tau[:, n], rcond=1e-10)[0]
-        rest.append(float(((signals.tau[:, n] - x[:, n] @ solution) ** 2).mean()))
+        own, tau = np.ascontiguousarray(x[:, n]), signals.tau[:, n]
+        # Normal equations of unit columns: the residual is that of least squares up to the ridge.
+        own = own / np.maximum(np.linalg.norm(own, axis=0), 1e-12)
+        solution = np.linalg.solve(own.T @ own + _RIDGE * np.eye(own.shape[1]), own.T @ tau)
+        rest.append(float(((tau - own @ solution) ** 2).mean()))
     return np.maximum(rest, 1e-18)
 
 
