@@ -32,6 +32,8 @@ import numpy as np
 EVERY = 10
 # Distance in rad from which a goal is approached, and the time in s.
 APPROACH, SLOWLY = 0.05, 1.0
+# Parameter `max_position_offset`, rad: the softest servos sag by 22 degrees.
+LARGEST = 0.5
 
 
 class Servos:
@@ -88,7 +90,7 @@ class Servos:
                 reading = core.read(joint_state(self.arm.joints, t, *measured), t)
                 tau = None if reading is None else core.arm.torque(t, reading)
                 if tau is not None:
-                    self.offset = position_offset(tau, stiffness)
+                    self.offset = position_offset(tau, stiffness, LARGEST)
         return goal - self.arm.q
 
 

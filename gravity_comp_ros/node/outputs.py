@@ -34,8 +34,6 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Topics with one number per joint; the last one exists with a servo stiffness only.
 JOINT_TOPICS = ('gravity_torques', 'prediction', 'residual', 'extrapolation', 'external_torque',
                 'external_torque_std', 'external_torque_significant', 'position_offset')
-# Largest position offset, rad: a stiffness in another unit would otherwise move the arm.
-MAX_POSITION_OFFSET = 0.2
 
 
 def model_message(numbers: Numbers) -> Float64MultiArray:
@@ -71,13 +69,13 @@ def payload_message(payload: Payload | None, stamp: Time) -> InertiaStamped:
     return message
 
 
-def position_offset(tau: FloatArray, stiffness: FloatArray) -> FloatArray:
+def position_offset(tau: FloatArray, stiffness: FloatArray, largest: float) -> FloatArray:
     """
     Return the angle (N,) in rad to add to the goals of servos for a torque (N,) in N·m.
 
-    :param stiffness: (N,) or (1,) in N·m/rad.
+    :param stiffness: (N,) or (1,) in N·m/rad. :param largest: limit of the angle in rad.
     """
-    return np.minimum(np.maximum(tau / stiffness, -MAX_POSITION_OFFSET), MAX_POSITION_OFFSET)
+    return np.minimum(np.maximum(tau / stiffness, -largest), largest)
 
 
 class Outputs:
@@ -91,6 +89,7 @@ class Outputs:
     def __init__(self, node: LifecycleNode, settings: Settings) -> None:
         self._node = node
         self._stiffness = np.array(settings.servo_stiffness)
+        self._max_offset = settings.max_position_offset
         topics = JOINT_TOPICS if settings.servo_stiffness else JOINT_TOPICS[:-1]
         self._joints = {topic: node.create_lifecycle_publisher(JointState, f'~/{topic}', DEPTH)
                         for topic in topics}
@@ -144,7 +143,8 @@ class Outputs:
         self._commands.publish(self._command)
         self.joints('gravity_torques', stamp, effort=tau)
         if self._stiffness.size:
-            self.joints('position_offset', stamp, position_offset(tau, self._stiffness))
+            self.joints('position_offset', stamp, position_offset(
+                tau, self._stiffness, self._max_offset))
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish /diagnostics."""

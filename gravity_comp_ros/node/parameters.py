@@ -232,6 +232,9 @@ class Parameters:
         (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
         'goal; it gives `~/position_offset`.', 'N·m/rad', 0.1,
         1e6, read_only=True)
+    max_position_offset: float = parameter(
+        0.2, 'Largest position offset: a stiffness in another unit would otherwise move the arm. '
+        'A softer servo requires more.', 'rad', 0.001, 1.5, read_only=True)
     extrapolation: str = parameter(
         'hold', 'Torque at poses more than `extrapolation_margin` outside the trained range: '
         '`hold` uses the torque of the nearest pose inside the margin, `fade` reduces torque to '
