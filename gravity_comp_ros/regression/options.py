@@ -21,6 +21,8 @@ class EngineOptions:
       recording is averaged first. Friction that reverses in a row changes its mean by 1 / (2 x
       `row_samples`) of that friction at most. `max_samples`: of all rows; a row of a longer
       recording has fewer.
+    - `jump_angle`, rad: a sample this far from the one before is another pose and no motion
+      between both; it begins a row. Motion of 1 rad/s has it at 3 Hz.
     - `rest_angle`, rad, and `rest_seconds`, s: an arm that moves less is at rest, and has one row
       for this time.
     - `cell_angle`, rad: range of a joint within which gravity and dynamics are those at the mean
@@ -70,6 +72,7 @@ class EngineOptions:
     max_rows: int = 2000
     row_samples: int = 10
     max_samples: int = 10000
+    jump_angle: float = 0.3
     rest_angle: float = 5e-4
     rest_seconds: float = 10.0
     cell_angle: float = 0.03

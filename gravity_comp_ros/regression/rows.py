@@ -71,6 +71,12 @@ def travel_of(q: FloatArray, first: IntArray) -> FloatArray:
     return np.asarray((np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)).max(axis=1))
 
 
+def jumps(q: FloatArray, options: EngineOptions) -> BoolArray:
+    """Return a mask (U,) of the angles (U, N) that are no continuation of those before."""
+    step = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
+    return np.concatenate([np.zeros(1, dtype=bool), step > options.jump_angle])
+
+
 def rows_of(samples: JointSamples, options: EngineOptions,
             use: BoolArray | None = None) -> Rows:
     """
@@ -86,7 +92,8 @@ def rows_of(samples: JointSamples, options: EngineOptions,
     width = _width(run, t, options)
     # A sample on the edge of a row is in the same row whatever the rounding.
     cell = np.floor(t / width + 1e-6).astype(np.int64)
-    new = (np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
+    new = ((np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
+           | jumps(samples.q[used], options))
     first = _without_rests(np.flatnonzero(new), samples.q[used], run, t, options)
     count = np.diff(np.append(first, len(used)))
     time = np.add.reduceat(t, first) / count

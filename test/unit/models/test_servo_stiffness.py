@@ -91,9 +91,9 @@ def test_a_goal_is_in_force_until_the_next_one():
 
 
 def test_the_offset_is_torque_by_stiffness_and_limited():
-    offset = position_offset(np.array([15.0, -60.0]), STIFFNESS)
+    offset = position_offset(np.array([15.0, -60.0]), STIFFNESS, 0.2)
     np.testing.assert_allclose(offset, [0.1, -0.2])
-    np.testing.assert_allclose(position_offset(np.array([3.0, -6.0]), np.array([60.0])),
+    np.testing.assert_allclose(position_offset(np.array([3.0, -6.0]), np.array([60.0]), 0.2),
                                [0.05, -0.1])
 
 

@@ -1,5 +1,7 @@
 """Rows of the regression: means, blocks, folds and gaps; and the noise of their residual."""
 
+from dataclasses import replace
+
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.regression.noise import correlation_time
@@ -147,3 +149,11 @@ def test_the_correlation_time_does_not_cross_runs():
     assert correlation_time(np.zeros(10), np.zeros(10, dtype=int)) == 1.0
     alternating = np.resize([1.0, -1.0], 1000)
     assert correlation_time(alternating, np.zeros(1000, dtype=int)) == 1.0
+
+
+def test_poses_without_motion_between_them_have_rows_of_their_own():
+    still = run_of(np.arange(400) / 20)
+    q = still.q.copy()
+    q[200:, 0] += np.arange(200) * 0.5
+    rows = rows_of(replace(still, q=q), EngineOptions(max_rows=20))
+    assert (rows.count[-200:] == 1).all() and (rows.count[:-200] > 10).all()
