@@ -93,7 +93,7 @@ class ViscousFriction(Effect):
         return motion.samples.qd[:, [joint]]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([1.0 * sizes.torque])
+        return np.array([sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_speeds(motion, joint)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.regression.options import EngineOptions
-from gravity_comp_ros.regression.rows import jumps, mean_of, row_width
+from gravity_comp_ros.regression.rows import begins_group, mean_of, row_width
 import numpy as np
 
 
@@ -35,11 +35,9 @@ def condensed(measured: JointSamples, use: BoolArray, options: EngineOptions) ->
     :param use: mask (M,) of the samples to fit; a group is fitted if most of its samples are.
     """
     t, width = run_time(measured), row_width(measured, use, options)
-    rows = np.unique(np.floor(t[use] / width) + 1e9 * measured.runs[use]).size
+    rows = int(begins_group(t[use], measured.runs[use], measured.q[use], width, options).sum())
     per_row = min(options.row_samples, max(options.max_samples // max(rows, 1), 1))
-    cell = np.floor(t / (width / per_row) + 1e-6).astype(np.int64)
-    new = ((np.diff(cell, prepend=-1) != 0) | (np.diff(measured.runs, prepend=-1) != 0)
-           | jumps(measured.q, options))
+    new = begins_group(t, measured.runs, measured.q, width / per_row, options)
     first = np.flatnonzero(new)
     if len(measured) < 2 * len(first):
         return Condensed(measured, use, np.arange(len(measured)))

@@ -71,10 +71,21 @@ def travel_of(q: FloatArray, first: IntArray) -> FloatArray:
     return np.asarray((np.maximum.reduceat(q, first) - np.minimum.reduceat(q, first)).max(axis=1))
 
 
-def jumps(q: FloatArray, options: EngineOptions) -> BoolArray:
-    """Return a mask (U,) of the angles (U, N) that are no continuation of those before."""
-    step = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
-    return np.concatenate([np.zeros(1, dtype=bool), step > options.jump_angle])
+def begins_group(t: FloatArray, run: IntArray, q: FloatArray, width: float,
+                 options: EngineOptions) -> BoolArray:
+    """
+    Return a mask (U,) of the samples that begin a group of one run and a duration.
+
+    A pose that jumps begins one as well: nothing is known of the motion to it.
+
+    :param t: of the run (U,) in s, `run` (U,), and angles q (U, N) in rad.
+    :param width: longest duration of a group in s.
+    """
+    # A sample on the edge of a group is in the same group whatever the rounding.
+    cell = np.floor(t / width + 1e-6).astype(np.int64)
+    step = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1)
+    return np.asarray((np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
+                      | (step > options.jump_angle))
 
 
 def rows_of(samples: JointSamples, options: EngineOptions,
@@ -90,11 +101,9 @@ def rows_of(samples: JointSamples, options: EngineOptions,
         raise FitError('no samples to fit')
     run, t = samples.runs[used], run_time(samples)[used]
     width = _width(run, t, options)
-    # A sample on the edge of a row is in the same row whatever the rounding.
-    cell = np.floor(t / width + 1e-6).astype(np.int64)
-    new = ((np.diff(cell, prepend=-1) != 0) | (np.diff(run, prepend=-1) != 0)
-           | jumps(samples.q[used], options))
-    first = _without_rests(np.flatnonzero(new), samples.q[used], run, t, options)
+    q = samples.q[used]
+    first = _without_rests(np.flatnonzero(begins_group(t, run, q, width, options)), q, run, t,
+                           options)
     count = np.diff(np.append(first, len(used)))
     time = np.add.reduceat(t, first) / count
     rows_run = run[first]

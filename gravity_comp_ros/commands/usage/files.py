@@ -37,14 +37,18 @@ examples:
 """)
 def synth(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `synth`."""
-    arguments.add_mcap_output(parser)
+    _add_recording_output(parser)
     parser.add_argument('--seed', type=int, default=0,
                         help='seed of random motion and noise (default: 0)')
-    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
-    arguments.add_json(parser)
     _add_arm(parser.add_argument_group('arm'))
     _add_motion(parser.add_argument_group('motion'))
     _add_torque(parser.add_argument_group('torque'))
+
+
+def _add_recording_output(parser: argparse.ArgumentParser) -> None:
+    arguments.add_mcap_output(parser)
+    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
+    arguments.add_json(parser)
 
 
 def _add_arm(group: argparse._ArgumentGroup) -> None:
@@ -131,9 +135,7 @@ def convert(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('table', metavar='TABLE', type=Path,
                         help='a .csv, .txt, .npz or .parquet file, or the folder of a LeRobot '
                         'data set')
-    arguments.add_mcap_output(parser)
-    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
-    arguments.add_json(parser)
+    _add_recording_output(parser)
     _add_columns(parser.add_argument_group('columns'))
     _add_units(parser.add_argument_group('units and signs (one value, or one per joint)'))
     _add_text(parser.add_argument_group('the file'))
