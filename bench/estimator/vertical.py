@@ -14,10 +14,10 @@ from __future__ import annotations
 import argparse
 import sys
 
-from bench.estimator.fast_motion import recorded
-from bench.estimator.mounted import tilted
 from bench.planning.scenes import ARMS, known_axes
+from bench.shared.fast_arms import moved
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
+from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
 
 _ANGLES = {'floor': (0.0, 1.0, 5.0, 20.0), 'ceiling': (175.0, 179.0, 180.0)}
@@ -49,10 +49,23 @@ def is_inverted(name: str, angle: float, seed: int, seconds: float, share: float
     rng = np.random.default_rng([seed, int(10 * angle)])
     arm = tilted(upright, np.radians(angle), rng.uniform(0.0, 2.0 * np.pi))
     axes = known_axes(upright)
-    samples = recorded(arm, seed, _SPEED, _BAND, 0.01 * rng.integers(2), seconds, 0.0, share)
+    samples = moved(arm, seed, _SPEED, _BAND, 0.01 * rng.integers(2), seconds, 0.0, share)
     estimated = with_estimated_vertical(axes, samples)
     vertical = (estimated.rotations[0] @ axes.rotations[0].T)[2]
     return bool(vertical @ arm.model.gravity.linear > 0.0)
+
+
+def tilted(arm: Arm, angle: float, azimuth: float) -> Arm:
+    """Return the arm with its base rotated by an angle about a horizontal axis, both in rad."""
+    axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]],
+                      [-axis[1], axis[0], 0.0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    # R = Ry(pitch) Rx(roll) gives the same vertical; a rotation about it does not change gravity.
+    up = rotation[2]
+    roll = float(np.arctan2(up[1], up[2]))
+    pitch = float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
+    return with_base_tilt(arm, roll, pitch)
 
 
 if __name__ == '__main__':

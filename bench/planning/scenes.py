@@ -14,7 +14,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
-from gravity_comp_ros.simulation.arms import Arm, gravity_torque
+from gravity_comp_ros.simulation.arms import Arm
 from gravity_comp_ros.simulation.hidden import hidden
 from gravity_comp_ros.simulation.synthesise import (
     Disturbance, NoiseOptions, synthesise, SynthesisOptions)
@@ -22,14 +22,11 @@ import numpy as np
 
 ARMS: dict[str, Callable[[], Arm]] = {
     **JUDGED, **{f'drawn{k}': partial(generated_arm, k, right_angles=True) for k in (0, 1, 4, 5)}}
-POOR = ('one_way', 'narrow', 'one_speed', 'one_posture')
 _NOISE = 0.1
 # Pause between both recordings, and travel time to the start of the second, s.
 _PAUSE, _TRAVEL = 30.0, 15.0
 # Speed of the motion that could show an effect, rad/s.
 _SPEED = 0.3
-# Separation of a visible effect, standard errors.
-_MIN_SEPARATION = 9.34
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -37,38 +34,25 @@ _CLOCK = 1.7e9
 @dataclass(frozen=True)
 class Kind:
     """
-    A hidden effect, with its size in the simulation, and the recordings that leave it open.
+    A hidden effect, with its size in the simulation.
 
-    Of an ambiguous pair, `poor` is the recording that leaves it open, `alternative` the other
-    effect (`NAME` on the same joint, `NAME:+1` on the next), and the gravity model has the axes of
-    the arm if `known_axes`. `allowed` are effects that may be found as well. `equivalent` effects
-    have the same torque: a balancer's spring is slack at its rest, as a cable is.
+    `alternative` is the effect that a poor recording does not separate it from: `NAME` on the same
+    joint, `NAME:+1` on the next.
     """
 
     size: float
-    poor: tuple[str, ...] = POOR
     alternative: str = ''
-    known_axes: bool = False
-    allowed: tuple[str, ...] = ()
     whole_arm: bool = False
-    equivalent: tuple[str, ...] = ()
-
-    @property
-    def is_ambiguous(self) -> bool:
-        return self.poor != POOR
 
 
 KINDS = {
     'coulomb_friction': Kind(1.0), 'viscous_friction': Kind(8.0), 'torque_offset': Kind(1.5),
-    'presliding_hysteresis': Kind(1.5, ('few_reversals',), 'coulomb_friction',
-                                  allowed=('coulomb_friction',)),
-    'load_dependent_friction': Kind(0.03, ('settled_narrow',), 'coulomb_friction'),
-    'joint_spring': Kind(20.0, ('settled',), 'torque_offset', allowed=('torque_offset',),
-                         equivalent=('cable_stiffness',)),
-    'joint_flexibility': Kind(3e-4, ('joint_narrow',), 'encoder_offset', True),
-    'base_tilt': Kind(0.01, ('settled',), 'encoder_offset:+1', whole_arm=True),
-    'friction_drift': Kind(6.0, ('few_reversals',), 'torque_drift',
-                           allowed=('coulomb_friction', 'viscous_friction'))}
+    'presliding_hysteresis': Kind(1.5, 'coulomb_friction'),
+    'load_dependent_friction': Kind(0.03, 'coulomb_friction'),
+    'joint_spring': Kind(20.0, 'torque_offset'),
+    'joint_flexibility': Kind(3e-4, 'encoder_offset'),
+    'base_tilt': Kind(0.01, 'encoder_offset:+1', whole_arm=True),
+    'friction_drift': Kind(6.0, 'torque_drift')}
 
 
 @dataclass(frozen=True)
@@ -76,8 +60,7 @@ class Scene:
     """
     An arm with an effect hidden on joint number `joint` (from 0), and its poor recording.
 
-    A `small` effect has a random share of its size, from 1 to 50 %; `drawn` is another size. The
-    axes of a `described` arm are known.
+    `drawn` is another size of the effect. The axes of a `described` arm are known.
     """
 
     arm: str
@@ -85,24 +68,18 @@ class Scene:
     joint: int
     poor: str
     seed: int
-    small: bool = False
     described: bool = False
     drawn: float | None = None
 
     @property
     def name(self) -> str:
-        kind = ('-small' if self.small else '') + ('-described' if self.described else '')
+        kind = '-described' if self.described else ''
         return f'{self.arm}-{self.effect}-{self.joint + 1}-{self.poor}-{self.seed}{kind}'
 
     @property
     def size(self) -> float:
         """Return the size of the hidden effect."""
-        if self.drawn is not None:
-            return self.drawn
-        if not self.small:
-            return self.kind.size
-        drawn = np.random.default_rng([self.seed, len(self.name), *self.name.encode()])
-        return self.kind.size * float(10.0 ** drawn.uniform(-2.0, -0.3))
+        return self.kind.size if self.drawn is None else self.drawn
 
     @property
     def kind(self) -> Kind:
@@ -119,22 +96,6 @@ class Scene:
         other = f'{name}:{joints[self.joint + 1]}' if next_one else name
         return Target(self.effect, None if self.kind.whole_arm else joints[self.joint],
                       (other,) if name else ())
-
-    @property
-    def is_visible(self) -> bool:
-        """
-        Return whether 20 s of wide motion could show the effect if nothing resembled it.
-
-        The RMS torque of the effect over that motion, in noise standard deviations, times the
-        square root of the number of samples is its separation from no effect.
-        """
-        arm = self.arm_model
-        motion = wide_motion(arm, self.seed)
-        options = SynthesisOptions(NoiseOptions(), static=True, disturbances=(self.disturbance,))
-        samples = synthesise(arm, motion, options)
-        torque = samples.tau - gravity_torque(arm, samples.q)
-        rms = float(np.sqrt((torque ** 2).mean(axis=0)).max())
-        return rms * np.sqrt(len(samples)) / _NOISE > _MIN_SEPARATION
 
     @property
     def disturbance(self) -> Disturbance:

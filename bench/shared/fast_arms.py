@@ -1,6 +1,9 @@
-"""Fast motion of simulated arms: random states, inertial torque, and a recording."""
+"""Motion of simulated arms: random states, recordings, and the error of a fit."""
 
-from gravity_comp_ros.simulation import arms
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -32,3 +35,27 @@ def recording(arm, seed, duration, rate=100.0):
                        rate)
     return synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=NOISE), seed,
                                                     disturbances=friction))
+
+
+def moved(arm: Arm, seed: int, speed: float, band: float, friction: float,
+          seconds: float, minimum_friction: float = 0.1, share: float = 0.6) -> JointSamples:
+    """Return motion over a share of all joint ranges, up to `speed` rad/s and `band` Hz."""
+    motion = motions.multisine(share * arm.lower, share * arm.upper, np.full(arm.n_joints, speed),
+                               seed, motions.MultisineOptions(band, seconds), seconds, 50.0)
+    levels = np.maximum(friction * np.ptp(gravity_torque(arm, range_poses(arm)), axis=0),
+                        minimum_friction)
+    disturbances = tuple(Friction(n, LuGre(float(level), float(level)))
+                         for n, level in enumerate(levels) if friction)
+    return synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed,
+                                                    disturbances=disturbances))
+
+
+def worst(arm: Arm, model: GravityModel) -> float:
+    """Return the worst joint's RMS error of gravity over the joint range, in N·m."""
+    q = range_poses(arm)
+    return float(np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max())
+
+
+def range_poses(arm: Arm) -> FloatArray:
+    """Return 1000 poses (M, N) over the whole joint range."""
+    return np.random.default_rng(0).uniform(arm.lower, arm.upper, (1000, arm.n_joints))

@@ -1,8 +1,8 @@
 """Gravity from fast motion, fitted with rigid-body dynamics; errors over the joint range."""
 
-from bench.estimator.fast_motion import recorded, worst
 from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
+from bench.shared.fast_arms import moved, worst
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -18,7 +18,7 @@ ARM = iiwa7()
     (False, 0, 0.06), *campaign((True, 7, 0.05), (True, 0, 0.03), (False, 7, 0.1))])
 def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     options = FitOptions(geometry=known_axes(ARM) if known else None)
-    samples = recorded(ARM, seed, 1.0, 0.3, 0.0, 60.0)
+    samples = moved(ARM, seed, 1.0, 0.3, 0.0, 60.0)
     result = fit(samples, options)
     assert worst(ARM, result.model) < limit
     # The torque of motion is fitted and not predicted.
@@ -30,7 +30,7 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
 
 @pytest.mark.campaign
 def test_gravity_stays_accurate_with_added_effects():
-    samples = recorded(ARM, 3, 1.0, 0.8, 0.01, 60.0)
+    samples = moved(ARM, 3, 1.0, 0.8, 0.01, 60.0)
     model = fit(samples, FitOptions(geometry=known_axes(ARM))).model
     added = refit(samples, model, requests(['coulomb_friction'], samples.names))
     assert worst(ARM, added.model) < 0.1

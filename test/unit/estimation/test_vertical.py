@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from bench.estimator.mounted import tilted
+from bench.estimator.vertical import tilted
 from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
 from gravity_comp_ros.api.recording import Recording

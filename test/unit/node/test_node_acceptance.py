@@ -1,12 +1,12 @@
 """Plausibility tests of a new model: broken effort is refused, real payloads are accepted."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 import re
 
 from bench.shared.broken_effort import intermittent_brake, KINDS
 from bench.shared.campaign import campaign
+from bench.shared.payload_samples import ARM, job_of, recorded
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import FitError, OptionError
@@ -21,13 +21,11 @@ from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.jobs import outliers_of_change, run_fit, tables
+from gravity_comp_ros.simulation.arms import Payload
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-pytest.importorskip('pinocchio')
-bench = import_module('bench.node_acceptance')
-ARM, job_of, Payload, recorded = bench.ARM, bench.job_of, bench.Payload, bench.recorded
 
 
 @pytest.fixture(scope='module')
@@ -49,7 +47,7 @@ def corrupted(name, n=100, seed=1):
         s.names, s.t, s.q, s.qd, KINDS[name](s.tau, rng)))
 
 
-# Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
+# Each takes seconds of processor time; bench/node_faults has the others.
 @pytest.mark.parametrize('name', [
     'dead elbow', 'flipped shoulder', *campaign('drives off', 'all flipped')])
 def test_broken_effort_is_refused(name, base, geometry):

@@ -1,10 +1,10 @@
 """Unannounced payloads are suspected; friction, contacts and broken effort are not."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 import time
 
+from bench import node_suspicion as bench
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
@@ -18,14 +18,13 @@ from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
+from gravity_comp_ros.simulation.arms import gravity_torque
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-pytest.importorskip('pinocchio')
-bench = import_module('bench.node_suspicion')
-ARM, gravity_torque = bench.ARM, import_module('bench.node_acceptance').gravity_torque
+ARM = bench.ARM
 N = 50
 
 
