@@ -13,7 +13,8 @@ SOURCES = [path for folder in ('gravity_comp_ros', 'test', 'launch', 'examples',
            for path in sorted((ROOT / folder).rglob('*.py'))]
 # Names of imports and of the package index with another name on the page.
 PAGE_NAMES = {'yaml': 'pyyaml', 'sklearn': 'scikit-learn', 'PIL': 'pillow', 'pin': 'pinocchio',
-              'xdist': 'pytest-xdist', 'array_api_strict': 'array-api-strict'}
+              'xdist': 'pytest-xdist'}
+
 
 def listed():
     """Return the names in the first column of every table of the page, lower case."""
@@ -39,8 +40,7 @@ def imported():
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.importorskip':
                 names |= {a.value for a in node.args if isinstance(a, ast.Constant)}
     tops = {name.split('.')[0] for name in names} - set(sys.stdlib_module_names) - own
-    return {PAGE_NAMES.get(name, name)
-            for name in tops - {'resource', 'array_api_compat', 'torch'}}
+    return {PAGE_NAMES.get(name, name) for name in tops - {'resource'}}
 
 
 def required():

@@ -26,8 +26,6 @@ _LARGE = 3 ** 9
 _MAX_ROUNDS = 100
 # Size of the working set above which columns with coefficient 0 are removed.
 _MAX_WORKING_SET = 300
-# Tolerance of a path followed with float32 products.
-_COARSE = 1e-4
 # Length below which, relative to the longest, a column is a structural 0 up to rounding.
 _NEGLIGIBLE = 1e-9
 
@@ -96,8 +94,7 @@ class LassoProblem:
         lengths = column_lengths(self.design)
         usable = self.usable & has_length(lengths)
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
-        self._precise = self.design.precise
-        self._c = self._precise.correlate(self.b) * self._inverse_lengths
+        self._c = self.design.correlate(self.b) * self._inverse_lengths
         self._correlation = self._c
         self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
         self._set = np.zeros(0, dtype=np.int64)
@@ -112,18 +109,14 @@ class LassoProblem:
 
     def solve(self, lam: float) -> LassoSolution:
         """Return the solution for `lam` > 0, started from the previous one."""
-        before = (0, 0)
-        if self._precise is not self.design:
-            before = self._run(lam, replace(self.options, tolerance=_COARSE), self.design)[1:]
-        inner, iterations, rounds = self._run(lam, self.options, self._precise)
-        return self._solution(lam, inner, iterations + before[0], rounds + before[1])
+        return self._solution(lam, *self._run(lam, self.options))
 
     def approach(self, lam: float, tolerance: float) -> None:
         """Move to a coarse solution for `lam`, an intermediate step of a path."""
-        self._run(lam, replace(self.options, tolerance=tolerance), self.design)
+        self._run(lam, replace(self.options, tolerance=tolerance))
 
-    def _run(self, lam: float, options: admm.AdmmOptions,
-             design: Design) -> tuple[admm.AdmmResult, int, int]:
+    def _run(self, lam: float, options: admm.AdmmOptions
+             ) -> tuple[admm.AdmmResult, int, int]:
         """Solve on the working set and enlarge it until no column violates the conditions."""
         iterations, rounds = 0, 0
         # The residual of the previous lambda determines the first violators.
@@ -134,7 +127,7 @@ class LassoProblem:
                                self._state, options)
             self._state = inner.state
             iterations += inner.iterations
-            self._correlation = self._residual_correlation(inner.state.z, design)
+            self._correlation = self._residual_correlation(inner.state.z)
             if (not inner.converged or rounds == _MAX_ROUNDS
                     or not self._take_violators(lam, options.tolerance)):
                 return inner, iterations, rounds
@@ -149,10 +142,10 @@ class LassoProblem:
             self._enlarge(worst, self._correlation[worst])
         return bool(worst.size)
 
-    def _residual_correlation(self, z: FloatArray, design: Design) -> FloatArray:
+    def _residual_correlation(self, z: FloatArray) -> FloatArray:
         active = np.flatnonzero(z)
         residual = self.b - z[active] @ self._columns[active]
-        return design.correlate(residual) * self._inverse_lengths
+        return self.design.correlate(residual) * self._inverse_lengths
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
         """Add columns; a large working set first drops those with coefficient 0."""
@@ -193,7 +186,7 @@ class LassoProblem:
         """Return the certificate, computed from A, b and z only."""
         unit_columns = self.design.columns(indices) * self._inverse_lengths[indices]
         residual = self.b - unit_columns @ z
-        correlation = self._precise.correlate(residual) * self._inverse_lengths
+        correlation = self.design.correlate(residual) * self._inverse_lengths
         full = np.zeros(self.design.n_columns)
         full[indices] = z
         objective = 0.5 * float(residual @ residual) + lam * float(np.abs(z).sum())

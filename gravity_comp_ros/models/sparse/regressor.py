@@ -38,10 +38,6 @@ class Design(Protocol):
     def reweighted(self, row_weights: FloatArray) -> Design:
         """Return the design of the same poses with other weights of the rows."""
 
-    @property
-    def precise(self) -> Design:
-        """The same design with products in float64."""
-
 
 class TorqueDesign:
     """
@@ -59,16 +55,8 @@ class TorqueDesign:
         self.n_columns = dictionary.n_features(q.shape[1])
         self.halves = halves or dictionary.Halves(q)
 
-    @property
-    def precise(self) -> TorqueDesign:
-        return self
-
     def reweighted(self, row_weights: FloatArray) -> TorqueDesign:
         return TorqueDesign(self.q, row_weights, self.halves)
-
-    def weighted_rows(self, r: FloatArray) -> FloatArray:
-        """Return r (R,) times the weights, a row for each torque: (1, M)."""
-        return (self.row_weights * r)[None]
 
     def columns(self, indices: IntArray) -> FloatArray:
         return (self.halves.columns(indices) * self.row_weights).T
@@ -114,16 +102,8 @@ class EnergyDesign:
         self.n_columns = dictionary.n_features(self.n_joints)
         self.halves = halves or dictionary.Halves(q)
 
-    @property
-    def precise(self) -> EnergyDesign:
-        return self
-
     def reweighted(self, row_weights: FloatArray) -> EnergyDesign:
         return EnergyDesign(self.q, row_weights, self.halves)
-
-    def weighted_rows(self, r: FloatArray) -> FloatArray:
-        """Return r (R,) times the weights, a row for each torque: (N, M)."""
-        return r.reshape(self.n_joints, -1) * self.row_weights.T
 
     def columns(self, indices: IntArray) -> FloatArray:
         columns = np.zeros((len(indices), self.n_joints, len(self.q)))
@@ -135,7 +115,7 @@ class EnergyDesign:
         return columns.reshape(len(indices), self.n_rows).T
 
     def correlate(self, r: FloatArray) -> FloatArray:
-        halves, weighted = self.halves, self.weighted_rows(r)
+        halves, weighted = self.halves, r.reshape(self.n_joints, -1) * self.row_weights.T
         left, right, scratch = halves.scratch
         left[:] = 0.0
         right[:] = 0.0

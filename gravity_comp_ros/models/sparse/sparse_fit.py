@@ -46,7 +46,7 @@ def fit_potential(samples: JointSamples, options: SparseOptions
     :return: the energy in J, and its sparse fit.
     :raises FitError: if there are no samples.
     """
-    problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
+    problem = SparseProblem(EnergyDesign, samples.q, samples.tau,
                             samples.runs, usable_for_energy(samples.q))
     fit = fit_sparse(problem, options)
     return Expansion(fit.indices, fit.x), [fit]
@@ -61,8 +61,7 @@ def fit_per_joint(samples: JointSamples, options: SparseOptions
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
-    design_type = options.arrays.design_type(TorqueDesign)
-    fits = [fit_sparse(SparseProblem(design_type, samples.q, samples.tau[:, [joint]],
+    fits = [fit_sparse(SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]],
                                      samples.runs, usable), options)
             for joint in range(samples.n_joints)]
     return tuple(Expansion(fit.indices, fit.x) for fit in fits), fits

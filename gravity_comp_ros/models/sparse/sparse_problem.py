@@ -24,7 +24,6 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import admm, support
-from gravity_comp_ros.models.sparse.array_backend import Arrays
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
@@ -43,8 +42,7 @@ class SparseOptions:
 
     `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
     `inflation` is the variance inflation factor, at least 1, or None to select it by
-    cross-validation if the residual is autocorrelated; `arrays` select device and precision of the
-    large products.
+    cross-validation if the residual is autocorrelated.
 
     :raises OptionError: if a value is out of range.
     """
@@ -52,7 +50,6 @@ class SparseOptions:
     lam: float | None = None
     inflation: float | None = None
     admm: admm.AdmmOptions = admm.AdmmOptions()
-    arrays: Arrays = Arrays()
 
     def __post_init__(self) -> None:
         if self.lam is not None and not 0.0 < self.lam < np.inf:

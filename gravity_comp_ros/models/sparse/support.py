@@ -100,7 +100,7 @@ def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
 def gram_of(design: Design, usable: BoolArray) -> Gram:
     """Return the products of columns shared by the searches of one design."""
     lengths = column_lengths(design)
-    return Gram(design.precise, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
+    return Gram(design, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
 
 
 def select_support(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
