@@ -20,8 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 import tempfile
 
-from bench.closed_loop.arm import Controller, MujocoArm, SlowPath, STEP, urdf
-from bench.closed_loop.open_loop import record
+from bench.closed_loop.arm import Controller, MujocoArm, record, SlowPath, STEP, urdf
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.evaluation.external_torque import external_torque, ExternalTorqueObserver

@@ -1,13 +1,15 @@
 """
 Arms in MuJoCo: rigid bodies with damping and Coulomb friction, and a position controller.
 
-This code is independent of the package's own simulation. Each arm has a URDF.
+This code is independent of the package's own simulation. Each arm has a URDF. An error is the RMS
+error of gravity of the worst joint at random poses within the range of a motion.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import JointSamples
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -181,3 +183,36 @@ class Controller:
     def torque(self, arm: MujocoArm, q: FloatArray, qd: FloatArray) -> FloatArray:
         """Return torques (N,) in N·m towards a pose and speed."""
         return np.asarray(self.kp * (q - arm.q) + self.kd * (qd - arm.qd))
+
+
+LOAD = Load(2.0)
+RATE = 100.0
+POSES = 1000
+
+
+def record(arm: MujocoArm, path: SlowPath, start: float, duration: float) -> JointSamples:
+    """Return the measurements of an arm that follows a path from time `start`, at 100 Hz."""
+    control = Controller(len(arm.joints))
+    arm.place(path.at(start)[0])
+    every, rows = round(1.0 / (RATE * STEP)), []
+    # One second at rest for the controller to converge.
+    for k in range(-1000, round(duration / STEP)):
+        t = start + max(k, 0) * STEP
+        q, qd = path.at(t)
+        tau = control.torque(arm, q, qd if k >= 0 else 0.0 * qd)
+        if k >= 0 and k % every == 0:
+            rows.append((t, *arm.measured(tau)))
+        arm.step(tau)
+    t, q, qd, tau = (np.array(part) for part in zip(*rows))
+    return JointSamples.single_run(arm.joints, t, q, qd, tau)
+
+
+def box_poses(samples: JointSamples) -> np.ndarray:
+    """Return random poses within the range of samples."""
+    return np.random.default_rng(5).uniform(samples.q.min(axis=0), samples.q.max(axis=0),
+                                            (POSES, samples.n_joints))
+
+
+def error(model, arm: MujocoArm, q: np.ndarray) -> float:
+    """Return the RMS error of gravity of the worst joint in N·m at poses q."""
+    return float(np.sqrt(((model.predict(q) - arm.gravity(q)) ** 2).mean(axis=0)).max())

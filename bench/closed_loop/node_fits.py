@@ -3,9 +3,9 @@ Errors of the node's models of an arm in MuJoCo that a controller moves slowly.
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.node_fits [--first 0] [--seeds 10]
 
-The recordings, poses and errors are those of `open_loop`, without a description. All joint states
-go through `NodeCore`, as fast as it reads them. A fit is requested after 75 s without a load, and
-after 15 s and 75 s with 2 kg.
+An error is the RMS error of gravity of the worst joint at 1000 poses within the range of the
+motion, without a description. All joint states go through `NodeCore`, as fast as it reads them. A
+fit is requested after 75 s without a load, and after 15 s and 75 s with 2 kg.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench.closed_loop.arm import BUILDS, MujocoArm, SlowPath
-from bench.closed_loop.open_loop import box_poses, error, LOAD, record
+from bench.closed_loop.arm import (
+    box_poses, BUILDS, error, LOAD, MujocoArm, record, SlowPath)
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np

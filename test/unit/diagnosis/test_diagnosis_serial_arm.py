@@ -44,15 +44,3 @@ def test_an_offset_is_established_with_wide_motion_and_nothing_else_in_narrow_mo
         assert finding.effect == 'torque_offset'
         low, high = finding.coefficients['b'].ci95
         assert low < 1.5 < high
-
-
-@pytest.mark.campaign
-def test_load_friction_is_not_coulomb_friction_even_at_nearly_one_load():
-    """Coulomb friction was established wherever load friction explained slightly more."""
-    scene = Scene('right_seven', 'load_dependent_friction', 3, 'settled_narrow', 21)
-    for samples in (scene.recorded(), with_wide_motion(scene)):
-        friction = of_joint(scene, samples)
-        assert friction['load_dependent_friction'].verdict == Verdict.ESTABLISHED
-        low, high = friction['load_dependent_friction'].coefficients['mu'].ci95
-        assert low < 0.03 < high
-        assert 'coulomb_friction' not in friction

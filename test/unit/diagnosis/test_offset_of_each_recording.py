@@ -113,8 +113,3 @@ def test_a_gain_of_each_recording_is_found_and_the_mean_is_predicted_later(step)
     later = replace(later, tau=later.tau * [1.0167, 1.0], starts=(MORNING + 10 * step,))
     error = (predict_torque(model, later) - later.tau)[:, 0]
     assert np.sqrt((error ** 2).mean()) < 2.0 * NOISE
-
-
-@pytest.mark.campaign
-def test_equal_gains_are_no_finding():
-    assert all(effect != 'torque_gain' for effect, _ in gains_of([1.0, 1.0, 1.0])[2])

@@ -163,11 +163,6 @@ def test_a_guarded_effect_has_the_attributes_of_the_effect():
             assert guard.implausible(values, setting) == effect.implausible(values, setting)
 
 
-def test_a_guarded_effect_reports_its_own_reason():
-    assert 'one joint' in GuardedEffect(known_effect('tool_force')).untestable(
-        clean_motion('pendulum'), 0)
-
-
 def test_an_effect_is_found_by_its_name():
     assert known_effect('time_delay') is all_effects()['time_delay']
     with pytest.raises(OptionError, match="no effect 'gremlins'; known are coulomb_friction"):

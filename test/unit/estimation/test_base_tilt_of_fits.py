@@ -56,11 +56,6 @@ def test_a_tilt_is_identified(tilt):
     assert error(result.model, arm) < 0.3
 
 
-@pytest.mark.campaign
-def test_slow_motion_is_accurate_as_well():
-    assert error(fitted(moved(1, 0.12, 0.1)[1]).model, ARM) < 0.1
-
-
 def test_uneven_motion_uses_accelerations_of_the_whole_recording():
     motion, samples = moved(0, 0.15, 0.6)
     slow = Recording(samples).slow

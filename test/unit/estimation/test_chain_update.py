@@ -1,6 +1,5 @@
 """Few-sample update after a payload change."""
 
-from bench.cases import generated
 from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
@@ -96,18 +95,6 @@ def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
     model = update(old[1], after(arm, LATER[:50])).model
     error = (model.predict(wide) - arms.gravity_torque(arm, wide))[:, 6]
     assert np.sqrt((error ** 2).mean()) <= 0.1
-
-
-@pytest.mark.campaign
-def test_update_of_an_arm_without_right_angles():
-    arm = generated.generated_arm(4)
-    q = generated.small_motion(arm, 4).q
-    model = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 4, arm.joints),
-                FitOptions('chain')).model
-    loaded = arms.with_payload(arm, arms.Payload(1.0, (0.02, 0.03, 0.1)))
-    new = generated.small_motion(arm, 4, start=100.0).q
-    result = update(model, after(loaded, new[:50]))
-    assert worst(result.model, loaded, new) <= 0.2 < worst(model, loaded, new)
 
 
 def test_an_update_warns_of_a_large_uncertainty(old):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import NOISE as ROUGH_NOISE, two_links
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import fitted_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -13,10 +13,8 @@ from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.robust import outliers
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.compare import compare
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 
@@ -152,16 +150,6 @@ def test_velocities_that_contradict_positions_are_replaced():
     assert 'velocity contradicts position' in fitted.report.warnings[0]
 
 
-@pytest.mark.campaign
-def test_the_description_of_another_arm_is_not_used(samples):
-    wrong = Geometry(ARM.joints, np.tile(np.eye(3), (7, 1, 1)), np.zeros((7, 3)), 'tool',
-                     np.eye(3))
-    fitted = fit(samples, FitOptions(geometry=wrong))
-    assert gravity_error(fitted.model) < 0.2
-    assert any('the description is not used' in line for line in fitted.report.warnings)
-    assert not fitted.report.known_axes
-
-
 def test_a_model_file_keeps_fitted_effects(result, tmp_path):
     save_model(tmp_path / 'm.json', result.model)
     again = load_model(tmp_path / 'm.json')
@@ -178,19 +166,3 @@ def test_long_recordings_cost_no_more_than_short_ones():
     assert fitted.report.n_samples == 20000 and fitted.report.n_fitted <= 601
     frictionless = two_links(2, rough=0.0)
     assert rms(frictionless.tau - fitted.model.predict(frictionless.q)).max() < 2.0 * ROUGH_NOISE
-
-
-@pytest.mark.campaign
-def test_a_few_uneven_strokes_are_used_with_inertia():
-    # Strokes start and stop at up to 0.6 rad/s^2: 3 N·m of inertia in some samples, at low speed.
-    arm = arms.iiwa7()
-    slow = motions.multisine(0.5 * arm.lower, 0.5 * arm.upper, arm.max_speed, 7,
-                             motions.MultisineOptions(max_speed=0.15), 100.0, 4.0)
-    strokes = motions.multisine(0.05 * arm.lower, 0.05 * arm.upper, arm.max_speed, 8,
-                                motions.MultisineOptions(band=1.2, max_speed=0.14), 15.0, 20.0)
-    parts = [synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.1), k))
-             for k, motion in enumerate((slow, strokes))]
-    poses = np.random.default_rng(0).uniform(0.4 * arm.lower, 0.4 * arm.upper, (300, 7))
-    model = fit(concatenate(parts), FitOptions('chain')).model
-    error = model.predict(poses) - arms.gravity_torque(arm, poses)
-    assert np.sqrt((error ** 2).mean(axis=0)).max() < 0.1

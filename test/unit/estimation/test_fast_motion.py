@@ -3,10 +3,8 @@
 from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
 from bench.shared.fast_arms import moved, worst
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.simulation.arms import iiwa7
 import numpy as np
 import pytest
@@ -26,12 +24,3 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     residual = samples.tau - result.model.predict(samples.q)
     np.testing.assert_allclose(list(result.report.rmse.values()),
                                np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
-
-
-@pytest.mark.campaign
-def test_gravity_stays_accurate_with_added_effects():
-    samples = moved(ARM, 3, 1.0, 0.8, 0.01, 60.0)
-    model = fit(samples, FitOptions(geometry=known_axes(ARM))).model
-    added = refit(samples, model, requests(['coulomb_friction'], samples.names))
-    assert worst(ARM, added.model) < 0.1
-    assert {e.name for e in added.model.applied.effects} == {'coulomb_friction'}

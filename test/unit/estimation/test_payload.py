@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from bench.cases import generated
-from bench.shared.serial_arms import geometry_of, poses, samples_of, worst
+from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
@@ -88,24 +87,6 @@ def test_a_change_that_is_no_payload_is_reported(old):
     assert any('rigid body' in line for line in result.report.warnings)
     error = result.model.predict(q) - tau
     assert np.sqrt((error ** 2).mean(axis=0)).max() <= 0.1
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize('seed', [2, 3, 5])
-def test_tilted_arms_of_any_angles(seed):
-    arm = generated.generated_arm(seed)
-    assert seed != 2 or np.abs(arm.model.gravity.linear[:2]).max() > 1.0
-    geometry, q = geometry_of(arm), generated.small_motion(arm, seed).q
-    result = fit(recorded(arm, q, seed), FitOptions('chain', geometry=geometry))
-    assert worst(result.model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.06
-    # The tilt is unknown to the fit and identified to a few mrad.
-    up = -arm.model.gravity.linear / np.linalg.norm(arm.model.gravity.linear)
-    assert result.report.base_tilt == pytest.approx(np.arccos(up[2]), abs=0.01)
-    loaded = arms.with_payload(arm, arms.Payload(1.0, COM))
-    new = generated.small_motion(arm, seed, start=100.0).q[:50]
-    updated = update(result.model, recorded(loaded, new, seed + 1), geometry=geometry)
-    assert updated.report.payload.mass.value == pytest.approx(1.0, rel=0.05)
-    assert worst(updated.model, loaded, poses(300, arm.n_joints, reach=2.6)) <= 0.25
 
 
 def test_known_axes_are_kept():

@@ -6,9 +6,8 @@ from bench.cases.generated import generated_arm
 from bench.shared.campaign import campaign
 from bench.shared.fast_arms import drawn, of_motion, recording
 from bench.shared.serial_arms import geometry_of
-import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.request import known_effect
@@ -81,31 +80,6 @@ def mass_matrices(geometry, parameters, q):
     unit = np.tile(np.eye(n), (len(q), 1))
     rows = np.repeat(q, n, axis=0)
     return (regressor(geometry, rows, 0 * rows, unit) @ parameters).reshape(-1, n, n)
-
-
-def two_runs(arm, seed):
-    """Return two runs of 12 s: held-out parts are then whole runs, and few."""
-    return gc.Recording(concatenate([recording(arm, 2 * seed + k, 12.0, 50.0)
-                                     for k in range(2)]), gate=None)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize('arm, seed', [(arms.iiwa7(), 0), (generated_arm(0), 1),
-                                       (generated_arm(1), 2)], ids=['iiwa7', 'six', 'seven'])
-def test_the_loop_adds_it_and_the_error_on_another_path_falls(arm, seed):
-    train, later = two_runs(arm, seed), two_runs(arm, seed + 100)
-    options = FitOptions('chain', geometry=geometry_of(arm))
-    model = gc.Model(fit(train.samples, options).model)
-    findings = gc.diagnose(train, model).findings
-    named = {(f.effect, f.joint) for f in findings if f.verdict in ('established', 'likely')}
-    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in findings]
-    added = gc.add_effects(model, train, findings, all_samples=True)
-    assert added.gravity.geometry is not None
-    without = gc.add_effects(model, train, [f for f in findings if f.effect
-                                            != 'rigid_body_dynamics'], all_samples=True)
-    worst = [max(j.rmse / j.torque_std for j in gc.compare(m, later).joints.values())
-             for m in (model, without, added)]
-    assert worst[2] < 0.5 * worst[1] and worst[2] < 0.3 * worst[0], worst
 
 
 @pytest.mark.parametrize('seed', [3, *campaign(5)])

@@ -10,7 +10,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.geometry import same_axes
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
+from gravity_comp_ros.simulation.motions import eq17
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
@@ -71,15 +71,6 @@ def test_a_degree_on_every_joint_is_estimated_and_reported(result):
     assert result.report.to_json()['zero_angles'] == reported
     warning, = (line for line in result.report.warnings if 'zero angles differ' in line)
     assert f'iiwa_joint_2 by {np.degrees(reported["iiwa_joint_2"]):.1f}' in warning
-
-
-@pytest.mark.campaign
-def test_zero_angles_are_estimated_from_fast_motion():
-    fast = multisine(0.6 * ARM.lower, 0.6 * ARM.upper, np.full(7, 1.0), 1,
-                     MultisineOptions(0.3, 30.0), 30.0, 50.0)
-    result = fit(moved(motion=fast), FitOptions(geometry=AXES))
-    for name, angle in result.report.zero_angles.items():
-        assert angle == pytest.approx(OFF[ARM.joints.index(name)], abs=np.radians(0.3))
 
 
 def test_no_zero_angles_are_reported_without_offsets():

@@ -22,12 +22,6 @@ def solve(a, b, lam, **options) -> admm.AdmmResult:
                       admm.AdmmOptions(**options))
 
 
-@pytest.mark.parametrize('v, threshold, expected', [
-    (3.0, 1.0, 2.0), (-3.0, 1.0, -2.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (2.0, 0.0, 2.0)])
-def test_soft_threshold(v, threshold, expected):
-    assert admm.soft_threshold(np.array([v]), threshold)[0] == expected
-
-
 @pytest.mark.parametrize('c, lam, x', [(5.0, 2.0, 3.0), (-5.0, 2.0, -3.0), (1.0, 2.0, 0.0)])
 def test_one_dimension_by_hand(c, lam, x):
     # min 1/2 x^2 - c x + lam |x| is solved by the soft threshold of c.
