@@ -16,7 +16,7 @@ from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
-from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 
@@ -154,7 +154,7 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
 
 
 def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArray | float,
-                limits: PayloadLimits, forces: Sequence[Explanation] = ()) -> Iterator[Check]:
+                limits: Parameters, forces: Sequence[Explanation] = ()) -> Iterator[Check]:
     """
     Yield the checks of a change: a body on the last link explains it, and no fault does so better.
 
@@ -211,24 +211,25 @@ def _faults(table: Hypotheses) -> Iterator[tuple[Explanation, str, bool]]:
                         f'{why}'), has_body
 
 
-def _within_limits(table: Hypotheses, body: Explanation, limits: PayloadLimits) -> Iterator[Check]:
+def _within_limits(table: Hypotheses, body: Explanation, limits: Parameters) -> Iterator[Check]:
     known = table.body_of(body)
     if known is None:
         change = table.moments_of(body)
         worst = int(np.argmax(change))
-        yield Check(checks.WITHIN_LIMITS, float(change[worst]), limits.moment, text=(
+        largest = limits.max_payload_moment
+        yield Check(checks.WITHIN_LIMITS, float(change[worst]), largest, text=(
             f'the change at {table.samples.names[worst]} is {change[worst]:.3g} N·m; the limit is '
-            f'{limits.moment:.3g} N·m, by max_payload {limits.mass:g} kg at max_payload_reach '
-            f'{limits.reach:g} m'))
+            f'{largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at max_payload_reach '
+            f'{limits.max_payload_reach:g} m'))
         return
     mass, sigma, reach = known
-    yield Check(checks.WITHIN_LIMITS, abs(mass), limits.mass + _SIGNIFICANT * sigma, text=(
-        f'the change is a body of {mass:.3g} kg; max_payload is {limits.mass:g} kg'))
+    yield Check(checks.WITHIN_LIMITS, abs(mass), limits.max_payload + _SIGNIFICANT * sigma, text=(
+        f'the change is a body of {mass:.3g} kg; max_payload is {limits.max_payload:g} kg'))
     if abs(mass) > 10.0 * sigma:
         yield Check(checks.WITHIN_LIMITS, reach,
-                    limits.reach * (1.0 + _SIGNIFICANT * sigma / abs(mass)), text=(
+                    limits.max_payload_reach * (1.0 + _SIGNIFICANT * sigma / abs(mass)), text=(
                         f'the change is a body of {mass:.3g} kg at {reach:.3g} m from the last '
-                        f'joint; max_payload_reach is {limits.reach:g} m'))
+                        f'joint; max_payload_reach is {limits.max_payload_reach:g} m'))
 
 
 def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:

@@ -60,7 +60,6 @@ class FeedForward:
         # Whether torque is allowed; it ramps either way.
         self.enabled = True
         self._source: TorqueSource | None = None
-        self._version = 0
         self._failed = False
         self._now: float | None = None
         self._zero = np.zeros(n_joints)
@@ -80,7 +79,6 @@ class FeedForward:
         if self._source is None:
             self._last = self._zero
         self._source = source
-        self._version += 1
 
     def fail(self) -> None:
         """Treat the input as lost: `watch`, whose clock may be another, ends the torque."""
@@ -127,7 +125,7 @@ class FeedForward:
         if not all_finite(gravity):
             return None
         silent = not self.enabled and self._is_at_rest()
-        phase = ('model', self._version, effects is None) if self.enabled else ('off',)
+        phase = ('model', source, effects is None) if self.enabled else ('off',)
         target = self._target(gravity, effects)
         if phase != self._phase:
             reference = target

@@ -26,7 +26,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import REST_SPEED
-from gravity_comp_ros.node.job_messages import PayloadLimits
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 # Number of parts of a window; a change must be present in each of them.
@@ -97,7 +97,7 @@ class Hypotheses:
     """
 
     def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
-                 chain: Chain, covariance: FloatArray, noise: FloatArray, limits: PayloadLimits,
+                 chain: Chain, covariance: FloatArray, noise: FloatArray, limits: Parameters,
                  geometry: Geometry | None, price: float = 0.0) -> None:
         self.samples, self._noise, self._geometry = gravity, noise, geometry
         self.before = model.predict(gravity.q)
@@ -267,7 +267,8 @@ class Hypotheses:
 
     def _body_scale(self) -> FloatArray:
         # The limit is two prior standard deviations.
-        return 0.5 * self._scale * self._limits.mass * np.array([1.0, *3 * [self._limits.reach]])
+        return 0.5 * self._scale * self._limits.max_payload * np.array(
+            [1.0, *3 * [self._limits.max_payload_reach]])
 
     def _moment_scale(self) -> float:
         return float(np.abs(self.samples.tau - self.before).max()) + 1e-9

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import Rows
@@ -21,27 +21,6 @@ from gravity_comp_ros.node.parameters import Parameters
 # Checks that fail where the effort is faulty.
 FAULTS = (checks.NO_FACT, checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS,
           checks.NO_FAULT, checks.WITHIN_LIMITS)
-
-
-@dataclass(frozen=True)
-class PayloadLimits:
-    """
-    Limits of a payload: up to `mass` kg attached or removed, at most `reach` m away.
-
-    Without known axes `reach` also bounds the distance between neighbouring joints.
-    """
-
-    mass: float = 20.0
-    reach: float = 1.0
-
-    @classmethod
-    def of(cls, settings: Parameters) -> PayloadLimits:
-        return cls(settings.max_payload, settings.max_payload_reach)
-
-    @property
-    def moment(self) -> float:
-        """The largest change of one link's moment, N·m."""
-        return STANDARD_GRAVITY * self.mass * self.reach
 
 
 @dataclass(frozen=True)
@@ -115,7 +94,7 @@ class PayloadJob:
 
     samples: JointSamples
     model: GravityModel
-    payload: PayloadLimits = PayloadLimits()
+    settings: Parameters = Parameters()
     geometry: Geometry | None = None
 
 

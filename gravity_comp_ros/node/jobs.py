@@ -41,7 +41,8 @@ from gravity_comp_ros.node.comparison import compare, not_output
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadLimits, PayloadResult)
+    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
@@ -109,12 +110,12 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
         return PayloadResult(False, True, 'the effort has changed; a payload cannot '
                              'be tested, because no serial chain explains this arm', since)
     (gravity, others), noise = without_effects(model, samples), residual_noise(model)
-    every_table = tables(gravity, others, model, chain, noise, job.payload,
+    every_table = tables(gravity, others, model, chain, noise, job.settings,
                          axes_under(chain, job.geometry))
     table = every_table[0]
     reference = reference_noise(expected_residual(model), gravity, table.before)
     present, other = acceptance.suspicion_checks(table)
-    other = [*acceptance.body_checks(every_table, reference, reference / noise, job.payload,
+    other = [*acceptance.body_checks(every_table, reference, reference / noise, job.settings,
                                      (table.push(), table.varying())), *other]
     ratio = np.sqrt(((gravity.tau - table.before) ** 2).mean(axis=0)) / noise
     k = int(np.argmax(ratio))
@@ -218,14 +219,13 @@ def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterato
         yield acceptance.joints_agree(samples, residual, (
             noise, rms(prediction.torque - predict_torque(base, samples))))
         return
-    limits = PayloadLimits.of(job.settings)
     yield from acceptance.body_checks(
-        tables(gravity, friction, base, chain, noise, limits, axes_under(chain, job.geometry)),
-        noise, 1.0, limits)
+        tables(gravity, friction, base, chain, noise, job.settings,
+               axes_under(chain, job.geometry)), noise, 1.0, job.settings)
 
 
 def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
-           chain: GravityModel, noise: FloatArray, limits: PayloadLimits,
+           chain: GravityModel, noise: FloatArray, limits: Parameters,
            geometry: Geometry | None) -> list[Hypotheses]:
     """
     Return the explanations of a window, the table of the most probable body first.

@@ -15,7 +15,7 @@ from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import rows_of
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadLimits, PayloadResult)
+    AnyJob, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
@@ -98,8 +98,7 @@ class Learner:
                 self._start_queued(wall, self._queued)
             elif (model := self._tested_model()) is not None and self.arm.watch.is_due():
                 window = self.arm.watch.window()
-                test = PayloadJob(window, model, PayloadLimits.of(self.arm.settings),
-                                  self.arm.geometry)
+                test = PayloadJob(window, model, self.arm.settings, self.arm.geometry)
                 self._submit(wall, Job(PAYLOAD), lambda: test)
             elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
                 self._submit_fit(wall, Job(FIT))

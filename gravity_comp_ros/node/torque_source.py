@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -82,9 +83,10 @@ class TorqueSource:
         return torque if torque is not None and all_finite(torque) else None
 
 
+@dataclass(frozen=True, eq=False)
 class UncertainChange:
     """
-    The share of a change of the torque that is used where few samples determine it.
+    The change of the torque from a model to one of few samples, which is used in part.
 
     A few seconds of motion determine the change of some joints well and of others badly. With d_n
     the change of the torque of joint n at a pose and s_n its standard deviation,
@@ -95,32 +97,30 @@ class UncertainChange:
     is that of the pose from the range of the new samples, where the standard deviation itself is
     less certain. Without a standard deviation no change is significant.
 
-    :param model: learned from few samples.
-    :param before: model of the previous payload.
-    :param low: smallest angle of each joint in the new samples (N,), rad; `high` the largest.
+    `model` was learned from few samples, `before` is that of the previous payload. `low` and
+    `high` (N,) in rad are the range of the new samples.
     """
 
-    def __init__(self, model: GravityModel, before: GravityModel, low: FloatArray,
-                 high: FloatArray) -> None:
-        self._model, self._before = model, before
-        self._low, self._high = low, high
-        self.share: FloatArray | float = 0.0
+    model: GravityModel
+    before: GravityModel
+    low: FloatArray
+    high: FloatArray
 
     def share_at(self, q: FloatArray) -> FloatArray:
         """Return the share (N,) of the change to use at pose q (N,), 0 to 1; it takes 0.2 ms."""
-        std = std_of(self._model, q)
+        std = std_of(self.model, q)
         if not std.size:
             return np.zeros(len(q))
-        change = self._model.predict_one(q) - self._before.predict_one(q)
-        outside = float(np.maximum(np.maximum(self._low - q, q - self._high), 0.0).max())
+        change = self.model.predict_one(q) - self.before.predict_one(q)
+        outside = float(np.maximum(np.maximum(self.low - q, q - self.high), 0.0).max())
         uncertain = SIGNIFICANT * (1.0 + outside / REACH) * std
         share = 1.0 - (uncertain / np.maximum(np.abs(change), _MIN_CHANGE)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 
-    def predict(self, q: FloatArray) -> FloatArray:
-        """Return the torque (N,) in N·m: that of the previous model and `share` of the change."""
-        before = self._before.predict_one(q)
-        return before + self.share * (self._model.predict_one(q) - before)
+    def predict(self, q: FloatArray, share: FloatArray | float) -> FloatArray:
+        """Return the torque (N,) in N·m: that of the previous model and a share of the change."""
+        before = self.before.predict_one(q)
+        return before + share * (self.model.predict_one(q) - before)
 
 
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
@@ -165,6 +165,7 @@ class ModelInUse:
                  change: UncertainChange | None = None) -> None:
         self.model = model
         self._change = change
+        self._share: FloatArray | float = 0.0
         # Friction that persists at rest has a memory: one of the messages, one of the samples.
         self._effects, self._effects_of_samples = (
             LiveEffects(model, model.applied.effects) for _ in range(2))
@@ -186,18 +187,22 @@ class ModelInUse:
             return None if qd is None else sent.torque(q, qd, model.predict_one(q))
 
         self.source = TorqueSource(
-            model.predict_one if self._change is None else self._change.predict,
-            model.coverage.q_min, model.coverage.q_max,
+            self._gravity(), model.coverage.q_min, model.coverage.q_max,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
             torque if sent.targets else None)
+
+    def _gravity(self) -> Predict:
+        if self._change is None:
+            return self.model.predict_one
+        return partial(self._change.predict, share=self._share)
 
     def update_share(self, q: FloatArray) -> bool:
         """Determine the share of an uncertain change at pose q (N,); return whether it differs."""
         if self._change is None:
             return False
-        before = self._change.share
-        self._change.share = self._change.share_at(self.source.nearest(q))
-        return bool((self._change.share != before).any())
+        before, self._share = self._share, self._change.share_at(self.source.nearest(q))
+        self.source = replace(self.source, predict=self._gravity())
+        return bool((self._share != before).any())
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""

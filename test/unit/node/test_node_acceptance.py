@@ -19,8 +19,8 @@ from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
-from gravity_comp_ros.node.job_messages import PayloadLimits
 from gravity_comp_ros.node.jobs import outliers_of_change, run_fit, tables
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation.arms import Payload
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
     assert not outliers_of_change(replace(samples, tau=tau), base).any()
 
 
-def tables_of(base, change=None, scaled=(), limits=PayloadLimits(), geometry=None, payload=None):
+def tables_of(base, change=None, scaled=(), limits=Parameters(), geometry=None, payload=None):
     """
     Return the tables of twenty seconds with 0.1 N·m of noise.
 
@@ -108,7 +108,7 @@ def tables_of(base, change=None, scaled=(), limits=PayloadLimits(), geometry=Non
                   geometry)
 
 
-def refusals(every_table, limits=PayloadLimits()):
+def refusals(every_table, limits=Parameters()):
     """Return name and text of each check that did not pass."""
     return {check.name: check.text for check in
             body_checks(every_table, np.full(7, 0.1), 1.0, limits) if not check.passed}
@@ -121,8 +121,8 @@ FAR = Payload(3.0, (0.0, 0.0, 0.4))
 @pytest.mark.parametrize('case, limits, reason', [
     ({}, {}, None), ({'change': LIGHT}, {}, None), ({'change': HEAVY}, {}, None),
     *(({'payload': Payload(mass, (0.1, -0.05, 0.1))}, {}, None) for mass in (0.3, 2.0, 5.0)),
-    ({'change': HEAVY}, {'mass': 5.0}, (checks.WITHIN_LIMITS, 'max_payload 5 kg')),
-    ({'scaled': [(joint, 2.0) for joint in range(7)]}, {'mass': 100.0},
+    ({'change': HEAVY}, {'max_payload': 5.0}, (checks.WITHIN_LIMITS, 'max_payload 5 kg')),
+    ({'scaled': [(joint, 2.0) for joint in range(7)]}, {'max_payload': 100.0},
      (checks.NO_FAULT, 'all joints is 2 times'))])
 def test_a_change_is_a_body_within_the_limits_or_refused(base, case, limits, reason):
     assert_refused(base, None, case, limits, reason)
@@ -131,15 +131,15 @@ def test_a_change_is_a_body_within_the_limits_or_refused(base, case, limits, rea
 @pytest.mark.parametrize('case, limits, reason', [
     ({}, {}, None), ({'payload': FAR}, {}, None),
     *(({'payload': Payload(mass, (0.1, -0.05, 0.1))}, {}, None) for mass in (0.3, 2.0, 5.0)),
-    ({'payload': FAR}, {'mass': 2.0}, (checks.WITHIN_LIMITS, 'max_payload is 2 kg')),
-    ({'payload': FAR}, {'reach': 0.2}, (checks.WITHIN_LIMITS, 'max_payload_reach'))])
+    ({'payload': FAR}, {'max_payload': 2.0}, (checks.WITHIN_LIMITS, 'max_payload is 2 kg')),
+    ({'payload': FAR}, {'max_payload_reach': 0.2}, (checks.WITHIN_LIMITS, 'max_payload_reach'))])
 def test_known_axes_bound_mass_and_reach(base, geometry, case, limits, reason):
     assert_refused(base, geometry, case, limits, reason)
 
 
 def assert_refused(base, geometry, case, limits, reason):
     """Assert that a check refuses a case, or that all checks pass without a reason."""
-    limits = PayloadLimits(**limits)
+    limits = Parameters(**limits)
     reasons = refusals(tables_of(as_chain(base, geometry), limits=limits, geometry=geometry,
                                  **case), limits)
     assert not reasons if reason is None else reason[1] in reasons[reason[0]]
