@@ -45,7 +45,7 @@ def measure(build: str, seed: int) -> list[float]:
     try:
         now = play(node, first)
         models = [(fitted(node), bare)]
-        node.payload_changed(now)
+        node.learner.payload_changed(now)
         for part in (second.t < 90.0, second.t >= 90.0):
             now = play(node, second.select(part), now + PAUSE)
             models.append((fitted(node), loaded))

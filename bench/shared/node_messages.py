@@ -4,6 +4,7 @@ import time
 
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.node.epoch import DELAYS, Rows, SlowSample
+from gravity_comp_ros.node.learner import FIT
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -92,7 +93,7 @@ def refit(node):
     """Request a fit of a `NodeCore`, and wait for it; return the reply."""
     until(node, lambda: node.fits.state == 'ready')
     replies = []
-    node.request(time.monotonic(), lambda *reply: replies.append(reply))
+    node.learner.request(FIT, time.monotonic(), lambda *reply: replies.append(reply))
     until(node, lambda: replies)
     return replies[0]
 

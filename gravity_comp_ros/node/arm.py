@@ -23,6 +23,7 @@ from gravity_comp_ros.node.watch import Watch
 import numpy as np
 
 SOURCE = 'robot_description'
+NO_LIMITS = 'no torque is published without limits: set max_torque, or unlimited_torque'
 
 
 @dataclass(frozen=True)
@@ -114,10 +115,16 @@ class Arm:
         self.reader.allow_continuous(described.continuous)
         self._limit()
 
-    def enable(self, enabled: bool) -> None:
-        """Allow or forbid torque; it ramps either way."""
+    def enable(self, enabled: bool) -> tuple[bool, str]:
+        """Allow or forbid torque, which ramps either way; return success and a sentence."""
         self.is_allowed = enabled
         self._limit()
+        if enabled and self.limit_source == 'none':
+            return False, NO_LIMITS
+        seconds = self.settings.ramp_time
+        if enabled:
+            return True, f'torque ramps up over {seconds} s'
+        return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
 
     @property
     def geometry(self) -> Geometry | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
-from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.arm import Arm, NO_LIMITS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
 from gravity_comp_ros.node.messages import (
@@ -22,9 +22,6 @@ MAX_LATE = 0.1
 
 # Ratio of residual to training residual from which another payload is suspected.
 CHANGED = 5.0
-
-
-NO_LIMITS = 'no torque is published without limits: set max_torque, or unlimited_torque'
 
 
 @dataclass(frozen=True)

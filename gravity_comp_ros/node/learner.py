@@ -300,8 +300,8 @@ class Learner:
                       f'{self.models.n_past} earlier payloads remain; no fit until '
                       'payload_changed or refit is called')
 
-    def request(self, wall: float, reply: Reply, is_diagnosis: bool) -> None:
-        """Queue a fit or a diagnosis; `reply` is called once, now or at its end."""
+    def request(self, kind: str, wall: float, reply: Reply) -> None:
+        """Queue a job of this kind; `reply` is called once, now or at its end."""
         job = self.fits.job
         if self._queued is not None or (job is not None and job.kind != PAYLOAD):
             reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
@@ -310,8 +310,7 @@ class Learner:
             reply(False, missing)
         else:
             self.has_started = True
-            self._queued = Job(DIAGNOSIS if is_diagnosis else FIT, reply,
-                               wall + self.arm.settings.refit_timeout)
+            self._queued = Job(kind, reply, wall + self.arm.settings.refit_timeout)
 
     def _expire(self, wall: float) -> None:
         """Reply to calls past their deadline."""

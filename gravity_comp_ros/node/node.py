@@ -14,7 +14,7 @@ from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
-from gravity_comp_ros.node.services import Services
+from gravity_comp_ros.node.services import create_services
 from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -58,7 +58,7 @@ class GravityCompNode(LifecycleNode):
         self._ticks = 0
         self._clock_is_simulated = False
         self._input = InputGroup()
-        Services(self, self._active_core, self.now)
+        create_services(self, self._active_core, self.now)
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.TICK, self._on_tick, clock=self._steady)

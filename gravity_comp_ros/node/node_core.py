@@ -13,18 +13,15 @@ from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
 from gravity_comp_ros.node.learner import can_change, Events, Learner
 from gravity_comp_ros.node.messages import Reading
-from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
+from gravity_comp_ros.node.model_history import Entry, ModelHistory
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.node.torque_source import compensable
 from gravity_comp_ros.worker.worker_process import command, Supervised
-
-Answer = tuple[bool, str]
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
 # Minimum nice value of the fit process.
 NICENESS = 10
-NO_JOINTS = 'no joint states yet: check the topic and the driver'
 
 
 class NodeCore:
@@ -195,33 +192,6 @@ class NodeCore:
             return None
         self.learner.poll(answers, now, wall)
         return self.arm.tick(now)
-
-    def payload_changed(self, now: float) -> Answer:
-        """Open a new epoch; see `Learner.payload_changed`."""
-        return self.learner.payload_changed(now) if self.learner else (False, NO_JOINTS)
-
-    def rollback(self, now: float) -> Answer:
-        """Bring back the last model of the previous payload; no automatic fit follows."""
-        return self.learner.roll_back(now) if self.learner else (False, NO_JOINTS)
-
-    def request(self, wall: float, reply: Reply, is_diagnosis: bool = False) -> None:
-        """Fit or diagnose the samples of the epoch; `reply` is called once, now or at its end."""
-        if self.learner is None:
-            reply(False, NO_JOINTS)
-        else:
-            self.learner.request(wall, reply, is_diagnosis)
-
-    def enable(self, enabled: bool) -> Answer:
-        """Ramp torque up or down."""
-        if self.arm is None:
-            return False, NO_JOINTS
-        self.arm.enable(enabled)
-        if enabled and self.arm.limit_source == 'none':
-            return False, diagnostics.NO_LIMITS
-        seconds = self.settings.ramp_time
-        if enabled:
-            return True, f'torque ramps up over {seconds} s'
-        return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
 
     def deactivate(self) -> None:
         """Keep the model and the samples; torque ramps up from zero at the next message."""

@@ -14,6 +14,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.learner import DIAGNOSIS, FIT
 from gravity_comp_ros.node.torque_source import UncertainChange
 import numpy as np
 import pytest
@@ -72,7 +73,8 @@ def feed(node, n, start=1.0, mass=1.0, seed=0):
 def ask(node, is_diagnosis=False):
     """Request a fit or a diagnosis; return a list to which the reply is added."""
     replies = []
-    node.request(time.monotonic(), lambda *reply: replies.append(reply), is_diagnosis)
+    node.learner.request(DIAGNOSIS if is_diagnosis else FIT, time.monotonic(),
+                         lambda *reply: replies.append(reply))
     return replies
 
 
@@ -121,7 +123,7 @@ def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_fil
     answers = ask(node)
     node.tick(time.monotonic())
     assert node.fits.state == 'fitting'
-    assert node.payload_changed(now)[0]
+    assert node.learner.payload_changed(now)[0]
     before = node.models.model
     until(node, lambda: answers)
     assert not answers[0][0] and 'discarded' in answers[0][1]
@@ -133,9 +135,9 @@ def test_payload_changed_in_an_empty_epoch_drops_the_sample_that_waits(live, mod
     t, q = motion(24)
     for k in range(24):
         if k == 20:
-            node.payload_changed(t[k] - 0.15)
+            node.learner.payload_changed(t[k] - 0.15)
         if k == 21:
-            assert 'open already' in node.payload_changed(t[k] - 0.15)[1]
+            assert 'open already' in node.learner.payload_changed(t[k] - 0.15)[1]
             assert node.arm.epoch.number == 1 and len(node.arm.epoch) == 0
         send_message(node, joint_state(1.0 + t[k], q[k], torque(q[k])), t[k])
     # The last of three samples waits for later messages; the one before the call is gone.
@@ -188,7 +190,7 @@ def test_nothing_is_learned_during_the_settle_time(live, model_file, after):
     """Also with a clock that is set back meanwhile; the last sample waits for later messages."""
     node = live(model_file=str(model_file), settle_time=1.0)
     now = feed(node, 20, start=5000.0)
-    node.payload_changed(now)
+    node.learner.payload_changed(now)
     feed(node, 20, start=now + after)
     assert len(node.arm.epoch) == 15
 
@@ -236,7 +238,7 @@ def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     t, q = motion(5)
     finger = joint_state(0.5, [0.1], [0.0], ['finger'])
     send_message(node, finger, 0.5)
-    assert node.arm.joints == ('finger',) and node.enable(False)[0]
+    assert node.arm.joints == ('finger',) and node.arm.enable(False)[0]
     arm = [joint_state(1.0 + t[k], q[k], torque(q[k])) for k in range(4)]
     read = node.read_all([finger, *arm[:2], finger, *arm[2:]], 0.0)
     assert node.arm.joints == ('a', 'b') and not node.arm.feed.enabled
@@ -269,7 +271,7 @@ def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
     now = feed(node, 80)
     until(node, lambda: node.fits.state == 'ready')
     answers = ask(node)
-    assert node.payload_changed(now)[0] and not answers
+    assert node.learner.payload_changed(now)[0] and not answers
     node.tick(time.monotonic())
     assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
     assert node.fits.state == 'ready' and status(node, 'learning').level == OK
@@ -280,7 +282,7 @@ def test_the_limits_are_those_of_the_first_description(live, model_file):
                 max_torque_rate=())
     assert send_message(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert status(node, 'feed-forward').level == ERROR
-    success, why = node.enable(True)
+    success, why = node.arm.enable(True)
     assert not success and 'max_torque' in why
     for effort in ('1.5', '40'):
         node.describe(URDF.replace('effort="1.5"', f'effort="{effort}"'))
@@ -325,8 +327,9 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     for epoch in (1, 1, 1, 2, 2):
         node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
     assert node.models.n_past == 2
-    assert 'epoch 1' in node.rollback(1.0)[1] and 'loaded from' in node.rollback(2.0)[1]
-    assert not node.rollback(3.0)[0]
+    assert 'epoch 1' in node.learner.roll_back(1.0)[1]
+    assert 'loaded from' in node.learner.roll_back(2.0)[1]
+    assert not node.learner.roll_back(3.0)[0]
 
 
 @pytest.mark.parametrize('number, timeout, is_diagnosis, reason', [
@@ -367,7 +370,7 @@ def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt
                                                        report):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     before, now, rng = node.models.model, feed(node, 20), np.random.default_rng(1)
-    node.payload_changed(now)
+    node.learner.payload_changed(now)
     t, q = motion(121)
     for k in range(121):
         tau = corrupt(k, torque(q[k]), rng) + 0.01 * rng.standard_normal(2)
@@ -379,7 +382,7 @@ def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt
     assert not success and node.models.model is before
     assert any(value.startswith('not ') for value in learning.values.values())
     # A new payload begins without the result of the earlier one.
-    node.payload_changed(now + 50.0)
+    node.learner.payload_changed(now + 50.0)
     assert status(node, 'learning').level == OK
 
 
@@ -498,7 +501,7 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     path.write_bytes(model_file.read_bytes())
     node = live(model_file=str(path), auto_fit=False, settle_time=0.0, auto_save=True)
     good, now = node.models.model, feed(node, 20)
-    node.payload_changed(now)
+    node.learner.payload_changed(now)
     t, q = motion(60)
     wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
     entry = node.models.use(wrong, 'fit of broken effort', now, 1)
@@ -514,5 +517,5 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     # After broken effort more samples are required.
     feed(node, 20, now + 30.0)
     assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
-    node.payload_changed(now + 50.0)
+    node.learner.payload_changed(now + 50.0)
     assert not node.arm.epoch.had_broken_effort

@@ -8,6 +8,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.learner import DIAGNOSIS
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse
 import numpy as np
@@ -125,10 +126,10 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
 
 def test_diagnose_names_the_missing_effect(node):
     replies = []
-    node.request(time.monotonic(), lambda *reply: replies.append(reply), True)
+    node.learner.request(DIAGNOSIS, time.monotonic(), lambda *reply: replies.append(reply))
     assert not replies[0][0] and 'no slow samples yet' in replies[0][1]
     feed(node, 1.0, 300)
-    node.request(time.monotonic(), lambda *reply: replies.append(reply), True)
+    node.learner.request(DIAGNOSIS, time.monotonic(), lambda *reply: replies.append(reply))
     until(node, lambda: len(replies) == 2)
     assert replies[1][0] and 'coulomb_friction:a (established)' in replies[1][1]
 
@@ -137,7 +138,7 @@ def test_effects_stay_when_the_payload_changes(node):
     t, _ = feed(node, 1.0, 250)
     change(node, effects=('coulomb_friction:a',))
     assert refit(node)[0]
-    node.payload_changed(t)
+    node.learner.payload_changed(t)
     # In sixteen seconds the first joint moves over half of its range.
     t, _ = feed(node, t, 80, mass=LOADED)
     success, text = refit(node)

@@ -68,7 +68,7 @@ def test_a_slow_rate_has_no_accelerations(live):
 def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     node, samples = live(auto_fit=False), recorded(60, 3.0)
     now = play(node, samples)
-    node.payload_changed(now)
+    node.learner.payload_changed(now)
     assert len(node.arm.epoch) == 0
     assert not node.arm.delayed.due(1e9)
     learned = play(node, samples, now + 0.02)
