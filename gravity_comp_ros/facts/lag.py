@@ -15,8 +15,6 @@ _CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 _FACTORS = ((0.7, 0.85, 1.0, 1.2, 1.4), (0.9, 1.0, 1.1))
 # Angles over which friction may build up after a reversal, rad: those of gears, and of belts.
 _ANGLES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
-# Number of columns of friction of each joint.
-_FRICTION = 3
 # Samples that are fitted, at most, and their minimum interval, s.
 _MAX_SAMPLES, _MIN_INTERVAL = 5000, 0.02
 # Ridge of unit columns, against rounding of those that are collinear over short travel.
@@ -36,12 +34,17 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     part = part.keep(np.arange(len(part)) < _MAX_SAMPLES)
     if len(part) < options.min_samples or _interval(part) > min(_CONSTANTS[-1], 0.5):
         return signals, None
-    columns, joints = _columns(part, options)
+    poses, friction, joints = _columns(part, options)
     if len(joints) < 2:
         return signals, None
+    tau, time = part.tau[:, joints], np.diff(part.t)[:, None]
+
+    def residuals(constant: float) -> FloatArray:
+        return _rest(tau, _behind(poses, time, constant),
+                     _behind(friction, time[:, None], constant))
 
     def cost(constant: float) -> float:
-        return float(np.log(_residuals(part, columns, joints, constant)).sum())
+        return float(np.log(residuals(constant)).sum())
 
     constant = min(_CONSTANTS, key=cost)
     if constant < 2 * _interval(signals):
@@ -49,11 +52,10 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     for factors in _FACTORS:
         constant = _minimum({constant * factor: cost(constant * factor) for factor in factors})
     # Friction that builds up over an angle, another one of each joint, is late in another shape.
-    way = np.abs(np.diff(part.q, axis=0))
-    other = np.min([_rest(part, np.concatenate([
-        columns[:, :, :-_FRICTION], _behind(columns[:, :, -_FRICTION:], way, angle)], axis=2),
-        joints) for angle in _ANGLES] + [_rest(part, columns, joints)], axis=0)
-    ratio = _residuals(part, columns, joints, constant) / other
+    way = np.abs(np.diff(part.q[:, joints], axis=0))[:, None]
+    other = np.min([_rest(tau, poses, friction), *(
+        _rest(tau, poses, _behind(friction, way, angle)) for angle in _ANGLES)], axis=0)
+    ratio = residuals(constant) / other
     # The driver has one filter for all joints.
     if np.log(ratio).mean() >= np.log(options.better_lag):
         return signals, None
@@ -68,46 +70,48 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     return replace(signals, tau=_undone(signals, constant)), fact
 
 
-def _columns(signals: Signals, options: FactOptions) -> tuple[FloatArray, list[int]]:
-    """Return columns (M, N, C) of each joint, and the joints that move."""
+def _columns(signals: Signals, options: FactOptions
+             ) -> tuple[FloatArray, FloatArray, list[int]]:
+    """Return columns (M, P) of poses and (M, 3, J) of the friction of J joints, and these."""
     moving = np.ptp(signals.q, axis=0) > options.min_travel
-    q = signals.q[:, moving]
+    q, qd = signals.q[:, moving], np.nan_to_num(signals.qd)
     poses = np.column_stack([np.ones(len(q)), np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)])
-    qd = np.nan_to_num(signals.qd)
-    fastest = np.maximum(np.abs(qd).max(axis=0), 1e-12)
-    friction = np.stack([np.tanh(qd / (0.05 * fastest)), np.sign(qd), qd], axis=2)
     joints = [n for n in np.flatnonzero(moving).tolist() if qd[:, n].any()
               and np.ptp(signals.tau[:, n]) > options.dead_torque]
-    shared = np.broadcast_to(poses[:, None, :], (*qd.shape, poses.shape[1]))
-    return np.concatenate([shared, friction], axis=2), joints
-
-
-def _residuals(signals: Signals, columns: FloatArray, joints: list[int],
-               constant: float) -> FloatArray:
-    """Return the mean squared residual of each joint, columns behind a filter of `constant` s."""
-    way = np.diff(signals.t)[:, None]
-    return _rest(signals, _behind(columns, way, constant), joints)
+    qd = qd[:, joints]
+    fastest = np.abs(qd).max(axis=0)
+    return poses, np.stack([np.tanh(qd / (0.05 * fastest)), np.sign(qd), qd], axis=1), joints
 
 
 def _behind(columns: FloatArray, way: FloatArray, constant: float) -> FloatArray:
-    """Return columns (M, N, C) behind a filter over the way (M - 1, N) from sample to sample."""
-    share = (1.0 - np.exp(-way / constant))[:, :, None]
-    behind = columns.copy()
-    for row, part in enumerate(share, 1):
-        behind[row] = behind[row - 1] + part * (columns[row] - behind[row - 1])
-    return behind
+    """Return columns (M, ...) behind a filter over the way (M - 1, ...) from sample to sample."""
+    # Parts of the recording are filtered side by side, then each from the end of the one before.
+    count = int(np.ceil(np.sqrt(len(columns))))
+    keep = np.ones((count ** 2, *way.shape[1:]))
+    keep[1:len(columns)] = np.exp(-way / constant)
+    behind = np.zeros((count ** 2, *columns.shape[1:]))
+    behind[0], behind[1:len(columns)] = columns[0], (1.0 - keep[1:len(columns)]) * columns[1:]
+    keep, behind = (x.reshape(count, count, *x.shape[1:]) for x in (keep, behind))
+    for step in range(1, count):
+        behind[:, step] += keep[:, step] * behind[:, step - 1]
+    decay = np.cumprod(keep, axis=1)
+    for number in range(1, count):
+        behind[number] += decay[number] * behind[number - 1, -1]
+    return np.asarray(behind.reshape(count ** 2, *columns.shape[1:])[:len(columns)])
 
 
-def _rest(signals: Signals, x: FloatArray, joints: list[int]) -> FloatArray:
-    """Return the mean squared residual of the efforts of each joint, fitted by its columns."""
-    rest = []
-    for n in joints:
-        own, tau = np.ascontiguousarray(x[:, n]), signals.tau[:, n]
-        # Normal equations of unit columns: the residual is that of least squares up to the ridge.
-        own = own / np.maximum(np.linalg.norm(own, axis=0), 1e-12)
-        solution = np.linalg.solve(own.T @ own + _RIDGE * np.eye(own.shape[1]), own.T @ tau)
-        rest.append(float(((tau - own @ solution) ** 2).mean()))
-    return np.maximum(rest, 1e-18)
+def _rest(tau: FloatArray, poses: FloatArray, friction: FloatArray) -> FloatArray:
+    """Return the mean squared residual (J,) of efforts (M, J) fitted by the columns of each."""
+    # Normal equations of unit columns: the residual is that of least squares up to the ridge.
+    poses, friction = (x / np.maximum(np.linalg.norm(x, axis=0), 1e-12) for x in (poses, friction))
+    own, count = np.ascontiguousarray(friction.T), poses.shape[1]
+    cross, square = own @ poses, np.broadcast_to(poses.T @ poses, (len(own), count, count))
+    gram = np.block([[square, cross.swapaxes(1, 2)], [cross, own @ own.swapaxes(1, 2)]])
+    right = np.concatenate([(poses.T @ tau).T[:, :, None], own @ tau.T[:, :, None]], axis=1)
+    solution = np.linalg.solve(gram + _RIDGE * np.eye(gram.shape[1]), right)
+    rest = tau - poses @ solution[:, :count, 0].T - (solution.swapaxes(1, 2)[
+        :, :, count:] @ own)[:, 0].T
+    return np.asarray(np.maximum((rest ** 2).mean(axis=0), 1e-18))
 
 
 def _undone(signals: Signals, constant: float) -> FloatArray:
