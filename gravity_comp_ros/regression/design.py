@@ -9,7 +9,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.rows import Rows
-from gravity_comp_ros.regression.term import Term
+from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
 
 # Factor of a prior that keeps a parameter at its present value.
@@ -111,7 +111,7 @@ class Pool:
             x = np.concatenate([self.design.x[j], self.design.y[j][None]])
             side = np.empty((len(self.cross[j]), len(x)))
             for size, numbers, z in self._batches(j):
-                side[self._places(numbers, size)] = z @ x.T
+                side[self._columns(numbers, size)] = z @ x.T
                 shaped = z.reshape(-1, size, z.shape[1])
                 self._own[j, size][np.searchsorted(self._groups[size], numbers)] = (
                     shaped @ shaped.swapaxes(1, 2))
@@ -124,9 +124,13 @@ class Pool:
                 z = np.concatenate([self.terms[k].on(j).T for k in numbers])
                 yield size, numbers, np.multiply(z, self.design.root[j], out=z)
 
-    def _places(self, numbers: IntArray, size: int) -> IntArray:
+    def _columns(self, numbers: IntArray, size: int) -> IntArray:
         """Return the columns of candidates of `size` columns."""
         return np.asarray((self.start[numbers][:, None] + np.arange(size)).ravel())
+
+    def places(self, size: int) -> IntArray:
+        """Return the columns (T, K) of each candidate of K columns."""
+        return self._columns(self._groups[size], size).reshape(-1, size)
 
     def side(self, j: int) -> FloatArray:
         """Return the products (C, K_j) of a joint's columns with those of the design."""
@@ -136,18 +140,28 @@ class Pool:
             side = np.concatenate([self._side[j], np.empty((len(self.cross[j]), len(new)))],
                                   axis=1)
             for size, numbers, z in self._batches(j):
-                side[self._places(numbers, size), known:] = z @ new.T
+                side[self._columns(numbers, size), known:] = z @ new.T
             self._side[j] = side
         return self._side[j]
 
-    def prior_std(self, size: int) -> FloatArray:
-        """Return the prior standard deviations (T, K) of the candidates of K columns."""
-        return np.stack([self.terms[k].prior_std for k in self._groups[size]])
+    @cached_property
+    def prior_std(self) -> Mapping[int, FloatArray]:
+        """Return the prior standard deviations (T, K) of the candidates of K columns, by K."""
+        return {size: np.stack([self.terms[k].prior_std for k in group])
+                for size, group in self._groups.items()}
 
-    @property
+    @cached_property
     def log_odds(self) -> FloatArray:
-        """Return the prior log odds (C,) of all candidates."""
+        """Return the prior log odds (T,) of all candidates."""
         return np.array([term.log_odds for term in self.terms])
+
+    @cached_property
+    def of_key(self) -> Mapping[Key, Sequence[int]]:
+        """Return the numbers of the candidates of each effect."""
+        numbers: dict[Key, list[int]] = {}
+        for k, term in enumerate(self.terms):
+            numbers.setdefault(term.key, []).append(k)
+        return numbers
 
     @cached_property
     def most_share_allowed(self) -> FloatArray:

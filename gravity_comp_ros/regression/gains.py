@@ -14,7 +14,7 @@ and the autocorrelation of the residual already (`noise`).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
@@ -210,7 +210,7 @@ class Ranking:
                  least: float) -> None:
         self.posterior, self.least = posterior, least
         self.terms = [pool.terms[k] for k in allowed]
-        self.bounds = _bounds(posterior, pool, np.asarray(allowed, dtype=np.int64))
+        self.bounds = _bounds(posterior, pool)[np.asarray(allowed, dtype=np.int64)]
 
     def __iter__(self) -> Iterator[tuple[float, Term]]:
         """Yield gain and term of every candidate above the least gain, the best first."""
@@ -238,35 +238,76 @@ class Ranking:
         return order
 
 
-def _bounds(posterior: Posterior, pool: Pool, allowed: IntArray) -> FloatArray:
-    """Return the largest gains at kappa = 1 (T,) of candidates of a pool."""
-    bounds = np.full(len(pool.terms), -np.inf)
-    usable = np.zeros(len(pool.terms), dtype=bool)
-    usable[allowed] = True
-    for size, numbers in pool.groups().items():
-        kept = usable[numbers]
-        group = numbers[kept]
-        if not len(group):
-            continue
-        flat = (pool.start[group][:, None] + np.arange(size)).ravel()
-        side = np.zeros((len(flat), len(posterior.beta)))
-        score, own = np.zeros(len(flat)), np.zeros((len(group), size, size))
+@dataclass(frozen=True, eq=False)
+class _PoolScores:
+    """
+    Scores of all C columns of a pool's candidates outside of a posterior.
+
+    `score` (C,), `information` and `own` (T, K, K) by K as in `Score`; `solved` (C, P) are the
+    products with the P columns of the posterior times their covariance.
+    """
+
+    score: FloatArray
+    information: Mapping[int, FloatArray]
+    own: Mapping[int, FloatArray]
+    solved: FloatArray
+
+    @classmethod
+    def of(cls, posterior: Posterior, pool: Pool) -> _PoolScores:
+        """Return the scores, from those of the posterior that another one conditions."""
+        if pool not in posterior.of_pool:
+            posterior.of_pool[pool] = cls._conditioned(
+                cls.of(posterior.conditioned[0], pool), *posterior.conditioned, pool
+            ) if posterior.conditioned else cls._summed(posterior, pool)
+        scores: _PoolScores = posterior.of_pool[pool]
+        return scores
+
+    @classmethod
+    def _summed(cls, posterior: Posterior, pool: Pool) -> _PoolScores:
+        score, side = np.zeros(int(pool.start[-1])), np.zeros((pool.start[-1],
+                                                               len(posterior.beta)))
+        own = {size: np.zeros((len(group), size, size)) for size, group in pool.groups().items()}
         for j in pool.joints:
             w, places = posterior.precision[j], posterior.places(j)
-            part = w * pool.side(j)[np.ix_(flat, posterior.columns(j))]
+            part = w * pool.side(j)[:, posterior.columns(j)]
             side[:, places] += part
-            score += w * pool.cross[j][flat] - part @ posterior.beta[places]
-            own += w * pool.own(j, size)[kept]
-        shaped, scores = side.reshape(len(group), size, -1), score.reshape(-1, size)
-        information = own - (side @ posterior.covariance).reshape(shaped.shape) @ (
-            shaped.transpose(0, 2, 1))
+            score += w * pool.cross[j] - part @ posterior.beta[places]
+            for size, products in own.items():
+                products += w * pool.own(j, size)
+        used = np.unique(np.concatenate([posterior.places(j) for j in pool.joints]))
+        solved = side[:, used] @ posterior.covariance[used]
+        return cls(score, {size: products - _within(pool, size, solved[:, used], side[:, used])
+                           for size, products in own.items()}, own, solved)
+
+    @classmethod
+    def _conditioned(cls, known: _PoolScores, base: Posterior, here: IntArray,
+                     pool: Pool) -> _PoolScores:
+        """Return the scores with the coefficients `here` of a posterior conditioned to 0."""
+        side = known.solved[:, here]
+        change = side @ np.linalg.inv(base.covariance[np.ix_(here, here)])
+        return cls(known.score + change @ base.beta[here], {
+            size: information + _within(pool, size, change, side)
+            for size, information in known.information.items()}, known.own, known.solved[:, :0])
+
+
+def _within(pool: Pool, size: int, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the products (T, K, K) of two arrays (C, P) within each candidate of K columns."""
+    places = pool.places(size)
+    return np.asarray(one[places] @ other[places].swapaxes(1, 2))
+
+
+def _bounds(posterior: Posterior, pool: Pool) -> FloatArray:
+    """Return the largest gains at kappa = 1 (T,) of the candidates of a pool."""
+    bounds, scores = np.empty(len(pool.terms)), _PoolScores.of(posterior, pool)
+    for size, group in pool.groups().items():
+        information, score = scores.information[size], scores.score[pool.places(size)]
         independent = np.trace(information, axis1=1, axis2=2) > _EXPLAINED ** 2 * np.trace(
-            own, axis1=1, axis2=2)
-        std = pool.prior_std(size)[kept]
+            scores.own[size], axis1=1, axis2=2)
+        std = pool.prior_std[size]
         prior = std[:, :, None] ** -2.0 * np.eye(size)
-        mean = np.linalg.solve(information + prior, scores[:, :, None])[:, :, 0]
+        mean = np.linalg.solve(information + prior, score[:, :, None])[:, :, 0]
         occam = np.linalg.slogdet(np.eye(size) + information * std[:, None] ** 2)[1]
-        value = (0.5 * (scores * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
+        value = (0.5 * (score * mean).sum(axis=1) - 0.5 * occam + pool.log_odds[group]
                  + pool.most_share_allowed[group])
         bounds[group] = np.where(independent, value, -np.inf)
-    return bounds[allowed]
+    return bounds

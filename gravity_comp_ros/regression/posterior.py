@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Design
@@ -28,9 +29,12 @@ class Posterior:
     precision: FloatArray
     beta: FloatArray
     covariance: FloatArray
+    # The posterior of which some coefficients (K,) are conditioned to 0 (`without`).
+    conditioned: tuple[Posterior, IntArray] | None = None
     _places: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
     _x: dict[int, FloatArray] = field(default_factory=dict)
     _residuals: dict[int, FloatArray] = field(default_factory=dict, init=False)
+    of_pool: dict[object, Any] = field(default_factory=dict, init=False)  # scores of candidates
 
     @cached_property
     def at(self) -> dict[Term, IntArray]:
@@ -123,8 +127,8 @@ class Posterior:
         beta = self.beta - gain @ self.beta[here]
         covariance = self.covariance - gain @ self.covariance[here]
         beta[here], covariance[here], covariance[:, here] = 0.0, 0.0, 0.0
-        return Posterior(self.design, self.terms, self.precision, beta, covariance, self._places,
-                         self._x)
+        return Posterior(self.design, self.terms, self.precision, beta, covariance,
+                         None if self.conditioned else (self, here), self._places, self._x)
 
 
 def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Posterior:
@@ -155,4 +159,4 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     lower = np.tril(dpotri(factor[0], lower=True)[0]) if len(a) else a
     covariance = (lower + np.tril(lower, -1).T) * scale
     return Posterior(design, terms, precision, size * cho_solve(factor, size * b), covariance,
-                     draft._places)
+                     _places=draft._places)

@@ -138,14 +138,17 @@ class Search:
                  minimum: float | None = None) -> Ranking:
         """Return the candidates of a pool that may be added to some terms."""
         minimum = self.options.min_gain if minimum is None else minimum
-        return Ranking(posterior, pool, self._allowed(pool.terms, terms), minimum)
+        return Ranking(posterior, pool, self._allowed(pool, terms), minimum)
 
-    def _allowed(self, candidates: Iterable[Term], terms: Terms) -> list[int]:
+    def _allowed(self, pool: Pool, terms: Terms) -> list[int]:
         """Return the candidates that are not among terms, and whose corrected effect is."""
         keys = {term.key for term in terms}
-        excluded = keys | self._tabu
-        return [k for k, c in enumerate(candidates)
-                if c.key not in excluded and (not c.parents or c.parents & keys)]
+        allowed: list[int] = []
+        for key, numbers in pool.of_key.items():
+            parents = pool.terms[numbers[0]].parents
+            if key not in keys | self._tabu and (not parents or parents & keys):
+                allowed += numbers
+        return allowed
 
     def _refined(self, posterior: Posterior, term: Term,
                  needed: float = -np.inf) -> tuple[Term, float]:
@@ -310,8 +313,8 @@ class Search:
         for term in terms:
             if term.joint == new.joint and term.key not in self.forced:
                 without, pool = self._solved(terms).without((term,)), self._pool_of(term)
-                same = [k for k, c in enumerate(pool.terms) if c.key == term.key]
-                _, other = next(iter(Ranking(without, pool, same, -np.inf)), (0.0, term))
+                same = Ranking(without, pool, pool.of_key.get(term.key, ()), -np.inf)
+                _, other = next(iter(same), (0.0, term))
                 best, _ = max((self._refined(without, start)
                                for start in dict.fromkeys((term, other))),
                               key=lambda each: each[1])

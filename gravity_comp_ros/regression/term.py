@@ -58,7 +58,7 @@ class Term:
         """Return the columns on the torque of one joint, (R, K)."""
         return self.columns[:, joint] if self.columns.ndim == 3 else self.columns
 
-    @property
+    @cached_property
     def parents(self) -> frozenset[Key]:
         """Return the terms of which one must be in the model; empty if it needs none."""
         return frozenset((name, self.joint) for name in self.effect.corrects)
