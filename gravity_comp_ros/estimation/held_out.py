@@ -8,14 +8,17 @@ the fold as `compare` does, so that both errors are of the same kind.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.effects.predict import torque_of
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 import numpy as np
 
 
@@ -86,15 +89,25 @@ def held_out_torques(estimate: Estimate,
     gravity = np.zeros((len(fold), samples.n_joints))
     effects: dict[str, FloatArray] = {}
     everything = Switches([*(t.name for t in regression.terms), DYNAMICS])
+    every_sample = Motion.of(samples, np.zeros_like(samples.q), problem.motion.gravity_gradient)
     for k in np.unique(rows.fold):
         posterior = regression.without(rows.fold == k)
         model = model_of(estimate, everything, posterior, with_noise=False)
         here = fold == k
         numbers = problem.used[here]
-        gravity[here] = model.predict(samples.q[numbers])
-        whole = model.predict(samples.q)
-        for effect in (*model.applied.effects, *model.fitted.effects):
-            torque = torque_of(model, [effect], samples, whole)[numbers]
-            effects.setdefault(effect.target, np.zeros_like(gravity))[here] = torque
+        motion = every_sample.with_gravity(
+            model.predict(samples.q), partial(gravity_gradient, model), model.chain,
+            model.geometry)
+        gravity[here] = motion.gravity[numbers]
+        part = replace(motion, samples=samples.select(numbers), qdd=motion.qdd[numbers],
+                       gravity=gravity[here], memo={})
+        for applied in (*model.applied.effects, *model.fitted.effects):
+            effect, joint = installed(applied), joint_number(model, applied)
+            values = coefficients(applied, effect, motion, joint)
+            # Dynamics depend on the present state alone.
+            torque = effect.torque(part, joint, applied.setting, values) if effect.is_shared \
+                else effect.torque(motion, joint, applied.setting, values)[numbers]
+            column = slice(None) if effect.scope == 'arm' else joint
+            effects.setdefault(applied.target, np.zeros_like(gravity))[here, column] = torque
     return HeldOutTorques(samples.tau[problem.used], gravity, effects,
                           rows.block[problem.row_of], samples.runs[problem.used])
