@@ -1,17 +1,23 @@
 """Effects of uncertain size: absorbed by gravity, small, or with an unresolved friction."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
-from bench.planning.scenes import Scene
+from bench.planning.scenes import Scene, wide_motion
 from bench.shared.campaign import campaign
+from bench.shared.serial_arms import serial_arm
 import gravity_comp_ros
 from gravity_comp_ros import Recording
+from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import conclude, diagnose
-from gravity_comp_ros.diagnosis.findings import Verdict
-from gravity_comp_ros.estimation.estimate import estimate
+from gravity_comp_ros.diagnosis.findings import FOUND, Verdict
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.simulation import motions
+from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
 
@@ -121,3 +127,53 @@ def test_a_finding_has_the_evidence_that_a_term_requires(offset_estimate, gain, 
 @pytest.fixture(scope='module')
 def offset_estimate():
     return estimate(links(1.2, lambda q, qd: np.full(len(q), 0.5), 0))
+
+
+@cache
+def poor_model(scene):
+    return fit(slow_samples(scene.recorded()).samples, FitOptions('chain')).model
+
+
+def with_wide_motion(scene):
+    """Return a poor recording, followed by 20 s of slow motion in half of the joints' range."""
+    new = scene.later(wide_motion(scene.arm_model, scene.seed))
+    return concatenate([scene.recorded(), new])
+
+
+def of_joint(scene, samples):
+    name = scene.arm_model.joints[scene.joint]
+    diagnosis = diagnose(samples, poor_model(scene))
+    return {f.effect: f for f in diagnosis.findings if f.joint == name}
+
+
+@pytest.mark.parametrize('arm', ['right_six', *campaign('right_seven')])
+def test_an_offset_is_established_with_wide_motion_and_nothing_else_in_narrow_motion(arm):
+    scene = Scene(arm, 'torque_offset', 3, 'narrow', 21)
+    narrow, wide = (of_joint(scene, samples)
+                    for samples in (scene.recorded(), with_wide_motion(scene)))
+    # One that gravity absorbs in narrow motion is predicted with it, and not missing later.
+    if not poor_model(scene).applied.has('torque_offset', scene.arm_model.joints[3]):
+        assert wide['torque_offset'].verdict == Verdict.ESTABLISHED
+    named = [f for f in (*narrow.values(), *wide.values()) if f.verdict in FOUND]
+    assert named
+    for finding in named:
+        assert finding.effect == 'torque_offset'
+        low, high = finding.coefficients['b'].ci95
+        assert low < 1.5 < high
+
+
+SMALL_NOISE = 0.02
+
+
+@pytest.mark.parametrize('seed', [0, *campaign(1, 2)])
+@pytest.mark.parametrize('effect, torque', [
+    ('torque_offset', lambda q: 0.4 + 0.0 * q), ('joint_spring', lambda q: 0.8 * (q - 0.3))])
+def test_an_effect_on_it_is_named(seed, effect, torque):
+    arm, rng = serial_arm(4, seed), np.random.default_rng(seed)
+    motion = motions.multisine(np.full(4, -0.6), np.full(4, 0.6), np.full(4, 1.0), seed,
+                               motions.MultisineOptions(0.15, 60.0), 60.0, 20.0)
+    tau = gravity_torque(arm, motion.q) + SMALL_NOISE * rng.normal(size=motion.q.shape)
+    tau[:, 0] += torque(motion.q[:, 0])
+    samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
+    named = {(f.effect, f.joint) for f in diagnose(samples).findings if f.verdict in FOUND}
+    assert named == {(effect, arm.joints[0])}

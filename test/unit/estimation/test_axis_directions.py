@@ -7,9 +7,10 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation import axis_directions
 from gravity_comp_ros.estimation.arm_fit import ArmFit
+from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
@@ -119,3 +120,33 @@ def test_small_degrees_are_refused(tmp_path):
     with pytest.raises(BagError, match='linear in angles .* are they degrees'):
         read_bag(path)
     assert read_bag(path, ReadOptions(position_unit='deg')).report.facts == ()
+
+
+FOUR = ('a', 'b', 'c', 'd')
+
+
+def four_joints(seed):
+    """Return slow motion of an arm of four joints at right angles, with friction and noise."""
+    rng = np.random.default_rng(seed)
+    axes = np.stack([aligned(np.array(axis)) for axis in (
+        (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))])
+    chain = Chain(axes, np.array([[40.0, 5.0], [1.0, 20.0], [8.0, 2.0], [1.0, 3.0]]))
+    t = np.arange(0.0, 90.0, 0.2)
+    phase, speed = rng.uniform(0.0, 6.0, 4), rng.uniform(0.05, 0.11, 4)
+    q = np.sin(np.outer(t, speed) * 2.0 + phase)
+    qd = 2.0 * speed * np.cos(np.outer(t, speed) * 2.0 + phase)
+    tau = chain.torque(q) + 0.5 * np.tanh(qd / 0.01) + 0.05 * rng.standard_normal(q.shape)
+    return JointSamples.single_run(FOUR, t, q, qd, tau)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_wrong_order_is_corrected(seed):
+    samples = four_joints(seed)
+    shuffled = list(np.random.default_rng(seed + 100).permutation(FOUR))
+    if tuple(shuffled) == FOUR:
+        shuffled.reverse()
+    assert joint_order_from_torques(samples.joints(shuffled)) == FOUR
+
+
+def test_the_right_order_is_kept():
+    assert joint_order_from_torques(four_joints(0)) is None

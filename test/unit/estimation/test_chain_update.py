@@ -6,8 +6,11 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.update import update, UpdateOptions
+from gravity_comp_ros.estimation.update import reversal_std, update, UpdateOptions
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
@@ -152,3 +155,22 @@ def test_differences_between_hypotheses_are_part_of_the_uncertainty(old, wide):
     assert difference.max() > 0.1
     single = _spread(loaded, wide, torques[:1], np.ones(1))
     np.testing.assert_allclose(single, 0.0, atol=1e-12)
+
+
+NO_ENERGY = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+@pytest.mark.parametrize('law', [{'width': 0.02}, {'ramp': 0.02}])
+def test_friction_is_uncertain_near_reversals_only(law):
+    speeds = np.array([0.0, 0.02, 0.1, -0.02])
+    samples = JointSamples.single_run(('a', 'b'), np.arange(4.0), np.zeros((4, 2)),
+                                      np.column_stack([speeds, speeds]), np.zeros((4, 2)))
+    friction = AppliedEffect('coulomb_friction', 'a', law, {
+        'F_c': Value(3.0, 'N·m', (2.8, 3.2))})
+    model = GravityModel(('a', 'b'), 'potential', (NO_ENERGY, NO_ENERGY), NO_ENERGY, np.zeros(2),
+                         Coverage(np.zeros(2), np.zeros(2), 4), fitted=Applied((friction,)))
+    std = reversal_std(model, samples)
+    # The speed of the reversal changes by the factor 1.8 with the payload.
+    slow, quick = (1.0 / 1.8, 1.0) if 'ramp' in law else (np.tanh(1.0 / 1.8), np.tanh(1.8))
+    assert std[1, 0] == std[3, 0] == pytest.approx(1.5 * (quick - slow))
+    assert std[0, 0] == 0.0 and std[2, 0] < 0.05 and not std[:, 1].any()

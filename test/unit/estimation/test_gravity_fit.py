@@ -1,14 +1,16 @@
 """Fits of arms with known torque: by hand, of any length, tilted, with joints at rest."""
 
+from dataclasses import replace
 import json
 
 from bench.cases.sensors import ornstein_uhlenbeck
 from bench.shared.serial_arms import G, planar_2r, poses, samples_of, serial_arm
-from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import admm, dictionary
+from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
 import numpy as np
@@ -288,3 +290,76 @@ def test_torques_of_exactly_zero_are_accepted(formulation):
     tau[:5] = 0.0
     model = fit(samples_of(q, tau), FitOptions(formulation)).model
     assert rms(model.predict(q) - tau).max() < 1e-6
+
+
+ARM = serial_arm(4, 3)
+NOISE = 0.1
+ELBOW = 2
+
+
+def recorded(offset: float, seed: int) -> JointSamples:
+    """Return 400 poses with white noise, and an offset in N·m on the third joint."""
+    q = poses(400, 4, seed)
+    tau = gravity_torque(ARM, q) + NOISE * np.random.default_rng(seed).normal(size=q.shape)
+    tau[:, ELBOW] += offset
+    return JointSamples.single_run(ARM.joints, 0.2 * np.arange(len(q)), q, np.zeros_like(q), tau)
+
+
+@pytest.fixture(scope='module')
+def old():
+    """Return a model whose chain was fitted without offsets."""
+    model = fit(recorded(0.0, 1), FitOptions('chain')).model
+    assert not model.fitted.effects and not model.applied.effects
+    return model
+
+
+def test_a_fit_that_starts_from_a_chain_without_offsets_finds_one(old):
+    model = fit(recorded(0.5, 2), FitOptions('chain'), old=old).model
+    effect, = (*model.fitted.effects, *model.applied.effects)
+    assert effect.target == f'torque_offset:{ARM.joints[ELBOW]}'
+    assert effect.coefficients['b'].value == pytest.approx(0.5, abs=0.03)
+    assert model.residual_std == pytest.approx(np.full(4, NOISE), rel=0.1)
+
+
+@pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
+def test_the_report_names_the_formulation_of_the_model(formulation):
+    result = fit(recorded(0.0, 0), FitOptions(formulation))
+    assert result.report.choice.formulation == result.model.formulation == formulation
+
+
+def data(seed: int, arm_seed: int = 0):
+    q = poses(150, 4, seed=seed)
+    return samples_of(q, gravity_torque(serial_arm(4, seed=arm_seed), q), 0.1)
+
+
+def same(a, b) -> None:
+    for one, other in zip(a.model.torques, b.model.torques):
+        np.testing.assert_array_equal(one.indices, other.indices)
+        np.testing.assert_allclose(one.weights, other.weights, atol=1e-3)
+
+
+@BOTH
+@pytest.mark.parametrize('arm_seed', [0, 1])
+def test_the_result_does_not_depend_on_the_start(formulation, arm_seed):
+    # The old model is of this arm, or of a different one.
+    old = fit(data(5, arm_seed), FitOptions(formulation)).model
+    cold, warm = (fit(data(0), FitOptions(formulation), old=start) for start in (None, old))
+    same(cold, warm)
+
+
+def test_a_start_from_the_same_arm_takes_fewer_rounds():
+    old = fit(data(5)).model if FitOptions().formulation == 'potential' else fit(
+        data(5), FitOptions('potential')).model
+    cold, warm = (fit(data(0), FitOptions('potential'), old=start) for start in (None, old))
+    assert warm.report.solver[0].rounds <= cold.report.solver[0].rounds
+
+
+@BOTH
+def test_an_empty_model_or_one_of_other_joints_is_ignored(formulation):
+    cold = fit(data(0), FitOptions(formulation))
+    nothing = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
+    other = replace(cold.model, energy=nothing if cold.model.energy is not None else None,
+                    torques=(nothing,) * 4)
+    same(cold, fit(data(0), FitOptions(formulation), old=other))
+    renamed = replace(cold.model, joints=('a', 'b', 'c', 'd'))
+    same(cold, fit(data(0), FitOptions(formulation), old=renamed))

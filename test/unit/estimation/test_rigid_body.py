@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from bench.cases.generated import generated_arm
+from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
-from bench.shared.fast_arms import drawn, of_motion, recording
+from bench.shared.fast_arms import drawn, moved, of_motion, recording, worst
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
@@ -17,7 +18,8 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.simulation import arms
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -130,3 +132,42 @@ def test_a_model_file_includes_the_geometry(tmp_path):
     save_model(tmp_path / 'bad.json', replace(model, geometry=broken))
     with pytest.raises(ModelFileError, match='origins'):
         load_model(tmp_path / 'bad.json')
+
+
+ARM = iiwa7()
+
+
+@pytest.mark.parametrize('known, seed, limit', [
+    (False, 0, 0.06), *campaign((True, 7, 0.05), (True, 0, 0.03), (False, 7, 0.1))])
+def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
+    options = FitOptions(geometry=known_axes(ARM) if known else None)
+    samples = moved(ARM, seed, 1.0, 0.3, 0.0, 60.0)
+    result = fit(samples, options)
+    assert worst(ARM, result.model) < limit
+    # The torque of motion is fitted and not predicted.
+    assert not result.model.applied.effects and result.report.known_axes == known
+    residual = samples.tau - result.model.predict(samples.q)
+    np.testing.assert_allclose(list(result.report.rmse.values()),
+                               np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
+
+
+NOISE = FRICTION = 0.3
+
+
+@pytest.mark.parametrize('seed', [0, *campaign(1)])
+def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
+    arm, motion = arms.iiwa7(), motions.eq17()
+    tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
+    tau += FRICTION * np.tanh(motion.qd / 0.002)
+    tau += NOISE * np.random.default_rng([seed, 7]).normal(size=tau.shape)
+    samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
+    friction = [f'coulomb_friction:{name}' for name in samples.names]
+    model = fit(samples, FitOptions('chain'), effects=friction).model
+    values = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
+    assert len(values) == 7 and values == pytest.approx([FRICTION] * 7, abs=0.08)
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+    for q, bound in ((motions.eq17(start=100.0).q, 0.15), (wide, 0.6)):
+        error = model.predict(q) - arms.gravity_torque(arm, q)
+        assert np.sqrt((error ** 2).mean(axis=0)).max() <= bound
+        inside = np.abs(error) <= 1.96 * np.hypot(model.predict_std(q), NOISE)
+        assert inside.mean() >= 0.95

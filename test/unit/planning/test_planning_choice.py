@@ -6,11 +6,13 @@ from functools import cache
 from bench.shared.planning_arm import model, NAMES, NOISE, one_way, played
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import _solved, Criterion
-from gravity_comp_ros.planning.questions import open_targets, questions_of
+from gravity_comp_ros.planning.criterion import _solved, Criterion, Gravity
+from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.sums import row_seconds, Sums
 from gravity_comp_ros.regression.candidates import TermFactory
@@ -217,3 +219,54 @@ def test_the_weights_contain_the_discrepancy_of_the_planned_rows():
     error = (problem.options.discrepancy * problem.scale.torque) ** 2 * 200
     np.testing.assert_allclose(1.0 / sums.weights, 1.0 / posterior.precision + error, rtol=0.01)
     assert (regression.noise < NOISE).all()
+
+
+def finding(effect, joint, verdict, alternatives=()):
+    return Finding(joint, effect, verdict, alternatives, {}, 0.1, 0.05, 0.0, 1.0, '', '')
+
+
+def test_open_findings_come_first():
+    regression = estimate(one_way(0), FitOptions('chain'), old=model()).regression
+    targets = open_targets(regression, Diagnosis((
+        finding('joint_spring', 'wrist', 'weak'), finding('torque_offset', 'elbow', 'established'),
+        finding('coulomb_friction', 'elbow', 'ambiguous', ('torque_offset',)),
+        finding('rigid_body_dynamics', None, 'weak'), finding(None, 'elbow', 'unexplained')), {}))
+    names = [target.name for target in targets]
+    assert names[:2] == ['joint_spring:wrist', 'coulomb_friction:elbow']
+    assert targets[1].alternatives == ('torque_offset',)
+    # Friction that the one-way recording does not excite follows, each once.
+    assert {'coulomb_friction:shoulder', 'viscous_friction:elbow'} < set(names[2:])
+    assert len(set(names)) == len(names) and 'torque_offset:elbow' not in names
+
+
+WIDE = PlanOptions(20.0, low=np.full(3, -1.2), high=np.full(3, 1.2), reach=np.inf)
+
+
+@pytest.fixture(scope='module')
+def estimated_gravity():
+    return estimate(one_way(0, span=0.3), FitOptions('chain'), old=model())
+
+
+def test_the_uncertainty_is_that_of_the_model(estimated_gravity):
+    old = one_way(0, span=0.3)
+    question = Gravity.of(estimated_gravity.regression, True)
+    std = model_of(estimated_gravity, Switches()).predict_std(old.q)
+    np.testing.assert_allclose(question.now, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
+    assert question.joints == tuple(np.argsort(-question.now))
+
+
+def test_a_plan_reduces_the_uncertainty(estimated_gravity):
+    planned = plan(one_way(0, span=0.3), model(), named_targets(['gravity'], NAMES), WIDE,
+                   estimated=estimated_gravity)
+    assert {each.joint for each in planned.gravity} == set(NAMES) and not planned.expectations
+    assert all(each.after < each.before for each in planned.gravity)
+    assert any('gravity' in part.settles for part in planned.parts)
+    assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
+
+
+def test_more_motion_reduces_the_uncertainty(estimated_gravity):
+    question = Gravity.of(estimated_gravity.regression, True)
+    # Without a motion it is the published posterior.
+    now, after = question.std(question.sums.recorded * np.array([1.0, 4.0])[:, None, None])
+    np.testing.assert_allclose(now, question.now, rtol=1e-6)
+    assert (after < 0.75 * now).all()

@@ -2,10 +2,19 @@
 
 from dataclasses import replace
 
+from bench.shared.regression_cases import motion_of_joints, OwnGravity, with_torque
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.effects.presliding import presliding_state
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.regression.condensed import condensed
+from gravity_comp_ros.regression.linear import Linear
+from gravity_comp_ros.regression.measured_motion import variance_by_motion
 from gravity_comp_ros.regression.noise import correlation_time
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.rows import N_FOLDS, rows_of
 from hypothesis import given, strategies as st
 import numpy as np
@@ -157,3 +166,109 @@ def test_poses_without_motion_between_them_have_rows_of_their_own():
     q[200:, 0] += np.arange(200) * 0.5
     rows = rows_of(replace(still, q=q), EngineOptions(max_rows=20))
     assert (rows.count[-200:] == 1).all() and (rows.count[:-200] > 10).all()
+
+
+ALL = replace(OPTIONS, row_samples=10 ** 6, max_samples=10 ** 9)
+
+
+def recording(rate, seconds=30.0):
+    """Return two joints with gravity, Coulomb friction of 2 N·m and noise at some rate, in Hz."""
+    samples = concatenate(motion_of_joints(2, 3, seconds, rate))
+    rng = np.random.default_rng(1)
+    tau = np.column_stack([10.0 * np.sin(samples.q[:, 0]), 4.0 * np.cos(samples.q[:, 1])])
+    tau += 2.0 * np.sign(samples.qd) + 0.1 * rng.standard_normal(tau.shape)
+    return replace(samples, tau=tau)
+
+
+def test_a_slow_recording_is_as_it_was():
+    samples = recording(100.0)
+    means = condensed(samples, np.ones(len(samples), dtype=bool), OPTIONS)
+    assert means.samples is samples and len(means.group) == len(samples)
+
+
+def test_rows_keep_the_means_of_all_samples():
+    samples = recording(1000.0)
+    problem = Problem.of(samples)
+    whole = Problem.of(samples, options=ALL)
+    assert len(problem.samples) == pytest.approx(len(samples) / 10, rel=0.01)
+    assert len(whole.samples) == len(samples)
+    assert problem.n_measured.sum() == len(samples)
+    for n in range(2):
+        here = np.bincount(problem.row_of, samples.tau[problem.used, n]) / problem.n_measured
+        np.testing.assert_allclose(problem.y[:, n], here)
+
+
+def test_a_long_recording_has_fewer_samples_in_a_row():
+    samples = recording(100.0)
+    for most, each in ((6000, 10), (3000, 5), (100, 1)):
+        problem = Problem.of(samples, options=replace(OPTIONS, max_samples=most))
+        assert len(problem.samples) == pytest.approx(600 * each, rel=0.01)
+        assert problem.rows.n_rows == pytest.approx(600, abs=2)
+
+
+def test_samples_that_are_not_used_are_in_no_row():
+    samples = recording(1000.0)
+    use = samples.t % 7.0 < 4.0
+    problem = Problem.of(samples, use)
+    assert use[problem.used].all() and len(problem.used) > 0.99 * use.sum()
+
+
+def test_a_model_of_means_is_that_of_all_samples():
+    samples = recording(1000.0)
+    coarse, fine = (fit(samples, FitOptions(engine=each)).model for each in (OPTIONS, ALL))
+    names = {effect.target for effect in fine.fitted.effects}
+    assert {'coulomb_friction:j0', 'coulomb_friction:j1'} <= names
+    assert {effect.target for effect in coarse.fitted.effects} == names
+    np.testing.assert_allclose(coarse.residual_std, fine.residual_std, rtol=0.02)
+    change = predict_torque(coarse, samples) - predict_torque(fine, samples)
+    assert np.abs(change).max() < 0.02
+
+
+ANGLE, SPEED = 2e-5, 1e-3
+
+
+def measured(seed, torque):
+    """Return samples at 50 Hz, true and with noisy angles and speeds."""
+    rng, runs = np.random.default_rng(seed), motion_of_joints(1, seed, rate=50.0)
+    true = with_torque(runs, torque, seed, noise=1e-3)
+    noisy = JointSamples(true.names, true.t, true.q + ANGLE * rng.standard_normal(true.q.shape),
+                         true.qd + SPEED * rng.standard_normal(true.q.shape), true.tau,
+                         true.runs, true.run_labels)
+    return true, noisy
+
+
+def fitted(samples, *terms):
+    """Return the problem of samples linearised with some terms, (name, setting)."""
+    problem, shared = Problem.of(samples), OwnGravity(np.array([4.0, -1.0]))
+    factory = problem.factory(shared)
+    return Linear.at(problem, shared, factory, tuple(
+        factory.term(known_effect(name), 0, setting) for name, setting in terms), problem.weights)
+
+
+def test_viscous_friction_by_hand():
+    # The mean of five samples: (F sigma)^2 / 5.
+    _, samples = measured(0, lambda q, qd, t: 4.0 * np.sin(q) - np.cos(q) + 2.0 * qd)
+    fit = fitted(samples, ('viscous_friction', {}))
+    variance = variance_by_motion(fit.posterior, fit.factory)
+    assert variance.mean() == pytest.approx((2.0 * SPEED) ** 2 / 5.0, rel=0.1)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_rows_with_a_reversal_have_the_error_of_friction(seed):
+    def torque(q, qd, t):
+        runs = np.split(q[:, 0], np.flatnonzero(np.diff(t) < 0.0) + 1)
+        return (4.0 * np.sin(q) - np.cos(q) + np.concatenate(
+            [presliding_state(run, 5e-5) for run in runs])[:, None])
+
+    true, samples = measured(seed, torque)
+    fit = fitted(samples, ('coulomb_friction', {'distance': 5e-5}))
+    std = np.sqrt(variance_by_motion(fit.posterior, fit.factory))[:, 0]
+    term, = fit.posterior.terms
+    exact = term.effect.columns(Problem.of(true).motion, 0, term.setting)
+    error = (term.columns - fit.problem.rows.mean(exact))[:, 0]
+    uncertain = std > 0.02
+    assert 0.005 < uncertain.mean() < 0.1
+    assert np.abs(error[~uncertain]).max() < 0.1
+    # The path without encoder noise leads by about its standard deviation, which no draw shows.
+    ratio = np.sqrt((error[uncertain] ** 2).mean() / (std[uncertain] ** 2).mean())
+    assert 0.4 < ratio < 3.0, ratio

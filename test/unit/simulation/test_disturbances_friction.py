@@ -1,12 +1,18 @@
 """Friction by load, temperature and direction, and of a shared gear."""
 
+from dataclasses import replace
+
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, LoadFriction, LuGre, ThermalFriction)
-from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
+    deflection, DifferentialFriction, Friction, friction_torque, GreasedGear, LoadFriction, LuGre,
+    ThermalFriction)
+from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions, sample
 from gravity_comp_ros.simulation.synthesise import Signals
+from hypothesis import given, strategies as st
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp, trapezoid
 
 ARM = iiwa7()
 
@@ -85,3 +91,95 @@ def test_a_differential_dissipates_the_power_of_its_shafts(shafts):
     sliding = np.minimum(np.abs(va + vb), np.abs(vb - va)) > 0.04
     assert power[sliding] == pytest.approx(lost[sliding], rel=0.02, abs=1e-4)
     assert power[sliding].min() >= 0
+
+
+SURFACES = LuGre(1.5, viscous=2.0, static=2.7, stribeck_speed=0.03)
+
+
+def at_speed(v, duration=2.0, step=0.005):
+    t = np.arange(0.0, duration, step)
+    return t, v * t, np.full_like(t, v)
+
+
+@pytest.mark.parametrize('v', [-0.3, -0.03, 0.001, 0.02, 0.2])
+def test_steady_sliding_follows_the_stribeck_curve(v):
+    torque = friction_torque(*at_speed(v, 10.0), SURFACES)[-1]
+    # Analytically: level (1 + (2.7 / 1.5 - 1) / (1 + (v / 0.03)^2)), and the viscous part.
+    expected = np.sign(v) * (1.5 + 1.2 / (1 + (v / 0.03) ** 2)) + 2.0 * v
+    assert torque == pytest.approx(expected, rel=1e-6)
+
+
+def test_agrees_with_a_general_integrator():
+    def speed(t):
+        return 0.1 * np.sin(3 * t)
+
+    def rate(t, z):
+        v = speed(t)
+        level = 1.5 + 1.2 / (1 + (v / 0.03) ** 2)
+        return v - 7500.0 * abs(v) / level * z
+
+    t = np.arange(0.0, 3.0, 2e-4)
+    z = solve_ivp(rate, (0, 3), [0.0], t_eval=t, rtol=1e-8, atol=1e-12, max_step=1e-3,
+                  method='LSODA').y[0]
+    reference = 7500.0 * z + 15.0 * np.array([rate(a, b) for a, b in zip(t, z)]) + 2.0 * speed(t)
+    torque = friction_torque(t, 0.1 / 3 * (1 - np.cos(3 * t)), speed(t), SURFACES)
+    assert np.abs(torque - reference).max() < 0.02
+
+
+def test_two_directions_have_their_own_level():
+    forward = LuGre(1.0, 1.0)
+    backward = replace(forward.at_level(0.4), viscous=3.0)
+    assert friction_torque(*at_speed(0.1), forward, backward)[-1] == pytest.approx(1.1)
+    assert friction_torque(*at_speed(-0.1), forward, backward)[-1] == pytest.approx(-0.7)
+    with pytest.raises(OptionError, match='one stiffness'):
+        friction_torque(*at_speed(0.1), forward, LuGre(0.4))
+
+
+@given(st.integers(0, 2 ** 31), st.floats(0.1, 5.0), st.floats(1e-4, 1e-2), st.floats(0.2, 5.0))
+def test_friction_is_passive_on_a_closed_path(seed, level, presliding, ratio):
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 10, 4001)
+    q = 0.3 * np.sin(np.outer(t, 2 * np.pi * np.arange(1, 4) / 10)) @ rng.standard_normal(3)
+    v = np.gradient(q, t)
+    surfaces = LuGre(level, 0.5, 2 * level, presliding=presliding)
+    torque = friction_torque(t, q, v, surfaces, surfaces.at_level(ratio * level))
+    # Only the energy stored in the bristles at the end may be missing.
+    stored = 0.5 * surfaces.stiffness * (3 * max(1.0, ratio) * presliding) ** 2
+    assert trapezoid(torque * v, t) > -stored
+
+
+@given(st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=50), st.floats(1e-4, 1e-1))
+def test_deflection_never_exceeds_slip(moves, slip):
+    z = deflection(np.array(moves), np.full(len(moves), slip))
+    assert len(z) == len(moves) + 1
+    assert np.abs(z).max() <= slip * (1 + 1e-12)
+
+
+JOINT = 3
+
+
+def torque(speed, gear):
+    """Return the friction at the end of 2 s of motion at a speed in rad/s."""
+    def path(t):
+        qd = np.zeros((len(t), 7))
+        qd[:, JOINT] = speed
+        return qd * t[:, None], qd, 0.0 * qd
+
+    motion = sample('steady', path, 2.0, 200.0)
+    still = Signals(motion.q, motion.qd, np.zeros_like(motion.q))
+    out = gear.apply(still, motion, ARM, np.random.default_rng(0)).tau
+    assert not np.delete(out, JOINT, axis=1).any()
+    return out[-1, JOINT]
+
+
+def test_slow_grease_is_viscous_and_fast_grease_grows_with_the_logarithm():
+    gear = GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0))
+    assert torque(0.001, gear) == pytest.approx(2.0 * 0.001 / 0.05, rel=1e-3)
+    assert torque(2.0, gear) - torque(1.0, gear) == pytest.approx(2.0 * np.log(2.0), rel=1e-3)
+    assert torque(-0.5, gear) == pytest.approx(-torque(0.5, gear))
+
+
+def test_coulomb_friction_is_added():
+    dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
+    alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
+    assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)
