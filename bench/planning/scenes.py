@@ -36,23 +36,17 @@ class Kind:
     """
     A hidden effect, with its size in the simulation.
 
-    `alternative` is the effect that a poor recording does not separate it from: `NAME` on the same
-    joint, `NAME:+1` on the next.
+    `alternative` is the effect of the same joint that a poor recording does not separate it from.
     """
 
     size: float
     alternative: str = ''
-    whole_arm: bool = False
 
 
 KINDS = {
     'coulomb_friction': Kind(1.0), 'viscous_friction': Kind(8.0), 'torque_offset': Kind(1.5),
-    'presliding_hysteresis': Kind(1.5, 'coulomb_friction'),
     'load_dependent_friction': Kind(0.03, 'coulomb_friction'),
-    'joint_spring': Kind(20.0, 'torque_offset'),
-    'joint_flexibility': Kind(3e-4, 'encoder_offset'),
-    'base_tilt': Kind(0.01, 'encoder_offset:+1', whole_arm=True),
-    'friction_drift': Kind(6.0, 'torque_drift')}
+    'joint_spring': Kind(20.0, 'torque_offset')}
 
 
 @dataclass(frozen=True)
@@ -92,16 +86,14 @@ class Scene:
     @property
     def truth(self) -> Target:
         """Return the hidden effect with its alternative."""
-        joints, (name, _, next_one) = self.arm_model.joints, self.kind.alternative.partition(':')
-        other = f'{name}:{joints[self.joint + 1]}' if next_one else name
-        return Target(self.effect, None if self.kind.whole_arm else joints[self.joint],
-                      (other,) if name else ())
+        alternative = self.kind.alternative
+        return Target(self.effect, self.arm_model.joints[self.joint],
+                      (alternative,) if alternative else ())
 
     @property
     def disturbance(self) -> Disturbance:
         """Return the hidden effect."""
-        place = '' if self.kind.whole_arm else f':{self.joint + 1}'
-        return hidden(f'{self.effect}{place}={self.size}', self.arm_model).disturbance
+        return hidden(f'{self.effect}:{self.joint + 1}={self.size}', self.arm_model).disturbance
 
     def poor_motion(self) -> motions.Motion:
         """Return 60 s of poor motion of the joint under test."""

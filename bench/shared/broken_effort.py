@@ -11,7 +11,7 @@ Break = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 # Noise of a sensor without torque, N·m.
 IDLE = 0.1
-SHOULDER, ELBOW, WRIST = 1, 3, 5
+SHOULDER, ELBOW = 1, 3
 
 
 def drives_off(tau: FloatArray, rng: np.random.Generator) -> FloatArray:

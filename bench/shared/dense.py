@@ -10,10 +10,6 @@ class DenseDesign:
         self.matrix = np.asarray(matrix, dtype=float)
         self.n_rows, self.n_columns = self.matrix.shape
 
-    @property
-    def precise(self):
-        return self
-
     def columns(self, indices):
         return self.matrix[:, indices]
 

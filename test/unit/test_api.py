@@ -202,9 +202,3 @@ def test_hints_for_python_and_for_the_command_line(bags, data, tmp_path, capsys)
     assert '--all-samples' in capsys.readouterr().err
     with pytest.raises(OptionError, match='did you mean'):
         gc.fit(data, effects=['coulomb_frictoin'])
-
-
-def test_samples_compare_by_identity(data):
-    # Comparison of arrays in `==` would raise an error.
-    copy = data.samples.select(np.arange(len(data.samples)))
-    assert data.samples == data.samples and copy != data.samples

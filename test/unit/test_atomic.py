@@ -35,19 +35,6 @@ def test_a_new_file(tmp_path):
     assert os.listdir(tmp_path) == ['new']
 
 
-def test_an_old_file_is_replaced(old):
-    write_atomically(old, b'longer than before', ModelFileError)
-    assert old.read_bytes() == b'longer than before'
-    assert os.listdir(old.parent) == ['file.json']
-
-
-def test_a_reader_that_has_the_old_file_open_keeps_it(old):
-    with old.open('rb') as reader:
-        write_atomically(old, b'new', ModelFileError)
-        assert reader.read() == b'old'
-    assert old.read_bytes() == b'new'
-
-
 def test_the_old_file_remains_until_the_block_ends(old):
     with replacing(old, ModelFileError) as temporary:
         temporary.write_bytes(b'ne')
@@ -118,14 +105,6 @@ def test_a_folder_that_cannot_be_written_to(old, place, message):
         write_atomically(path, b'new', ModelFileError)
     assert str(path) in str(caught.value)
     assert old.read_bytes() == b'old' and os.listdir(old.parent) == ['file.json']
-
-
-def test_a_read_only_folder(old, monkeypatch):
-    # A superuser may write anywhere, so the refusal is simulated.
-    monkeypatch.setattr('os.open', failing(errno.EACCES))
-    with pytest.raises(ModelFileError, match='permission denied'):
-        write_atomically(old, b'new', ModelFileError)
-    assert old.read_bytes() == b'old'
 
 
 def test_a_folder_at_the_path_of_the_file(tmp_path):

@@ -2,14 +2,16 @@
 
 from pathlib import Path
 
+from bench.shared import urdf_snippets as robots
 from bench.shared.serial_arms import poses
-from gravity_comp_ros.description.links import (
-    described_arm, frame_parameters, urdf_inertials)
-from gravity_comp_ros.description.urdf import parse_urdf, read_text
-from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.description.links import described_arm, frame_parameters, urdf_inertials
+from gravity_comp_ros.description.robot_tree import arm_joints
+from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf, read_text
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms
+from hypothesis import given, strategies
 import numpy as np
 import pytest
 
@@ -162,3 +164,157 @@ def test_the_geometry_has_the_inertials_of_links_that_are_possible():
         # Each fault is that of the links whose numbers changed, and the others are kept.
         assert (masses > 0.0).sum() == 3 - sum(
             (a != b) for a, b in zip(slim.split('</inertial>'), text.split('</inertial>')))
+
+
+MASS, COM = 2.0, np.array([0.03, -0.05, 0.12])
+
+
+def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
+    """Check that the axes explain the gravity torque, and the lengths that of a payload."""
+    q = np.random.default_rng(0).uniform(-2.5, 2.5, (30, geometry.n_joints))
+    torque = robots.pinocchio_torque(text, geometry.joints, q, held)
+    columns = ForwardKinematics(geometry.rotations, q).moment_columns()
+    flat = columns.reshape(len(columns), -1).T
+    moments = np.linalg.lstsq(flat, torque.T.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(flat @ moments, torque.T.ravel(), atol=1e-8)
+    tool = np.array([MASS, *(MASS * COM)]) @ geometry.tool_moments()
+    more = robots.pinocchio_torque(text, geometry.joints, q, held, (MASS, COM)) - torque
+    np.testing.assert_allclose(Chain(geometry.rotations, tool.reshape(-1, 2)).torque(q), more,
+                               atol=1e-8)
+
+
+@pytest.mark.parametrize('text, joints, fixed, held', [
+    (robots.UR, robots.UR_JOINTS, {}, {}),
+    (robots.PANDA, robots.PANDA_JOINTS, {}, {}),
+    # Positions of fingers do not affect the axes of the arm.
+    (robots.PANDA, robots.PANDA_JOINTS, {'panda_finger_joint1': 0.02}, {}),
+    (robots.BAXTER, tuple(f'left_{part}' for part in robots.BAXTER_PARTS), {}, {}),
+    (robots.BAXTER, tuple(f'right_{part}' for part in robots.BAXTER_PARTS), {}, {}),
+    # The position of a lift does not rotate gravity.
+    (robots.TIAGO, robots.TIAGO_JOINTS, {'torso_lift_joint': 0.2}, {}),
+    (robots.HUMANOID, robots.HUMANOID_ARM, {}, {'waist_pitch_joint': 0.0}),
+    (robots.HUMANOID, robots.HUMANOID_ARM, {'waist_pitch_joint': 0.4},
+     {'waist_pitch_joint': 0.4}),
+    (robots.HUMANOID, ('waist_yaw_joint', 'waist_pitch_joint', *robots.HUMANOID_ARM), {}, {}),
+    (robots.SO101, robots.SO101_JOINTS, {}, {}),
+    # Joints within the arm that are not recorded.
+    (robots.PANDA, ('panda_joint2', 'panda_joint4', 'panda_joint5'),
+     {'panda_joint1': 0.2, 'panda_joint3': -0.7}, {'panda_joint3': -0.7}),
+], ids=lambda value: None)
+def test_axes_of_robots(text, joints, fixed, held):
+    # Any order of the joints.
+    geometry = parse_urdf(text, joints[::-1], held=HeldPositions(fixed))
+    assert geometry.joints == joints
+    assert {joint.name: joint.value for joint in geometry.held} == held
+    check_axes(text, geometry, {**held, **fixed})
+
+
+KINDS = strategies.sampled_from(('wanted', 'wanted', 'fixed', 'held', 'prismatic'))
+VECTORS = strategies.tuples(*3 * [strategies.floats(-1.0, 1.0)])
+
+
+@given(strategies.lists(strategies.tuples(KINDS, VECTORS, VECTORS, VECTORS,
+                                          strategies.floats(-1.0, 1.0)), min_size=1, max_size=8))
+def test_random_paths_agree_with_pinocchio(steps):
+    parts, names, held = [], [], {}
+    for n, (kind, xyz, rpy, axis, value) in enumerate(steps):
+        if np.linalg.norm(axis) < 0.1:
+            axis = (0.0, 0.6, 0.8)
+        types = {'wanted': 'revolute', 'held': 'revolute'}
+        parts.append(robots.joint(
+            f'j{n}', f'l{n}', f'l{n + 1}', types.get(kind, kind),
+            *(' '.join(map(str, vector)) for vector in (xyz, rpy, axis))))
+        if kind == 'wanted':
+            names.append(f'j{n}')
+        elif kind != 'fixed':
+            held[f'j{n}'] = value
+    if not names:
+        return
+    text = robots.robot(*parts, root='l0')
+    geometry = parse_urdf(text, names, held=HeldPositions(recorded=held))
+    assert set(held_joints(text, names)) >= {joint.name for joint in geometry.held}
+    check_axes(text, geometry, held)
+
+
+def test_joints_that_the_geometry_depends_on():
+    assert held_joints(robots.HUMANOID, robots.HUMANOID_ARM) == ('waist_pitch_joint',)
+    assert held_joints(robots.TIAGO, robots.TIAGO_JOINTS) == ()
+    # A yaw joint after a tilted one matters; so does a lift within the arm.
+    tilted = robots.robot(robots.joint('lean', 'base_link', 'a', rpy='0 0 0', axis='0 1 0'),
+                          robots.joint('yaw', 'a', 'b'), robots.joint('up', 'b', 'c', 'prismatic'),
+                          robots.joint('one', 'c', 'd', axis='1 0 0'),
+                          robots.joint('slide', 'd', 'e', 'prismatic'),
+                          robots.joint('two', 'e', 'f', axis='0 1 0'))
+    assert held_joints(tilted, ('one', 'two')) == ('lean', 'yaw', 'slide')
+
+
+def test_positions_of_held_joints():
+    one = robots.joint('waist', 'base_link', 'a', axis='0 1 0',
+                       extra='<limit lower="0.5" upper="1.5"/>')
+    text = robots.robot(one, robots.joint('arm', 'a', 'b', axis='0 1 0'))
+
+    def held(**where):
+        geometry = parse_urdf(text, ('arm',), held=HeldPositions(**where))
+        return [(j.value, j.by) for j in geometry.held]
+
+    assert held() == [(1.0, 'assumption')]  # its limits exclude 0
+    assert held(recorded={'waist': 0.7}) == [(0.7, 'recording')]
+    assert held(recorded={'waist': 0.7}, fixed={'waist': 0.0}) == [(0.0, 'option')]
+    for wrong, message in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'part of the arm')):
+        with pytest.raises(OptionError, match=message):
+            held(fixed=wrong)
+    with pytest.raises(OptionError, match='cannot be held'):
+        HeldPositions({'waist': float('nan')})
+
+
+def test_mimic_joints():
+    def text(leader):
+        rule = f'<mimic joint="{leader}" multiplier="-2" offset="0.1"/>'
+        return robots.robot(robots.joint('a', 'base_link', 'l1', axis='0 1 0'),
+                            robots.joint('b', 'l1', 'l2', axis='0 1 0'),
+                            robots.joint('follower', 'l2', 'l3', axis='0 1 0', extra=rule),
+                            robots.joint('c', 'l3', 'l4', axis='1 0 0'))
+    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldPositions({'b': 0.3}))
+    assert [(j.name, round(j.value, 12)) for j in geometry.held] == [('b', 0.3),
+                                                                     ('follower', -0.5)]
+    assert held_joints(text('b'), ('a', 'c')) == ('b',)
+    with pytest.raises(ModelMismatchError, match='follower within the arm mimics a: a linkage'):
+        parse_urdf(text('a'), ('a', 'b', 'c'))
+    with pytest.raises(ModelMismatchError, match='follower mimics a; leave it out'):
+        parse_urdf(text('a'), ('a', 'b', 'follower'))
+    with pytest.raises(DataError, match='mimics absent, which is not there'):
+        parse_urdf(text('absent'), ('a', 'b', 'c'))
+    with pytest.raises(DataError, match='mimics itself'):
+        parse_urdf(text('follower'), ('a', 'b', 'c'))
+
+
+def test_selection_of_the_arm_joints():
+    recorded = sorted([*robots.PANDA_JOINTS, 'panda_finger_joint1', 'panda_finger_joint2'])
+    joints = arm_joints(robots.PANDA, recorded)
+    assert joints.joints == robots.PANDA_JOINTS
+    assert set(joints.left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
+    both = [f'{side}_{part}' for side in ('left', 'right') for part in robots.BAXTER_PARTS]
+    with pytest.raises(ModelMismatchError, match='2 different branches: left_s0.*[|] right_s0.*'
+                                                 '--joints left_s0,left_s1,left_e0'):
+        arm_joints(robots.BAXTER, both)
+    with pytest.raises(ModelMismatchError, match='no joint elbow'):
+        arm_joints(robots.PANDA, ['elbow'])
+    with pytest.raises(ModelMismatchError, match='torso_lift_joint is prismatic'):
+        parse_urdf(robots.TIAGO, ('torso_lift_joint', *robots.TIAGO_JOINTS))
+
+
+def test_namespace_blank_line_and_expanded_xacro():
+    text = robots.UR.replace('<robot ', '<robot xmlns="http://www.ros.org" '
+                             'xmlns:xacro="http://ros.org/wiki/xacro" ')
+    plain = parse_urdf(robots.UR, robots.UR_JOINTS)
+    for other in (text, '\n\n' + text, '\ufeff' + text, b'\n' + text.encode()):
+        again = parse_urdf(other, robots.UR_JOINTS)
+        np.testing.assert_array_equal(again.rotations, plain.rotations)
+
+
+def test_a_malformed_axis_outside_the_arm_is_ignored():
+    wheel = robots.joint('wheel', 'base_link', 'rim', 'continuous', axis='0 0 0')
+    text = robots.UR.replace('</robot>', f'{wheel}</robot>')
+    assert parse_urdf(text, robots.UR_JOINTS).joints == robots.UR_JOINTS
+    with pytest.raises(DataError, match='axis of continuous joint wheel has no direction'):
+        parse_urdf(text, ('wheel',))

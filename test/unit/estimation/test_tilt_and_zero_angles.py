@@ -3,9 +3,9 @@
 from dataclasses import replace
 from functools import cache
 
-from bench.estimator.vertical import tilted
 from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
+from bench.vertical import tilted
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY

@@ -1,17 +1,26 @@
-"""`calibrate`: torque per unit of effort from a known weight."""
+"""`calibrate`: torque per unit of effort from a known weight, and the stiffness of servos."""
 
 from dataclasses import replace
 import json
 from pathlib import Path
 
+from bench.shared.rough_links import two_links
 from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightOptions
+from gravity_comp_ros.calibration.servo_stiffness import (
+    held_goals, servo_stiffness, StiffnessOptions)
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
-from gravity_comp_ros.recordings.bag import read_bag
-from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.errors import (
+    BagError, DataError, GravityCompError, ModelMismatchError, OptionError)
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.sparse.dictionary import Expansion
+from gravity_comp_ros.node.outputs import position_offset
+from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.recordings.bag import joint_goals, read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 import numpy as np
 import pytest
 
@@ -129,3 +138,137 @@ def test_bad_input_is_one_line(recordings, capsys, change, status, message):
     assert main(change(recordings)) == status
     captured = capsys.readouterr()
     assert captured.out == '' and captured.err.count('\n') == 1 and message in captured.err
+
+
+STIFFNESS = np.array([150.0, 60.0])
+SERVOS = ('shoulder', 'elbow')
+
+
+def model(joints=SERVOS):
+    """Return tau = (8 sin q_1, 3 sin q_2)."""
+    torques = tuple(Expansion(np.array([k]), np.array([w])) for k, w in ((3, 8.0), (1, 3.0)))
+    return GravityModel(joints, 'per_joint', torques, None, np.full(2, 0.1),
+                        Coverage(np.full(2, -1.5), np.full(2, 1.5), 100))
+
+
+def servos(stiffness=STIFFNESS, joints=SERVOS, friction=0.2):
+    """Return slow motion of servos, and their goals: 0.05 rad of offset and 20 ms of delay."""
+    t = np.arange(0.0, 60.0, 0.1)
+    q = np.column_stack([1.2 * np.sin(0.1 * t), 1.2 * np.sin(0.13 * t + 1.0)])
+    qd = np.gradient(q, 0.1, axis=0)
+    tau = model(joints).predict(q) + friction * np.sign(qd)
+    noise = 1e-4 * np.random.default_rng(0).normal(size=q.shape)
+    return (JointSamples.single_run(joints, t, q, qd, tau),
+            q + tau / stiffness + 0.05 + 0.02 * qd + noise)
+
+
+def test_the_stiffness_is_found_in_spite_of_friction_delay_and_offset():
+    result = servo_stiffness(model(), *servos())
+    for joint, true in zip(SERVOS, STIFFNESS):
+        measured = result.stiffness[joint]
+        assert measured.value == pytest.approx(true, rel=0.02) and measured.unit == 'N·m/rad'
+        assert measured.ci95[0] < true < measured.ci95[1]
+    assert not result.left_out
+    assert result.sag['shoulder'] > 10 * result.rmse['shoulder']
+
+
+def test_a_joint_with_an_integral_part_or_a_wrong_sign_is_left_out():
+    samples, goal = servos()
+    goal[:, 1] = samples.q[:, 1] + 1e-4 * np.random.default_rng(1).normal(size=len(goal))
+    result = servo_stiffness(model(), samples, goal)
+    assert list(result.stiffness) == ['shoulder'] and 'integral' in result.left_out['elbow']
+    result = servo_stiffness(model(), *servos(np.array([150.0, -60.0])))
+    assert list(result.stiffness) == ['shoulder'] and 'signs' in result.left_out['elbow']
+    with pytest.raises(DataError, match='no stiffness: shoulder'):
+        servo_stiffness(model(), *servos(-STIFFNESS))
+
+
+@pytest.mark.parametrize('size', [0.0, 1e-8, 1e-3])
+def test_a_joint_with_hardly_any_torque_is_left_out(size):
+    samples, goal = servos()
+    torques = (model().torques[0], Expansion(np.array([1]), np.array([size])))
+    goal[:, 1] = samples.q[:, 1] + 1e-3 * np.random.default_rng(1).normal(size=len(goal))
+    result = servo_stiffness(replace(model(), torques=torques), samples, goal)
+    assert list(result.stiffness) == ['shoulder'] and 'hardly changes' in result.left_out['elbow']
+
+
+def test_unusable_goals_are_refused():
+    samples, goal = servos()
+    with pytest.raises(DataError, match='shape'):
+        servo_stiffness(model(), samples, goal[:, :1])
+    goal[30:] = np.nan
+    with pytest.raises(DataError, match='30 slow samples have a goal of every joint; at least 50'):
+        servo_stiffness(model(), samples, goal)
+    with pytest.raises(ModelMismatchError):
+        servo_stiffness(model(('a', 'b')), samples, goal)
+    with pytest.raises(OptionError):
+        StiffnessOptions(correlation=0.0)
+
+
+def test_a_goal_is_in_force_until_the_next_one():
+    held = held_goals(np.array([0.5, 1.0, 1.9, 5.0]), np.array([1.0, 2.0]),
+                      np.array([[1.0], [2.0]]))
+    np.testing.assert_array_equal(held, [[np.nan], [1.0], [1.0], [2.0]])
+
+
+def test_the_offset_is_torque_by_stiffness_and_limited():
+    offset = position_offset(np.array([15.0, -60.0]), STIFFNESS, 0.2)
+    np.testing.assert_allclose(offset, [0.1, -0.2])
+    np.testing.assert_allclose(position_offset(np.array([3.0, -6.0]), np.array([60.0]), 0.2),
+                               [0.05, -0.1])
+
+
+@pytest.mark.parametrize(('values', 'reason'), [
+    ((0.0,), 'must lie in'), ((-5.0,), 'must lie in'), ((float('nan'),), 'finite'),
+    ((float('inf'),), 'finite'), ((1e7,), 'must lie in'),
+    ((100.0, 50.0), '2 values for 3 joints')])
+def test_a_stiffness_that_cannot_be_is_refused(values, reason):
+    with pytest.raises(OptionError, match=f'servo_stiffness.*{reason}'):
+        Parameters(joints=('a', 'b', 'c'), servo_stiffness=values)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return a folder with a model, a recording with goals, and one with other goals."""
+    monkeypatch.chdir(tmp_path)
+    samples, goal = servos()
+    samples = replace(samples, names=two_links(1).names)
+    save_model(tmp_path / 'm.json', model(samples.names))
+    state = joint_states(samples)
+    write_bag(tmp_path / 'a.mcap', [state, JointTopic('/goals', samples.names, samples.t, goal),
+                                    JointTopic('/other', ('x',), samples.t, goal[:, :1])])
+    return tmp_path
+
+
+def test_the_verb_prints_the_parameter(folder, capsys):
+    command = ['calibrate', 'a.mcap', '--goals', '/goals', '--model', 'm.json']
+    assert main(command) == 0
+    assert 'servo_stiffness: [1' in capsys.readouterr().out
+    assert main([*command, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    values = json.loads(document['option'].removeprefix('servo_stiffness: '))
+    assert values == pytest.approx(STIFFNESS, rel=0.02)
+    assert Parameters(joints=tuple(document['joints']), servo_stiffness=tuple(values))
+
+
+@pytest.mark.parametrize(('words', 'status', 'reason'), [
+    ('a.mcap --goals /goals', 1, '--goals needs one recording and --model'),
+    ('a.mcap b.mcap --goals /goals --model m.json', 1, 'neither LOADED nor --mass'),
+    ('a.mcap', 1, 'name LOADED and --mass'),
+    ('a.mcap b.mcap --mass 2 --model m.json', 1, 'name LOADED and --mass'),
+    ('a.mcap --goals /nothing --model m.json', 1, 'no topic /nothing'),
+    ('a.mcap --goals /other --model m.json', 1, 'no joint')])
+def test_wrong_usage_is_one_line(folder, capsys, words, status, reason):
+    assert main(['calibrate', *words.split()]) == status
+    error = capsys.readouterr().err
+    assert reason in error and error.count('\n') == 1
+
+
+def test_goals_have_the_signs_and_zeros_of_the_positions(folder):
+    names = two_links(1).names
+    plain = joint_goals(folder / 'a.mcap', '/goals', names)[1]
+    turned = joint_goals(folder / 'a.mcap', '/goals', names, ReadOptions(
+        reverse=names[:1], zero={names[1]: 0.5}, position_unit='rad'))[1]
+    np.testing.assert_allclose(turned, np.column_stack([-plain[:, 0], plain[:, 1] - 0.5]))
+    with pytest.raises(BagError, match='no topic'):
+        joint_goals(folder / 'a.mcap', '/x', names)

@@ -1,12 +1,12 @@
 """Facts about the samples of a first model."""
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.node import checks, first_samples
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import FAULTS, FitJob
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.motions import multisine
-from gravity_comp_ros.data.samples import JointSamples
 import numpy as np
 
 

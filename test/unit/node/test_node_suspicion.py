@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 import time
 
-from bench import node_suspicion as bench
+from bench.shared.payload_samples import ARM, Core, force_torque, friction, learned, NOISE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise
@@ -18,19 +18,19 @@ from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
-from gravity_comp_ros.simulation.arms import gravity_torque
+from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
+from gravity_comp_ros.simulation.motions import eq17
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-ARM = bench.ARM
 N = 50
 
 
 @pytest.fixture(scope='module')
 def model():
-    return bench.learned(np.random.default_rng(5))
+    return learned(np.random.default_rng(5))
 
 
 @pytest.fixture(scope='module')
@@ -38,14 +38,13 @@ def geometry():
     return parse_urdf((ROOT / 'bags' / 'iiwa7.urdf').read_bytes(), ARM.joints)
 
 
-def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0, gain=1.0):
+def window(mass=0.0, rough=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0, gain=1.0):
     """Return the samples of an arm with friction in some seconds of slow motion."""
-    motion = bench.eq17(seconds, 5.0, start)
-    arm = ARM if mass == 0.0 else bench.with_payload(ARM, bench.Payload(mass, (0.08, -0.05, 0.1)))
+    motion = eq17(seconds, 5.0, start)
+    arm = ARM if mass == 0.0 else with_payload(ARM, Payload(mass, (0.08, -0.05, 0.1)))
     tau = gravity_torque(arm, motion.q)
-    tau += friction * (bench.COULOMB * np.tanh(motion.qd / bench.WIDTH)
-                       + bench.VISCOUS * motion.qd)
-    tau += bench.NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
+    tau += rough * friction(motion.qd)
+    tau += NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
     if force is not None:
         tau[force[0]] += force[1]
     tau[:, 1] *= gain
@@ -55,9 +54,8 @@ def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 
 def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
     """Return slow motion with a constant or varying force (3,) on the last link, N."""
     samples = window(start=start, seed=seed, seconds=seconds)
-    data = ARM.model.createData()
     size = 1.0 + varies * np.sin(2.0 * np.pi * (samples.t - samples.t[0]) / 5.0)
-    torque = [part * bench.force_torque(ARM, data, q, np.array(force))
+    torque = [part * force_torque(q, np.array(force))
               for part, q in zip(size, samples.q)]
     return replace(samples, tau=samples.tau + np.array(torque))
 
@@ -95,7 +93,7 @@ def test_a_payload_is_found_and_another_force_is_reported(name, model, geometry)
 
 
 @pytest.mark.parametrize('change', [
-    {}, {'friction': 0.5}, {'friction': 1.6}, {'force': (slice(20, 34), 15.0)},
+    {}, {'rough': 0.5}, {'rough': 1.6}, {'force': (slice(20, 34), 15.0)},
     {'force': (slice(0, 25), np.array([0, 20.0, 0, -9.0, 0, 2.0, 0]))}, {'gain': -1.0}],
     ids=['nothing', 'less friction', 'more friction', 'a touch', 'a longer touch', 'a wrong sign'])
 def test_friction_contacts_and_broken_effort_are_no_payload(change, model, geometry):
@@ -216,7 +214,7 @@ def test_a_share_of_an_uncertain_change_is_used(change, std):
 
 def core_with(model, **settings):
     """Return the core of a node with a model in use."""
-    core = bench.Core(model, False)
+    core = Core(model)
     core.live.set(replace(core.live.settings, **settings))
     return core
 
@@ -227,7 +225,7 @@ def play(core, samples, until):
         for j in range(2):
             t = samples.t[k] + 0.1 * j
             q = samples.q[k] + 0.1 * j * samples.qd[k]
-            core.send(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
+            core.send(t, q, samples.qd[k], samples.tau[k])
         core.live.tick(t, time.monotonic())
         while core.live.fits.state != 'ready':
             time.sleep(0.002)

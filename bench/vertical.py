@@ -1,7 +1,7 @@
 """
 Vertical of arms on floors and ceilings with an upright robot description.
 
-    python -m bench.estimator.vertical --seeds 3,4,5
+    python -m bench.vertical --seeds 3,4,5
 
 Nine arms are tilted by angles near 0 and 180 degrees and recorded in slow motion: 60 s in
 0.6 of the joint ranges, and 15 s in 0.2 of them, half of the recordings with friction. The number
