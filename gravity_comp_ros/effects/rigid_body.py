@@ -15,7 +15,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.models.kinematic.arm_columns import kept_parameters, motion_columns
+from gravity_comp_ros.models.kinematic.arm_columns import (
+    ArmMotion, kept_parameters, motion_columns, motion_torque)
 from gravity_comp_ros.models.kinematic.rigid_body import (
     inverse_dynamics, PARAMETERS, regressor)
 import numpy as np
@@ -94,14 +95,17 @@ def _columns(motion: Motion, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> 
         return np.asarray(regressor(motion.geometry, q, qd, qdd)[
             :, :, kept_parameters(motion.geometry)])
     assert motion.chain is not None
-    return motion_columns(motion.chain, q, qd, qdd)
+    return motion_columns(ArmMotion.of(motion.chain, q, qd, qdd)).transpose(2, 0, 1)
 
 
 def _torque(motion: Motion, values: FloatArray, q: FloatArray, qd: FloatArray,
             qdd: FloatArray) -> FloatArray:
     """Return the columns times coefficients (K,), (B, N)."""
     if motion.geometry is None:
-        return np.asarray(_columns(motion, q, qd, qdd) @ values)
+        assert motion.chain is not None
+        lengths, inertias = np.split(values, [3 * motion.chain.n_joints - 3])
+        return motion_torque(ArmMotion.of(motion.chain, q, qd, qdd), lengths.reshape(-1, 3),
+                             inertias.reshape(-1, 6))
     parameters = np.zeros(len(PARAMETERS) * motion.geometry.n_joints)
     parameters[kept_parameters(motion.geometry)] = values
     return inverse_dynamics(motion.geometry, q, qd, qdd, parameters)

@@ -24,7 +24,8 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.models.kinematic.arm_columns import motion_columns, motion_torque_by_tilts
+from gravity_comp_ros.models.kinematic.arm_columns import (
+    ArmMotion, motion_columns, motion_torque_by_tilts)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.prior import Prior
 from gravity_comp_ros.regression.scale import Scale
@@ -139,27 +140,19 @@ class UnknownLengths(Shared):
         columns[:, :4 * n] = self.chain.jacobian(state.q).swapaxes(0, 1)
         columns[:, :2 * n] = turns @ columns[:, :2 * n]
         if not state.still:
-            columns[:, 4 * n:] = motion_columns(
-                Chain(self.chain.axes, self.carried), state.q, state.qd, state.qdd
-            ).transpose(1, 2, 0)
-            if self.lengths.any() or self.inertias.any():
-                columns[:, :2 * n] += ~self.is_right[:, None] * (
-                    turns @ self._motion_by_tilts(state))
+            motion = ArmMotion.of(Chain(self.chain.axes, self.carried), state.q, state.qd,
+                                  state.qdd)
+            columns[:, 4 * n:] = motion_columns(motion)
+            free = np.flatnonzero(~self.is_right)
+            if free.size and (self.lengths.any() or self.inertias.any()):
+                # Some tilts do not change gravity, such as that about the vertical of the second
+                # axis; only motion determines them.
+                columns[:, free] += turns[free] @ motion_torque_by_tilts(
+                    motion, self.lengths, self.inertias, free // 2)
         return columns.transpose(2, 0, 1)
 
     def renewed(self) -> UnknownLengths:
         return replace(self, carried=self.chain.moments)
-
-    def _motion_by_tilts(self, state: State) -> FloatArray:
-        """
-        Return d torque of motion / d tilts about the axes of the frames (N, 2N, B).
-
-        Some tilts do not change gravity, such as that about the vertical of the second axis; only
-        motion determines them.
-        """
-        return motion_torque_by_tilts(
-            Chain(self.chain.axes, self.carried), self.lengths, self.inertias, state.q, state.qd,
-            state.qdd).transpose(1, 2, 0)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         return self.chain.torque(q)

@@ -17,6 +17,7 @@ Transactions on Robotics and Automation 6, 1990).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -36,10 +37,9 @@ _POSES = 60
 _GENERIC_TILT = (0.5, 0.3)  # rad
 
 
-def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-    """Return d torque / d (lengths, inertias), (B, N, 9N - 3)."""
-    n, m = chain.n_joints, len(q)
-    motion = _Motion.of(chain, q, qd, qdd)
+def motion_columns(motion: ArmMotion) -> FloatArray:
+    """Return d torque / d (lengths, inertias), (N, 9N - 3, B)."""
+    n, m = len(motion.links), motion.links.shape[-1]
     arms, z, beyond = motion.links[:-1], motion.z, motion.beyond
     accelerated = motion.accelerated(arms)                      # (N - 1, axis, xyz, B)
     # The length of link i moves the bodies beyond it; joint j carries those beyond both.
@@ -56,13 +56,20 @@ def motion_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray)
         along = dot(z[j], motion.links[j:])                    # (N - j, axis, B)
         inertias[j, j:] = dot(along[:, None], torque[j:])
     inertias[~carries] = 0.0
-    return columns.transpose(2, 0, 1)
+    return columns
 
 
-def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArray,
-                           q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+def motion_torque(motion: ArmMotion, lengths: FloatArray, inertias: FloatArray) -> FloatArray:
+    """Return the torque (B, N) in N·m of lengths (N - 1, 3) in m and inertias (N, 6)."""
+    moments, before = motion.moments(combined(motion.links[:-1], lengths), inertias)
+    lever = cross(motion.z, motion.beyond)
+    return np.asarray((dot(motion.z, moments) + dot(lever, before)).T)
+
+
+def motion_torque_by_tilts(motion: ArmMotion, lengths: FloatArray, inertias: FloatArray,
+                           frames: Iterable[int]) -> FloatArray:
     """
-    Return the derivative (B, N, 2N) of the torque of motion by the tilts of the axes.
+    Return the derivative (N, 2N, B) of the torque of motion by the tilts of the axes.
 
     The torque is `motion_columns` times lengths and inertias; `Chain.moved` defines the tilts.
 
@@ -73,9 +80,9 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
     carry the turned links.
 
     :param lengths: (N - 1, 3) in m. :param inertias: (N, 6) in kg·m^2, as in `_PAIRS`.
+    :param frames: the numbers of the axes that tilt; the columns of the others are 0.
     """
-    motion = _Motion.of(chain, q, qd, qdd)
-    n, z, beyond = chain.n_joints, motion.z, motion.beyond
+    n, z, beyond = len(motion.links), motion.z, motion.beyond
     arms = np.concatenate([combined(motion.links[:-1], lengths), np.zeros((1, *z.shape[1:]))])
     moments, before = motion.moments(arms[:-1], inertias)
     velocities = cross(motion.omega, arms)
@@ -84,9 +91,9 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
     by_c, by_w = _turned_moments(motion, inertias, arms, velocities, moving)
     lever = cross(z, beyond)
     own_c, own_w = times(by_c, z), times(by_w, z)
-    columns = np.zeros((n, n, 2, len(q)))
+    columns = np.zeros((n, n, 2, z.shape[-1]))
     result = columns.transpose(1, 2, 0, 3)     # frame, axis, joint
-    for k in range(1, n):                      # the base does not move
+    for k in set(frames) - {0}:                # the base does not move
         e, omega, alpha = motion.frames[k, :2], motion.omega[k - 1], motion.alpha[k - 1]
         w = cross(e, omega)
         c = cross(e, alpha) - cross(w, omega)
@@ -104,10 +111,10 @@ def motion_torque_by_tilts(chain: Chain, lengths: FloatArray, inertias: FloatArr
         arm = cross(z[carriers], position[k] - position[carriers])
         result[k, :, carriers] = (dot(z[carriers], moment[:, None])
                                   + dot(arm, force[:, None]))
-    return columns.reshape(n, 2 * n, -1).transpose(2, 0, 1)
+    return columns.reshape(n, 2 * n, -1)
 
 
-def _turned_moments(motion: _Motion, inertias: FloatArray, arms: FloatArray,
+def _turned_moments(motion: ArmMotion, inertias: FloatArray, arms: FloatArray,
                     velocities: FloatArray, moving: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     Return X_j and Y_j, (N, 3, 3, B): the moment about joint j is X_j c + Y_j' w less.
@@ -131,7 +138,7 @@ def _turned_moments(motion: _Motion, inertias: FloatArray, arms: FloatArray,
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class ArmMotion:
     """
     The moving links of a chain, vectors in the base at B states.
 
@@ -149,7 +156,7 @@ class _Motion:
     moved_beyond: FloatArray
 
     @classmethod
-    def of(cls, chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> _Motion:
+    def of(cls, chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> ArmMotion:
         kinematics = ForwardKinematics(chain.axes, q)
         z = kinematics.frames[:, 2]
         speeds = z * qd.T[:, None]
@@ -196,7 +203,7 @@ class _Motion:
         return suffix_sums(own), before
 
 
-def _inertia_moment(motion: _Motion, inertias: FloatArray) -> FloatArray:
+def _inertia_moment(motion: ArmMotion, inertias: FloatArray) -> FloatArray:
     """Return I alpha + omega x I omega in the base, (N, xyz, B)."""
     matrices = _matrices(inertias)
     w = dot(motion.links, motion.omega[:, None])
@@ -213,7 +220,7 @@ def _matrices(inertias: FloatArray) -> FloatArray:
     return matrices
 
 
-def _inertia_columns(motion: _Motion) -> FloatArray:
+def _inertia_columns(motion: ArmMotion) -> FloatArray:
     """Return I alpha + omega x I omega in a link for each component of I, (N, 6, axis, B)."""
     w = dot(motion.links, motion.omega[:, None])
     a = dot(motion.links, motion.alpha[:, None])

@@ -14,7 +14,7 @@ def dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the cross products over the last axis but one, (..., xyz, B)."""
-    result = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    result = np.empty(np.broadcast(a, b).shape)
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.subtract(a[..., i, :] * b[..., j, :], a[..., j, :] * b[..., i, :],
                     out=result[..., k, :])
