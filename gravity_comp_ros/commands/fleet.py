@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
     """Fit or diagnose every robot and report the result of each."""
     for name in args.effects or ():
         known_effect(name)
-    cluster = ClusterOptions(args.workers, args.scheduler, args.tls and tuple(args.tls))
+    cluster = ClusterOptions(args.workers, args.scheduler)
     robots = find_robots(args.folder)
     _check_json([robot.name for robot in robots], args)
     learning = LearnOptions(args.formulation, ordered=args.joints is not None)

@@ -3,7 +3,7 @@ Independent tasks on a Dask cluster: one of this machine, or that of a scheduler
 
 Dask sends pickled functions and data, so a program that reaches a scheduler or a worker can run
 code there. The connections of this machine stay on the loopback interface, encrypted where the
-package `cryptography` is installed; those of a scheduler are encrypted with `tls`.
+package `cryptography` is installed; those of a scheduler with an address tls://HOST:PORT.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ from dataclasses import dataclass
 import importlib.util
 from itertools import islice
 import logging
-from pathlib import Path
 import signal
 import threading
 from typing import TypeVar
 
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
-from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -33,30 +32,18 @@ class ClusterOptions:
     """
     Place of the tasks: `workers` processes of this machine, or the cluster of a scheduler.
 
-    A single worker is a thread of this process. `scheduler` is an address; `tls` are the PEM files
-    of the certificate authority, of a certificate signed by it, and of its key.
-
-    :raises OptionError: if `tls` and the address do not agree, or a file of `tls` is missing.
+    A single worker is a thread of this process. `scheduler` is an address; certificates for
+    tls://HOST:PORT are in the configuration of Dask (`distributed.comm.tls`).
     """
 
     workers: int = 1
     scheduler: str | None = None
-    tls: tuple[Path, Path, Path] | None = None
-
-    def __post_init__(self) -> None:
-        encrypted = (self.scheduler or '').startswith('tls://')
-        if encrypted != (self.tls is not None):
-            raise OptionError('a scheduler with TLS needs an address tls://HOST:PORT and the '
-                              'files of --tls')
-        for file in self.tls or ():
-            if not file.is_file():
-                raise OptionError(f'no such file for TLS: {file}')
 
     @property
     def warning(self) -> str:
         """Return a warning if other hosts or users can reach the workers, else ''."""
         if self.scheduler is not None:
-            return '' if self.tls else (
+            return '' if self.scheduler.startswith('tls://') else (
                 f'{self.scheduler} is not encrypted: a program that reaches it can run code on '
                 'its workers and here; docs/fleet.md describes TLS')
         if self.workers > 1 and not _can_encrypt():
@@ -117,15 +104,9 @@ def _client(options: ClusterOptions) -> Iterator[Client]:
                 Client(cluster, set_as_default=False) as client:
             yield client
         return
-    security = None
-    if options.tls is not None:
-        authority, certificate, key = map(str, options.tls)
-        security = Security(tls_ca_file=authority, tls_client_cert=certificate,
-                            tls_client_key=key, require_encryption=True)
     try:
-        client = Client(options.scheduler, timeout=_CONNECT, set_as_default=False,
-                        security=security)
-    except (OSError, ValueError) as error:
+        client = Client(options.scheduler, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
         raise DataError(f'no Dask scheduler answers at {options.scheduler}: '
                         f'{" ".join(str(error).split())}') from None
     with client:

@@ -12,7 +12,7 @@ from bench.shared.serial_arms import poses, samples_of, serial_arm
 import dask
 from gravity_comp_ros import cli
 from gravity_comp_ros.api.steps import LearnOptions
-from gravity_comp_ros.errors import BagError, DataError, OptionError
+from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet import cluster, run as fleet_run
 from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
 from gravity_comp_ros.fleet.run import CACHE, find_robots, FleetOptions, Robot, run_fleet
@@ -118,8 +118,8 @@ def test_other_tasks_go_on_after_an_error_and_the_death_of_workers():
 
 
 @pytest.fixture
-def certificates(tmp_path):
-    """Return the files of a certificate authority, of a certificate and of its key."""
+def tls(tmp_path):
+    """Return the configuration of Dask with the files of a certificate authority, and of a key."""
     if shutil.which('openssl') is None:
         pytest.skip('openssl is not installed')
     files = tuple(tmp_path / name for name in ('ca.pem', 'cert.pem', 'key.pem'))
@@ -133,19 +133,22 @@ def certificates(tmp_path):
     openssl(*new, '/CN=fleet', '-keyout', key, '-out', f'{tmp_path}/request.pem')
     openssl('x509', '-req', '-in', f'{tmp_path}/request.pem', '-CA', authority, '-CAkey',
             f'{tmp_path}/ca-key.pem', '-CAcreateserial', '-out', certificate)
-    return files
+    return {'distributed.comm.tls.ca-file': authority, **{
+        f'distributed.comm.tls.{role}.{name}': file for role in ('scheduler', 'worker', 'client')
+        for name, file in (('cert', certificate), ('key', key))}}
 
 
 def test_a_cluster_with_tls_gives_equal_models_and_refuses_others(
-        fleet, tmp_path, certificates, monkeypatch):
+        fleet, tmp_path, tls, monkeypatch):
     """Scheduler and worker are separate processes, as on several machines."""
-    tls = [part for flag, file in zip(('--tls-ca-file', '--tls-cert', '--tls-key'), certificates)
-           for part in (flag, str(file))]
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1', **{
+        'DASK_' + name.upper().replace('.', '__').replace('-', '_'): file
+        for name, file in tls.items()}}
 
     def start(*command):
-        return subprocess.Popen([sys.executable, '-m', *command, *tls, '--no-dashboard'],
+        return subprocess.Popen([sys.executable, '-m', *command, '--no-dashboard'],
                                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-                                env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'})
+                                env=environment)
 
     scheduler = start('distributed.cli.dask_scheduler', '--host', 'tls://127.0.0.1', '--port', '0')
     processes = [scheduler]
@@ -154,13 +157,16 @@ def test_a_cluster_with_tls_gives_equal_models_and_refuses_others(
                        if 'Scheduler at:' in line)
         processes.append(start('distributed.cli.dask_worker', address, '--nthreads', '1',
                                '--no-nanny'))
-        where = ClusterOptions(scheduler=address, tls=certificates)
-        outcome = fit(fleet, tmp_path / 'dask', where)
+        where = ClusterOptions(scheduler=address)
+        with dask.config.set(tls):
+            outcome = fit(fleet, tmp_path / 'dask', where)
         assert len(outcome.failed_bags) == 1 and not outcome.failed_robots and not where.warning
         monkeypatch.setattr(cluster, '_CONNECT', 1.0)
-        with pytest.raises(DataError, match='no Dask scheduler answers') as error:
-            fit(fleet, tmp_path / 'plain', ClusterOptions(scheduler='tcp' + address[3:]))
-        assert '\n' not in str(error.value)
+        for other in (address, 'tcp' + address[3:]):
+            with pytest.raises(DataError, match='no Dask scheduler answers') as error:
+                fit(fleet, tmp_path / 'plain', ClusterOptions(scheduler=other))
+            assert '\n' not in str(error.value)
+        assert 'can run code' in ClusterOptions(scheduler=other).warning
     finally:
         for process in processes:
             process.kill()
@@ -190,16 +196,6 @@ def test_ctrl_c_ends_all_processes_with_one_line(fleet, tmp_path):
         lines += process.stderr.readlines()   # until every process has closed it
     assert process.returncode == 130 and lines[-1] == 'gravity_comp fleet: interrupted\n'
     assert not any('Traceback' in line for line in lines)
-
-
-def test_options_of_tls(tmp_path):
-    missing = (tmp_path / 'ca.pem',) * 3
-    for options in ({'scheduler': 'tls://10.0.0.5:8786'}, {'tls': missing},
-                    {'scheduler': 'tcp://10.0.0.5:8786', 'tls': missing},
-                    {'scheduler': 'tls://10.0.0.5:8786', 'tls': missing}):
-        with pytest.raises(OptionError, match='TLS'):
-            ClusterOptions(**options)
-    assert 'can run code' in ClusterOptions(scheduler='tcp://10.0.0.5:8786').warning
 
 
 def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):

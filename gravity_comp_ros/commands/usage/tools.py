@@ -125,8 +125,7 @@ examples:
   gravity_comp fleet fit recordings/ -o models/          recordings/ROBOT/*.mcap
   gravity_comp fleet diagnose recordings/ --models models/ -o findings/
   gravity_comp fleet fit recordings/ -o models/ --workers 8
-  gravity_comp fleet fit /nfs/recordings -o models/ --scheduler tls://10.0.0.5:8786 \\
-      --tls ca.pem client.pem client-key.pem
+  gravity_comp fleet fit /nfs/recordings -o models/ --scheduler tls://10.0.0.5:8786
 
 Each subfolder contains the bags of one robot. A bag or robot that fails is reported and omitted.
 After an interruption the same command resumes; after new bags it processes only what changed.
@@ -146,9 +145,6 @@ def fleet(parser: argparse.ArgumentParser) -> None:
                        help='processes on this machine (default: one per core)')
     where.add_argument('--scheduler', metavar='ADDRESS',
                        help='Dask scheduler, e.g. tls://10.0.0.5:8786')
-    parser.add_argument('--tls', metavar=('CA.pem', 'CERT.pem', 'KEY.pem'), type=Path, nargs=3,
-                        help='for a scheduler tls://...: certificate authority, own '
-                        'certificate and its key')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS,
                         default=arguments.FORMULATIONS[0],
                         help='formulation of `fit` (default: %(default)s)')
