@@ -1,10 +1,9 @@
-"""Panel of the stages of the model: errors, names, undo."""
+"""Panel of the stages of the model: errors, undo."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import (
@@ -23,41 +22,24 @@ _MAX_STAGES = 8
 Errors = Sequence[tuple[str, dict[str, float]]]
 
 
-class HistoryPanel:
-    """
-    The panel of one page. Its name field, and unfinished input, stay over updates.
-
-    :param rename: sets the name of the current stage.
-    """
-
-    def __init__(self, rename: Callable[[str], None]) -> None:
-        self._shown: tuple[int, str] | None = None
-        self._name = widgets.field('Name of this stage', '', 'stage-name')
-        self._name.on_change('value', lambda attribute, old, new: rename(new))
-
-    def parts(self, results: Results) -> list[UIElement]:
-        """Return the panel of a session."""
-        session, stage, at = results.session, results.session.stage, results.session.at
-        errors = [] if at is None or not session.is_read else [
-            (stage.name, known) for stage in session.stages[:at + 1][-_MAX_STAGES:]
-            if (known := results.errors(stage))]
-        elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(errors))]
-        if len(errors) > 1:
-            elements.append(chart(errors))
-        if stage is None or at is None:
-            return elements
-        options = [(str(k), f'{k + 1}. {s.name}' + (' (undone)' if k > at else ''))
-                   for k, s in enumerate(session.stages)]
-        stages = widgets.select('Stage', options, str(at),
-                                lambda value: session.select_stage(int(value)), 'stage')
-        if at > 0:
-            elements.append(widgets.button(
-                f'Undo {stage.name}', lambda: session.select_stage(at - 1), name='undo'))
-        if self._shown != (at, stage.name):
-            self._shown, self._name.value = (at, stage.name), stage.name
-        return [*elements, row(column(stages, sizing_mode='stretch_width'),
-                               column(self._name, sizing_mode='stretch_width'),
-                               sizing_mode='stretch_width')]
+def parts(results: Results) -> list[UIElement]:
+    """Return the panel of a session."""
+    session, stage, at = results.session, results.session.stage, results.session.at
+    errors = [] if at is None or not session.is_read else [
+        (stage.name, known) for stage in session.stages[:at + 1][-_MAX_STAGES:]
+        if (known := results.errors(stage))]
+    elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(errors))]
+    if len(errors) > 1:
+        elements.append(chart(errors))
+    if stage is None or at is None:
+        return elements
+    options = [(str(k), f'{k + 1}. {s.name}' + (' (undone)' if k > at else ''))
+               for k, s in enumerate(session.stages)]
+    if at > 0:
+        elements.append(widgets.button(
+            f'Undo {stage.name}', lambda: session.select_stage(at - 1), name='undo'))
+    return [*elements, widgets.select('Stage', options, str(at),
+                                      lambda value: session.select_stage(int(value)), 'stage')]
 
 
 def chart(stages: Errors) -> UIElement:

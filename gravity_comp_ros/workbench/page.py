@@ -15,8 +15,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import findings_panel, page_parts, widgets
-from gravity_comp_ros.workbench.history_panel import HistoryPanel
+from gravity_comp_ros.workbench import findings_panel, history_panel, page_parts, widgets
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
@@ -45,7 +44,7 @@ class Page:
         self.view = NAMES[0]
         self._version, self._reason, self._moves_focus = -1, '', False
         self._side: Sidebar | None = None
-        self._history, self._two = HistoryPanel(self._rename), TwoModels()
+        self._two = TwoModels()
         self._build(document)
         document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
@@ -128,9 +127,6 @@ class Page:
         self._moves_focus = True
         self._on_session(lambda session: session.add(targets))
 
-    def _rename(self, name: str) -> None:
-        self._on_session(lambda session: session.rename(name))
-
     def _on_tab(self, number: int) -> None:
         self.view = NAMES[number]
         self._show_view()
@@ -145,7 +141,7 @@ class Page:
         self._make_views(results)
         self._show_verdict(session)
         self.missing.children = findings_panel.parts(results, self._add, self.browser)
-        self.history.children = [*self._history.parts(results),
+        self.history.children = [*history_panel.parts(results),
                                  *findings_panel.request_controls(session)]
         self._show_view()
         self._fill_side(results)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
@@ -144,14 +143,6 @@ class Session(State):
             self.done = f'back at {number + 1}. {stage.name}'
         self._change(select)
 
-    def rename(self, name: str) -> None:
-        """Set the name of the current stage."""
-        name = name.strip()
-        if self.stage is not None and name not in ('', self.stage.name):
-            self._change_stage(name=name)
-            self._save()
-            self.version += 1
-
     def warn(self, reason: str) -> None:
         """Show a warning about the last request."""
         self.warning = reason
@@ -197,7 +188,9 @@ class Session(State):
         if isinstance(answer, MotionPlan):
             self._plan = job, answer
         elif isinstance(answer, Diagnosis) and self.at is not None:
-            self._change_stage(diagnosis=answer, diagnosed_with=job.choice)
+            self.stages = tuple(
+                replace(stage, diagnosis=answer, diagnosed_with=job.choice)
+                if number == self.at else stage for number, stage in enumerate(self.stages))
         elif isinstance(answer, ReadResult):
             self._accept_recordings(job.read, answer)
         elif isinstance(answer, Learned):
@@ -268,10 +261,6 @@ class Session(State):
     def _append(self, stage: Stage) -> None:
         self.stages = (*self.stages[:0 if self.at is None else self.at + 1], stage)
         self.at = len(self.stages) - 1
-
-    def _change_stage(self, **values: Any) -> None:
-        self.stages = tuple(replace(stage, **values) if number == self.at else stage
-                            for number, stage in enumerate(self.stages))
 
     def _current(self) -> Stage:
         if self.stage is None:

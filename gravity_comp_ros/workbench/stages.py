@@ -101,8 +101,8 @@ class Stage:
     One state of the model.
 
     A stage is a fit, or a model read from the file `given`, or the stage before it with added
-    `effects`. `choice` has the settings of that step. `warnings` are about the model. The user
-    can change `name`. `diagnosis` was made with the settings `diagnosed_with`.
+    `effects`. `choice` has the settings of that step. `warnings` are about the model.
+    `diagnosis` was made with the settings `diagnosed_with`.
     """
 
     name: str

@@ -62,8 +62,6 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         look(tab, 'Errors')
         expect(row(page, 'shoulder').locator(RMSE)).to_have_text(rmse_before)
         expect(page.locator('#applied')).to_have_count(0)
-        page.get_by_label('Name of this stage').fill('bare')
-        page.get_by_label('Name of this stage').press('Enter')
         page.get_by_role('button', name='Dark or light').click()
         page.wait_for_selector('html.dark')
         tab.picture('workbench-dark')
@@ -72,7 +70,7 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         add.wait_for()
         stages = page.get_by_label('Stage', exact=True)
         expect(stages.locator('option')).to_have_text([
-            '1. bare', '2. + coulomb_friction:shoulder (undone)'])
+            '1. gravity', '2. + coulomb_friction:shoulder (undone)'])
         stages.select_option(label='2. + coulomb_friction:shoulder (undone)')
         expect(page.locator('#applied')).to_contain_text('coulomb_friction:shoulder')
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []

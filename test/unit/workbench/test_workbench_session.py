@@ -105,9 +105,8 @@ def test_a_step_after_undo_replaces_the_undone_stages(learned):
     for effects in (BOTH, ('torque_offset:elbow',)):
         session.add(effects)
         worked(session, until='DIAGNOSE')
-    session.rename('with an offset')
     assert [stage.name for stage in session.stages] == ['gravity', '+ ' + ', '.join(BOTH),
-                                                        'with an offset']
+                                                        '+ torque_offset:elbow']
     session.select_stage(0)
     session.add(('torque_offset:elbow',))
     worked(session, until='DIAGNOSE')
@@ -259,21 +258,21 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     session = worked(session_of(*paths, place=place), until='DIAGNOSE')
     session.add(BOTH)
     worked(session, until='DIAGNOSE')
-    session.rename('with friction')
     assert (place / f'{session.id}.json').stat().st_mode & 0o077 == 0
     assert (place.stat().st_mode & 0o077) == 0
     sessions = Sessions(State(()), place, InProcess)
     # As after a killed server: another one attaches the session by its id.
     loaded = sessions.attach(session.id, object())
     assert loaded.paths == session.paths and loaded.choice == session.choice
-    assert [s.name for s in loaded.stages] == ['gravity', 'with friction']
+    assert [s.name for s in loaded.stages] == ['gravity', '+ ' + ', '.join(BOTH)]
     worked(loaded, until='DIAGNOSE')
     assert loaded.worker.done == ['READ'] and not loaded.warning
     one, other = Results(session), Results(loaded)
     assert one.commands() == other.commands()
     np.testing.assert_array_equal(one.contents().predicted, other.contents().predicted)
     saved, = sessions.earlier()
-    assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
+    assert saved.recordings == ('run1.mcap', 'run2.mcap')
+    assert saved.stages[-1] == '+ ' + ', '.join(BOTH)
     again = Sessions(State(()), place, InProcess).attach(session.id, object())
     again.hashes = dict.fromkeys(again.hashes, 'f' * 64)
     worked(again, until='DIAGNOSE')
