@@ -1,9 +1,16 @@
-"""`convert` of a table to a bag, and one line for invalid input."""
+"""`convert`, `cut` and `replay`: recordings made of tables and of recordings."""
 
-
-from bench.shared.command_line import refused
+from bench.shared.command_line import refused, run_json
+from bench.shared.recordings import messages, motion, NAMES, write_folder
+import gravity_comp_ros as gc
+from gravity_comp_ros import cli
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.data.runs import session_time
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.sparse.dictionary import Expansion
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
 
@@ -48,3 +55,138 @@ def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, ch
     out.write_bytes(b'old')
     assert message in refused(capsys, 'convert', table, *arguments, '-o', out)
     assert out.read_bytes() == b'old'
+
+
+START = 1_700_000_000_000_000_000
+
+
+@pytest.fixture
+def bag(tmp_path):
+    t = np.arange(300) * 0.02
+    values = np.column_stack([np.sin(t), np.cos(t)])
+    path = tmp_path / 'run.mcap'
+    write_bag(path, [JointTopic('/joint_states', ('a', 'b'), t, values, values[:, ::-1] * [1, -1],
+                                5 * values)],
+              START)
+    return path
+
+
+def test_a_part_has_the_samples_between_two_times(bag, tmp_path):
+    out = tmp_path / 'part.mcap'
+    assert cli.main(['cut', str(bag), '-o', str(out), '--from', '1', '--to', '2.5']) == 0
+    whole, part = read_bag(bag), read_bag(out)
+    inside = (whole.samples.t >= 1.0) & (whole.samples.t <= 2.5)
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(part.samples, name),
+                                      getattr(whole.samples, name)[inside])
+    assert part.report.start_ns == START + 1_000_000_000
+    assert part.report.topic == '/joint_states'
+
+
+def test_joints_are_written_in_the_requested_order(bag, tmp_path):
+    out = tmp_path / 'b.mcap'
+    assert cli.main(['cut', str(bag), '-o', str(out), '--joints', 'b,a']) == 0
+    assert read_bag(out).samples.names == ('b', 'a')
+
+
+def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
+    out = tmp_path / 'part.mcap'
+    result = run_json(capsys, 'cut', bag, '-o', out, '--split', '2,4')
+    files = [part['output'] for part in result['parts']]
+    assert [part['n_samples'] for part in result['parts']] == [100, 100, 100]
+    assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
+    parts, whole = gc.read(files), read_bag(bag)
+    np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau)
+    np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
+
+
+@pytest.mark.parametrize('wrong, message', [
+    (['--from', '3', '--to', '2'], 'must increase'), (['--split', '4,50'], 'must increase'),
+    (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
+def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
+    out = tmp_path / 'part.mcap'
+    assert message in refused(capsys, 'cut', bag, '-o', out, *wrong) and not out.exists()
+
+
+def test_the_input_recording_is_not_overwritten(bag, capsys):
+    before = bag.read_bytes()
+    assert cli.main(['cut', str(bag), '-o', str(bag), '--to', '1']) == 1
+    assert cli.main(['cut', str(bag.rename(bag.with_stem('run-1'))), '-o', str(bag),
+                     '--split', '1']) == 1
+    assert bag.with_stem('run-1').read_bytes() == before
+
+
+def test_a_copy_of_a_recording_counts_once(bag, tmp_path):
+    copy = tmp_path / 'copy.mcap'
+    copy.write_bytes(bag.read_bytes())
+    both = gc.read([bag, copy], gate=None)
+    assert both.n_runs == 1 and len(both.samples) == 300
+    assert any('copy.mcap is a copy of this recording' in note for note in both.reports[0].notes)
+
+
+TIMES, Q, QD, TAU = motion()
+
+
+@pytest.fixture
+def wrist(tmp_path):
+    """Save and return a model with tau_wrist = 2 sin(q_elbow) and tau_elbow = 0."""
+    # Base 3, first joint first: the feature of one sine at the last of two joints is 1.
+    terms = (Expansion(np.array([1]), np.array([2.0])), Expansion(np.empty(0), np.empty(0)))
+    stored = GravityModel(('wrist', 'elbow'), 'per_joint', terms, None, np.zeros(2),
+                          Coverage(np.array([-9.0, 0.9]), np.array([9.0, 9.0]), 10))
+    save_model(tmp_path / 'm.json', stored)
+    return stored
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_folder(tmp_path / 'bag', {'/joint_states': messages()})
+
+
+def topics(path):
+    return {name: read_bag(path, ReadOptions(topic=name)) for name in (
+        '/joint_states', '/gravity_comp/prediction', '/gravity_comp/residual')}
+
+
+def test_three_consistent_topics(tmp_path, folder, wrist, capsys):
+    out = tmp_path / 'out.mcap'
+    assert main(['replay', str(folder), '--model', str(tmp_path / 'm.json'), '-o', str(out)]) == 0
+    printed = capsys.readouterr()
+    assert '150 messages' in printed.out and 'wrist' in printed.out
+    assert f'{100 * (Q[:, 1] < 0.9).mean():.0f} % of the samples are outside' in printed.err
+    messages = topics(out)
+    measured, predicted, residual = (messages[name].samples for name in messages)
+    assert measured.names == predicted.names == residual.names == ('wrist', 'elbow')
+    columns = [NAMES.index('wrist'), NAMES.index('elbow')]
+    np.testing.assert_array_equal(measured.tau, TAU[:, columns])
+    np.testing.assert_array_equal(measured.qd, QD[:, columns])
+    np.testing.assert_array_equal(predicted.q, Q[:, columns])
+    expected = wrist.predict(Q[:, columns])
+    np.testing.assert_array_equal(predicted.tau, expected)
+    np.testing.assert_array_equal(residual.tau, TAU[:, columns] - expected)
+    starts = {recording.report.start_ns for recording in messages.values()}
+    assert starts == {read_bag(folder).report.start_ns}
+
+
+def test_the_input_recording_is_never_overwritten(tmp_path, folder, wrist, capsys):
+    single = tmp_path / 'x.mcap'
+    write_bag(single, [JointTopic('/joint_states', NAMES, TIMES, Q, QD, TAU)])
+    link = tmp_path / 'link.mcap'
+    link.symlink_to(single)
+    before = single.read_bytes()
+    for source, out in ((single, single), (single, link), (folder, folder / 'out.mcap')):
+        assert main(['replay', str(source), '--model', str(tmp_path / 'm.json'),
+                     '-o', str(out)]) == 1
+        assert 'name a' in capsys.readouterr().err
+    assert single.read_bytes() == before
+    assert not (folder / 'out.mcap').exists()
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (('--joints', 'wrist,shoulder'), 'no joint elbow'), (('--topic', '/x'), 'no topic /x'),
+    (('--model', 'none.json'), 'none.json')])
+def test_one_line_for_a_mismatch(tmp_path, folder, wrist, capsys, arguments, message):
+    out = tmp_path / 'out.mcap'
+    assert message in refused(capsys, 'replay', folder, '--model', tmp_path / 'm.json', '-o', out,
+                              *arguments)
+    assert not out.exists()

@@ -72,22 +72,6 @@ def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path
         capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
 
 
-def test_the_torque_of_a_payload_is_learned(folder, model, tmp_path, capsys):
-    new = tmp_path / 'new.json'
-    before = model.read_bytes()
-    answer = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
-    assert answer['n_samples'] == 50 and answer['written'] and answer['payload'] is None
-    q = motions.eq17(start=100.0, duration=10.0).q
-    effect = (arms.gravity_torque(arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM)), q)
-              - arms.gravity_torque(arms.iiwa7(), q))
-    assert list(answer['effect_mean'].values()) == pytest.approx(effect.mean(axis=0), abs=0.1)
-    largest = np.abs(effect).max(axis=0)
-    assert list(answer['effect_max'].values()) == pytest.approx(largest, abs=0.2)
-    assert all(0.0 < std < 0.1 for std in answer['std'].values())
-    assert model.read_bytes() == before
-    assert worst(load_model(model)) > 5.0 and worst(load_model(new)) <= 0.15
-
-
 def test_mass_and_centre_with_the_urdf(folder, model, capsys):
     result = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
     payload = result['payload']

@@ -1,7 +1,15 @@
-"""No verb overwrites its input, and unwritable outputs are refused before the work."""
+"""What verbs print and write: tables of any width, next commands, and no input overwritten."""
+
+import re
+import shlex
 
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+import numpy as np
 import pytest
+from rich.cells import cell_len
 
 # Arguments of each verb; BAG, MODEL, TABLE, OLD and ARM.urdf are replaced by files.
 CALLS = {
@@ -97,3 +105,130 @@ def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
                  str(models / 'one.json')]) == 1
     assert 'the result file of a robot' in capsys.readouterr().err
     assert not (models / 'one.json').exists()
+
+
+JOINTS = [f'left_arm_shoulder_lift_joint_{n}' for n in range(1, 8)]
+NUMBER = re.compile(r'-?\d+\.\d+')
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    """Return a recording of an arm with long names, and its model."""
+    folder = tmp_path_factory.mktemp('wide')
+    bag, model = str(folder / 'wide.mcap'), str(folder / 'arm.json')
+    assert main(['synth', '--noise', '0.1', '--duration', '12', '--joint-names', ','.join(JOINTS),
+                 '-o', bag]) == 0
+    assert main(['fit', bag, '-o', model, '--formulation', 'per_joint']) == 0
+    return bag, model
+
+
+@pytest.mark.parametrize('verb', ['info', 'compare'])
+def test_names_and_numbers_are_whole_on_a_screen_of_any_width(files, verb, monkeypatch, capsys):
+    bag, model = files
+    argv = [verb, bag, *(['--model', model] if verb == 'compare' else [])]
+
+    def shown(width):
+        monkeypatch.setenv('COLUMNS', str(width))
+        assert main(argv) == 0
+        output = capsys.readouterr().out
+        assert all(joint in output for joint in JOINTS)
+        return output
+
+    wide = shown(1000)
+    narrow, fitting = shown(60), shown(120)
+    for text in (narrow, fitting):
+        assert sorted(NUMBER.findall(text)) == sorted(NUMBER.findall(wide))
+    # A table that fits is not wider than the screen.
+    assert max(cell_len(line.rstrip()) for line in fitting.splitlines() if bag not in line) <= 120
+
+
+def test_in_a_pipe_each_joint_has_one_row(files, capsys):
+    bag, model = files
+    assert main(['compare', bag, '--model', model]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines()
+            if line.startswith(' left_arm_shoulder_lift_joint_3')]
+    assert len(rows) == 1 and len(NUMBER.findall(rows[0])) == 5
+
+
+@pytest.mark.parametrize('width', [20, 34, 50, 90])
+def test_no_cell_and_no_word_of_a_heading_is_cut(width, monkeypatch, capsys):
+    monkeypatch.setenv('COLUMNS', str(width))
+    name, text = 'very_long_name_' * 2, 'F_c = 0.83 N·m (0.77 to 0.88), F_v = 1.2 N·m s/rad'
+    terminal.show(terminal.table('', ['joint', 'RMSE in training', 'coefficients', 'x'],
+                                 [[name, '1.25', text, '-0.5']], left=('coefficients',)))
+    output = capsys.readouterr().out
+    for word in (name, '1.25', '-0.5', 'RMSE', 'training', 'coefficients', *text.split()):
+        assert word in output
+    assert max(cell_len(line.rstrip()) for line in output.splitlines()) <= max(width, 79)
+
+
+def test_a_command_is_never_broken(capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '40')
+    command = 'gravity_comp fit ' + ' '.join(f'run_{n}.mcap' for n in range(20))
+    terminal.show(terminal.command(command))
+    assert capsys.readouterr().out == f'  {command}\n'
+
+
+@pytest.mark.parametrize('delay, lines', [
+    (3600.0, ''), (0.0, '... read [red]a\n... fit\n')])
+def test_long_work_prints_each_stage_once_in_a_log(capsys, monkeypatch, delay, lines):
+    monkeypatch.setattr(terminal, '_PROGRESS_DELAY', delay)
+    with terminal.progress() as report:
+        for stage, fraction in (('read [red]a', 0.0), ('read [red]a', 0.5), ('fit', 0.6)):
+            report(stage, fraction)
+    assert capsys.readouterr().err == lines
+
+
+@pytest.fixture
+def table(tmp_path, monkeypatch):
+    """Return a CSV of two joints with friction on the second, efforts in mN·m and reversed."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(1500) * 0.08
+    q = np.column_stack([0.9 * np.sin(0.13 * t), 1.0 * np.sin(0.11 * t + 0.7)])
+    qd = np.gradient(q, t, axis=0)
+    elbow = 4.0 * np.sin(q.sum(axis=1))
+    friction = 0.8 * np.tanh(qd[:, 1] / 0.005)
+    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + elbow, elbow + friction])
+    tau += np.random.default_rng(0).normal(scale=0.03, size=tau.shape)
+    path = tmp_path / 'my log.csv'
+    np.savetxt(path, np.column_stack([t, q, qd, -1000 * tau]), delimiter=',', comments='',
+               header='t,q_1,q_2,qd_1,qd_2,tau_1,tau_2')
+    return path
+
+
+def printed(capsys, argv):
+    """Run a call and return the printed commands."""
+    capsys.readouterr()
+    assert main(argv) == 0
+    return [shlex.split(line)[1:] for line in capsys.readouterr().out.splitlines()
+            if line.startswith('  gravity_comp ')]
+
+
+def test_from_a_table_to_an_effect_by_the_printed_commands_alone(table, capsys, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '60')   # commands are not wrapped
+    (info,) = printed(capsys, ['convert', 'my log.csv', '-o', 'my run.mcap'])
+    assert info == ['info', 'my run.mcap']
+    (fit,) = printed(capsys, [*info, '--effort-unit', 'mNm', '--effort-scale', '1=-1,2=-1'])
+    (diagnose,) = printed(capsys, fit)
+    (add,) = printed(capsys, diagnose)
+    assert add[:2] == ['add', 'coulomb_friction:joint_2']
+    undo, again = printed(capsys, add)
+    model = load_model('arm.json')
+    friction = model.applied.effects[0].coefficients['F_c'].value
+    assert friction == pytest.approx(0.8, abs=0.05)
+    assert printed(capsys, undo) == [] and not load_model('arm.json').applied.effects
+    assert again == diagnose
+
+
+def test_an_existing_model_is_not_overwritten(table, capsys):
+    write_bag('x.mcap', [JointTopic('/joint_states', ('a',), *(
+        lambda t: (t, np.sin(0.1 * t)[:, None], 0.1 * np.cos(0.1 * t)[:, None],
+                   np.sin(np.sin(0.1 * t))[:, None] * 5))(np.arange(300) / 5.0))])
+    with open('arm.json', 'w') as stream:
+        stream.write('{}')
+    (fit,) = printed(capsys, ['fit', 'x.mcap'])
+    assert fit == ['fit', 'x.mcap', '-o', 'arm_2.json']
+    compare, _ = printed(capsys, [*fit, '--holdout'])
+    assert '--holdout' in compare
+    (diagnose,) = printed(capsys, compare)
+    assert diagnose == ['diagnose', 'x.mcap', '--model', 'arm_2.json']

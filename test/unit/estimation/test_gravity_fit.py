@@ -321,12 +321,6 @@ def test_a_fit_that_starts_from_a_chain_without_offsets_finds_one(old):
     assert model.residual_std == pytest.approx(np.full(4, NOISE), rel=0.1)
 
 
-@pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
-def test_the_report_names_the_formulation_of_the_model(formulation):
-    result = fit(recorded(0.0, 0), FitOptions(formulation))
-    assert result.report.choice.formulation == result.model.formulation == formulation
-
-
 def data(seed: int, arm_seed: int = 0):
     q = poses(150, 4, seed=seed)
     return samples_of(q, gravity_torque(serial_arm(4, seed=arm_seed), q), 0.1)

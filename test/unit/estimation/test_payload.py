@@ -8,19 +8,15 @@ from bench.shared.campaign import campaign
 from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
-from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
-from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.motions import eq17
+from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 import numpy as np
 import pytest
 
@@ -165,28 +161,6 @@ def test_a_payload_where_the_drive_subtracts_its_own_gravity(kind, share):
                      geometry=IIWA).report.payload
     assert payload.mass.value == pytest.approx(2.0, rel=0.03)
     assert [payload.centre[axis].value for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
-
-
-def picked_up(seconds, first, start, time, seed):
-    """Return Eq. (17) from `first` s on; 2 kg are picked up after `time` s."""
-    arm, motion = iiwa7(), eq17(seconds, 2.5, first)
-    after = (motion.t >= time)[:, None]
-    tau = np.where(after, gravity_torque(with_payload(arm, Payload(2.0)), motion.q),
-                   gravity_torque(arm, motion.q))
-    tau += NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
-    return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau, start=start)
-
-
-def test_gravity_includes_the_last_payload():
-    samples = picked_up(120.0, 0.0, 1.7e9, 60.0, 1)
-    before = fit(samples).model
-    result = refit(samples, before, requests(['payload_change'], before.joints))
-    assert not result.implausible
-    later = picked_up(100.0, 300.0, 1.7e9 + 1000.0, 0.0, 2)
-    for residual in (samples.tau - predict_torque(result.model, samples),
-                     later.tau - predict_torque(result.model, later),
-                     later.tau - result.model.predict(later.q)):
-        assert np.sqrt((residual ** 2).mean(axis=0)).max() < 1.5 * NOISE
 
 
 FIRST, SECOND = Payload(2.0, (0.02, -0.01, 0.1)), Payload(0.9, (-0.03, 0.02, 0.06))

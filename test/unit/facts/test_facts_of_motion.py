@@ -4,29 +4,18 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.facts.friction import effort_facts
 from gravity_comp_ros.facts.motion import count_reversals, describe
-from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.motions import MultisineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 
 ARM = arms.iiwa7()
 NOISE = SynthesisOptions(noise=NoiseOptions(absolute=0.1))
-FRICTION = 0.7 * np.array([4.0, 4.0, 3.0, 3.0, 1.0, 1.0, 0.5])
 
 
 def remarks(samples, word, **options):
     return [text for text in describe(samples, **options).remarks if word in text]
-
-
-def of_effort(samples):
-    signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
-                      np.arange(len(samples)), np.zeros(samples.n_joints, dtype=bool))
-    return [fact.sentence for fact in effort_facts(signals, FactOptions())]
 
 
 @pytest.mark.parametrize(('q', 'count'), [
@@ -96,25 +85,3 @@ def test_slow_samples_at_rest_in_a_fast_recording():
         np.concatenate([waiting.qd, fast.qd]), np.concatenate([waiting.tau, fast.tau]))
     (text,) = remarks(whole, 'cover little')
     assert 'iiwa_joint_1' in text and ' rad' in text
-
-
-@pytest.mark.parametrize('seed', range(2))
-@pytest.mark.parametrize(('speed', 'band'), [(0.1, 0.1), (1.0, 0.5)])
-def test_a_reversed_sign_is_detected_with_friction_only(seed, speed, band):
-    motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
-                               MultisineOptions(max_speed=speed, band=band), rate=10.0)
-    rigid = synthesise(ARM, motion, NOISE)
-    rubbing = replace(rigid, tau=rigid.tau + FRICTION * np.tanh(rigid.qd / 0.002))
-    for samples in (rigid, replace(rigid, tau=-rigid.tau), rubbing):
-        assert of_effort(samples) == []
-    (text,) = of_effort(replace(rubbing, tau=-rubbing.tau))
-    assert 'iiwa_joint_1=-1' in text
-
-
-def test_one_joint_with_reversed_sign():
-    samples = synthesise(ARM, motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, 3), NOISE)
-    sign = np.ones(7)
-    sign[6] = -1.0
-    tau = sign * (samples.tau + FRICTION * np.tanh(samples.qd / 0.002))
-    (text,) = of_effort(replace(samples, tau=tau))
-    assert 'sign looks reversed' in text and '--effort-scale iiwa_joint_7=-1,' in text

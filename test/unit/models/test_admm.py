@@ -152,20 +152,6 @@ def test_the_polish_solves_a_hard_problem_early():
     assert breach(a, b, np.full(60, lam), result.state.z) <= 1.1e-7
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_more_columns_than_rows_and_a_tiny_lambda(seed):
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=(rng.integers(2, 20), 60))
-    if seed % 2:
-        a = np.abs(a)
-    a, b = unit_columns(a), rng.normal(size=a.shape[0])
-    penalties = np.full(60, 1e-5 * np.abs(a.T @ b).max())
-    result = solve(a, b, penalties[0])
-    assert result.converged and result.iterations <= 100
-    assert breach(a, b, penalties, result.state.z) <= 1.1e-7
-    assert np.count_nonzero(result.state.z) <= a.shape[0]
-
-
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_input_that_is_not_finite_is_refused(value):
     with pytest.raises(FitError, match='not finite'):

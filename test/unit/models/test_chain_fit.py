@@ -8,7 +8,6 @@ from gravity_comp_ros.estimation.estimate import estimate, estimate_again, FitOp
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain_fit import search, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
-from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.simulation import arms, motions
@@ -59,16 +58,6 @@ def test_the_band_covers_95_percent(iiwa):
         inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
                                                                    model.noise)
         assert 0.92 <= inside.mean() <= 0.98
-
-
-def test_the_model_file_includes_chain_and_uncertainty(iiwa, tmp_path):
-    model = iiwa[1].model
-    save_model(tmp_path / 'm.json', model)
-    loaded = load_model(tmp_path / 'm.json')
-    q = poses(20, 7)
-    np.testing.assert_array_equal(loaded.predict(q), model.predict(q))
-    np.testing.assert_array_equal(loaded.predict_std(q), model.predict_std(q))
-    np.testing.assert_array_equal(loaded.chain.axes, model.chain.axes)
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(3, 6)])
