@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.regression.prior import Prior
@@ -88,91 +87,64 @@ class Design:
 
 class Pool:
     """
-    Candidates that act on the same joints: their columns, and their products with the design.
+    Candidates that act on the same joints: their C columns, and their products with the design.
 
-    Products of candidates with each other are needed within a candidate only.
+    `start` (T + 1,) is the first column of each; by their number K of columns, `groups` are their
+    numbers (T,), `places` (T, K) their columns, and `prior_std` (T, K) of these. `cross[j]` (C,)
+    and `own[j, K]` (T, K, K) are products with the target and within each, on joint j. Products of
+    candidates with each other are not needed.
     """
 
     def __init__(self, design: Design, joints: Sequence[int], terms: Sequence[Term]) -> None:
         self.design, self.joints, self.terms = design, tuple(joints), tuple(terms)
-        self.start = np.cumsum([0, *(term.n_columns for term in terms)])
-        sizes = np.diff(self.start)
-        self._groups = {int(size): np.flatnonzero(sizes == size) for size in np.unique(sizes)}
-        count = int(self.start[-1])
-        self.cross = {j: np.empty(count) for j in joints}
-        self._side = {j: np.empty((count, 0)) for j in joints}
-        self._own = {(j, size): np.empty((len(group), size, size))
-                     for j in joints for size, group in self._groups.items()}
-        self._sum()
+        sizes = np.array([term.n_columns for term in terms], dtype=np.int64)
+        self.start = np.append(0, np.cumsum(sizes))
+        self.groups = {int(size): np.flatnonzero(sizes == size) for size in np.unique(sizes)}
+        self.places = {size: self.start[group][:, None] + np.arange(size)
+                       for size, group in self.groups.items()}
+        self.prior_std = {size: np.stack([self.terms[k].prior_std for k in group])
+                          for size, group in self.groups.items()}
+        self.log_odds = np.array([term.log_odds for term in terms])
+        # The most that a prior of positive coefficients adds to a gain.
+        self.most_share_allowed = sizes * np.array([
+            np.log(2.0) if term.effect.why_not_negative else 0.0 for term in terms])
+        self.of_key: dict[Key, list[int]] = {}
+        for k, term in enumerate(terms):
+            self.of_key.setdefault(term.key, []).append(k)
+        self.cross: dict[int, FloatArray] = {}
+        self.own: dict[tuple[int, int], FloatArray] = {}
+        self._side: dict[int, FloatArray] = {}
+        for j in joints:
+            self._sum(j)
 
-    def _sum(self) -> None:
-        """Sum the products within the candidates, with the target and with the design."""
-        for j in self.joints:
-            x = np.concatenate([self.design.x[j], self.design.y[j][None]])
-            side = np.empty((len(self.cross[j]), len(x)))
-            for size, numbers, z in self._batches(j):
-                side[self._columns(numbers, size)] = z @ x.T
-                shaped = z.reshape(-1, size, z.shape[1])
-                self._own[j, size][np.searchsorted(self._groups[size], numbers)] = (
-                    shaped @ shaped.swapaxes(1, 2))
-            self._side[j], self.cross[j] = side[:, :-1], side[:, -1].copy()
+    def _sum(self, j: int) -> None:
+        """Sum the products on a joint: within the candidates, with the target and the design."""
+        x = np.concatenate([self.design.x[j], self.design.y[j][None]])
+        side = np.empty((self.start[-1], len(x)))
+        self.own |= {(j, size): np.empty((len(group), size, size))
+                     for size, group in self.groups.items()}
+        for size, part, z in self._batches(j):
+            side[self.places[size][part].ravel()] = z @ x.T
+            shaped = z.reshape(-1, size, z.shape[1])
+            self.own[j, size][part] = shaped @ shaped.swapaxes(1, 2)
+        self._side[j], self.cross[j] = side[:, :-1], side[:, -1].copy()
 
-    def _batches(self, j: int) -> Iterator[tuple[int, IntArray, FloatArray]]:
-        """Yield weighted columns (T K, R) of T candidates of K columns: K and their numbers."""
-        for size, group in self._groups.items():
-            for numbers in np.split(group, range(_BATCH, len(group), _BATCH)):
-                z = np.concatenate([self.terms[k].on(j).T for k in numbers])
-                yield size, numbers, np.multiply(z, self.design.root[j], out=z)
-
-    def _columns(self, numbers: IntArray, size: int) -> IntArray:
-        """Return the columns of candidates of `size` columns."""
-        return np.asarray((self.start[numbers][:, None] + np.arange(size)).ravel())
-
-    def places(self, size: int) -> IntArray:
-        """Return the columns (T, K) of each candidate of K columns."""
-        return self._columns(self._groups[size], size).reshape(-1, size)
+    def _batches(self, j: int) -> Iterator[tuple[int, slice, FloatArray]]:
+        """Yield K, a part of the candidates of K columns, and their weighted columns (T K, R)."""
+        for size, group in self.groups.items():
+            for start in range(0, len(group), _BATCH):
+                part = slice(start, start + _BATCH)
+                z = np.concatenate([self.terms[k].on(j).T for k in group[part]])
+                yield size, part, np.multiply(z, self.design.root[j], out=z)
 
     def side(self, j: int) -> FloatArray:
         """Return the products (C, K_j) of a joint's columns with those of the design."""
         known = self._side[j].shape[1]
         new = self.design.x[j][known:]
         if len(new):
-            side = np.concatenate([self._side[j], np.empty((len(self.cross[j]), len(new)))],
+            side = np.concatenate([self._side[j], np.empty((len(self._side[j]), len(new)))],
                                   axis=1)
-            for size, numbers, z in self._batches(j):
-                side[self._columns(numbers, size), known:] = z @ new.T
+            for size, part, z in self._batches(j):
+                side[self.places[size][part].ravel(), known:] = z @ new.T
             self._side[j] = side
         return self._side[j]
-
-    @cached_property
-    def prior_std(self) -> Mapping[int, FloatArray]:
-        """Return the prior standard deviations (T, K) of the candidates of K columns, by K."""
-        return {size: np.stack([self.terms[k].prior_std for k in group])
-                for size, group in self._groups.items()}
-
-    @cached_property
-    def log_odds(self) -> FloatArray:
-        """Return the prior log odds (T,) of all candidates."""
-        return np.array([term.log_odds for term in self.terms])
-
-    @cached_property
-    def of_key(self) -> Mapping[Key, Sequence[int]]:
-        """Return the numbers of the candidates of each effect."""
-        numbers: dict[Key, list[int]] = {}
-        for k, term in enumerate(self.terms):
-            numbers.setdefault(term.key, []).append(k)
-        return numbers
-
-    @cached_property
-    def most_share_allowed(self) -> FloatArray:
-        """Return the most (C,) that a prior of positive coefficients adds to a gain."""
-        return np.array([t.n_columns * np.log(2.0) if t.effect.why_not_negative else 0.0
-                         for t in self.terms])
-
-    def groups(self) -> Mapping[int, IntArray]:
-        """Return the numbers of the candidates by their number of columns."""
-        return self._groups
-
-    def own(self, j: int, size: int) -> FloatArray:
-        """Return the products (T, K, K) within each candidate of K columns (`groups`)."""
-        return self._own[j, size]

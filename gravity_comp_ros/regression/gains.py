@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Pool
@@ -39,7 +39,8 @@ class Score:
     """
     A term outside of a posterior: information M (K, K), score u (K,) and mean (K,).
 
-    `own` (K, K) is the information if all other columns were 0.
+    `own` (K, K) is the information if all other columns were 0; `sides` are its weighted products
+    with the columns of the posterior on each joint.
     """
 
     term: Term
@@ -47,6 +48,15 @@ class Score:
     score: FloatArray
     mean: FloatArray
     own: FloatArray
+    sides: Mapping[int, FloatArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, term: Term, information: FloatArray, score: FloatArray, own: FloatArray,
+           sides: Mapping[int, FloatArray]) -> Score:
+        """Return a score whose information has errors of rounding."""
+        information = _semidefinite(0.5 * (information + information.T))
+        mean = np.linalg.solve(information + np.diag(term.prior_std ** -2.0), score)
+        return cls(term, information, score, np.asarray(mean), own, sides)
 
     @property
     def unabsorbed(self) -> float:
@@ -93,21 +103,15 @@ def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
 
 def score_of(posterior: Posterior, term: Term) -> Score:
     """Return the score of a term whose coefficients are 0 in the posterior, or not in it."""
-    k = term.n_columns
-    side, own = np.zeros((k, len(posterior.beta))), np.zeros((k, k))
-    score: FloatArray = np.zeros(k)
-    design = posterior.design
+    k, design, sides = term.n_columns, posterior.design, {}
+    side, own, score = np.zeros((k, len(posterior.beta))), np.zeros((k, k)), np.zeros(k)
     for j in term.joints(design.n_joints):
-        w, places, x = posterior.precision[j], posterior.places(j), posterior.x(j)
-        z = design.weighted(j, term)
-        side[:, places] += w * (z @ x.T)
+        w, z = posterior.precision[j], design.weighted(j, term)
+        sides[j] = w * (z @ posterior.x(j).T)
+        side[:, posterior.places(j)] += sides[j]
         own += w * (z @ z.T)
         score += w * (z @ posterior.residual(j))
-    information = own - side @ posterior.covariance @ side.T
-    information = _semidefinite(0.5 * (information + information.T))
-    mean = np.asarray(np.linalg.solve(information + np.diag(term.prior_std ** -2.0), score),
-                      dtype=np.float64)
-    return Score(term, information, score, mean, own)
+    return Score.of(term, own - side @ posterior.covariance @ side.T, score, own, sides)
 
 
 def _semidefinite(matrix: FloatArray) -> FloatArray:
@@ -126,10 +130,12 @@ def gain_of(posterior: Posterior, term: Term, kappa: float | None = None) -> flo
 
     :param kappa: the inflation of the noise; that of the term itself by default.
     """
-    scored = score_of(posterior, term)
-    if scored.unabsorbed < _EXPLAINED:
-        return -np.inf
-    return gain(posterior, scored, kappa)
+    return _gain_if_independent(posterior, score_of(posterior, term), kappa)
+
+
+def _gain_if_independent(posterior: Posterior, scored: Score,
+                         kappa: float | None = None) -> float:
+    return -np.inf if scored.unabsorbed < _EXPLAINED else gain(posterior, scored, kappa)
 
 
 def inflation(posterior: Posterior, scored: Score) -> float:
@@ -166,14 +172,13 @@ def _scatter(posterior: Posterior, scored: Score) -> float:
     design, term = posterior.design, scored.term
     block = design.rows.block
     total = np.zeros((int(block.max(initial=0)) + 1, term.n_columns))
-    for j in term.joints(design.n_joints):
-        w, places, x = posterior.precision[j], posterior.places(j), posterior.x(j)
-        z = design.weighted(j, term)
+    for j, side in scored.sides.items():
+        places = posterior.places(j)
         covariance = posterior.covariance[np.ix_(places, places)]
-        own = z - (w * (z @ x.T)) @ covariance @ x
-        error = posterior.residual(j) - scored.mean @ own
+        own = design.weighted(j, term) - side @ covariance @ posterior.x(j)
+        error = posterior.precision[j] * (posterior.residual(j) - scored.mean @ own)
         for k in range(term.n_columns):
-            total[:, k] += np.bincount(block, own[k] * error * w, len(total))
+            total[:, k] += np.bincount(block, own[k] * error, len(total))
     information = scored.information
     ridge = np.diag(1e-9 * term.prior_std ** -2.0
                     + 1e-12 * np.trace(information)) + information
@@ -208,22 +213,24 @@ class Ranking:
 
     def __init__(self, posterior: Posterior, pool: Pool, allowed: Sequence[int],
                  least: float) -> None:
-        self.posterior, self.least = posterior, least
-        self.terms = [pool.terms[k] for k in allowed]
-        self.bounds = _bounds(posterior, pool)[np.asarray(allowed, dtype=np.int64)]
+        self.posterior, self.pool, self.least = posterior, pool, least
+        self.allowed = np.asarray(allowed, dtype=np.int64)
+        self.bounds = _bounds(posterior, pool)[self.allowed]
 
     def __iter__(self) -> Iterator[tuple[float, Term]]:
         """Yield gain and term of every candidate above the least gain, the best first."""
         order = self._best_settings()
         waiting: list[tuple[float, int]] = []
         for place, k in enumerate(order):
-            waiting.append((gain_of(self.posterior, self.terms[k]), k))
+            scored = _PoolScores.of(self.posterior, self.pool).scored(
+                self.posterior, self.pool, self.allowed[k])
+            waiting.append((_gain_if_independent(self.posterior, scored), k))
             waiting.sort(key=lambda each: -each[0])
             following = self.bounds[order[place + 1]] if place + 1 < len(order) else -np.inf
             while waiting and waiting[0][0] >= following:
                 value, best = waiting.pop(0)
                 if value > self.least:
-                    yield value, self.terms[best]
+                    yield value, self.pool.terms[self.allowed[best]]
 
     def _best_settings(self) -> list[int]:
         """Return the candidates above the least gain, the best settings of each effect."""
@@ -231,7 +238,8 @@ class Ranking:
         for k in np.argsort(-self.bounds):
             if self.bounds[k] <= self.least:
                 break
-            kind = self.terms[k].key, tuple(self.terms[k].setting)
+            term = self.pool.terms[self.allowed[k]]
+            kind = term.key, tuple(term.setting)
             seen[kind] += 1
             if seen[kind] <= _SETTINGS:
                 order.append(int(k))
@@ -262,18 +270,28 @@ class _PoolScores:
         scores: _PoolScores = posterior.of_pool[pool]
         return scores
 
+    def scored(self, posterior: Posterior, pool: Pool, number: int) -> Score:
+        """Return the score of one candidate."""
+        size, here = pool.terms[number].n_columns, slice(*pool.start[number:number + 2])
+        place = int(np.searchsorted(pool.groups[size], number))
+        return Score.of(
+            pool.terms[number], self.information[size][place], self.score[here],
+            self.own[size][place],
+            {j: posterior.precision[j] * pool.side(j)[here, posterior.columns(j)]
+             for j in pool.joints})
+
     @classmethod
     def _summed(cls, posterior: Posterior, pool: Pool) -> _PoolScores:
         score, side = np.zeros(int(pool.start[-1])), np.zeros((pool.start[-1],
                                                                len(posterior.beta)))
-        own = {size: np.zeros((len(group), size, size)) for size, group in pool.groups().items()}
+        own = {size: np.zeros((len(group), size, size)) for size, group in pool.groups.items()}
         for j in pool.joints:
             w, places = posterior.precision[j], posterior.places(j)
             part = w * pool.side(j)[:, posterior.columns(j)]
             side[:, places] += part
             score += w * pool.cross[j] - part @ posterior.beta[places]
             for size, products in own.items():
-                products += w * pool.own(j, size)
+                products += w * pool.own[j, size]
         used = np.unique(np.concatenate([posterior.places(j) for j in pool.joints]))
         solved = side[:, used] @ posterior.covariance[used]
         return cls(score, {size: products - _within(pool, size, solved[:, used], side[:, used])
@@ -292,15 +310,15 @@ class _PoolScores:
 
 def _within(pool: Pool, size: int, one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the products (T, K, K) of two arrays (C, P) within each candidate of K columns."""
-    places = pool.places(size)
+    places = pool.places[size]
     return np.asarray(one[places] @ other[places].swapaxes(1, 2))
 
 
 def _bounds(posterior: Posterior, pool: Pool) -> FloatArray:
     """Return the largest gains at kappa = 1 (T,) of the candidates of a pool."""
     bounds, scores = np.empty(len(pool.terms)), _PoolScores.of(posterior, pool)
-    for size, group in pool.groups().items():
-        information, score = scores.information[size], scores.score[pool.places(size)]
+    for size, group in pool.groups.items():
+        information, score = scores.information[size], scores.score[pool.places[size]]
         independent = np.trace(information, axis1=1, axis2=2) > _EXPLAINED ** 2 * np.trace(
             scores.own[size], axis1=1, axis2=2)
         std = pool.prior_std[size]
