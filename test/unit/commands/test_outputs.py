@@ -1,4 +1,4 @@
-"""What verbs print and write: tables of any width, next commands, and no input overwritten."""
+"""Output of verbs: tables of any width, next commands, and no input overwritten."""
 
 import re
 import shlex
