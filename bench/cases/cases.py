@@ -102,11 +102,6 @@ class Case:
         return frozenset(pair for truth in self.truths for pair in truth.answers)
 
 
-def undisturbed(case: Case) -> Case:
-    """Return the case without hidden effects; motion and noise of a seed are the same."""
-    return replace(case, disturbances=(), in_run=(), truths=(), verdict='nothing')
-
-
 def recordings(case: Case, seed: int = 0, rate: float = 50.0) -> JointSamples:
     """
     Return the simulated recordings of a case at `rate` Hz.
