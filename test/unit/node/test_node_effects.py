@@ -3,7 +3,7 @@
 from dataclasses import replace
 import time
 
-from bench.shared.node_messages import joint_state, Nodes, refit, send_message, until
+from bench.shared.node_messages import joint_state, refit, send_message, until
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
@@ -65,13 +65,6 @@ def model_file(tmp_path_factory):
     path = tmp_path_factory.mktemp('effects') / 'model.json'
     save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, qd, tau)).model)
     return path
-
-
-@pytest.fixture(scope='module')
-def nodes():
-    nodes = Nodes()
-    yield nodes
-    nodes.end()
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node import epoch as epoch_module
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, MEAN_OVER, REST_SPEED
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import iiwa7, inverse_dynamics
@@ -27,22 +26,8 @@ def recorded(seed, seconds=60.0, rate=50.0):
     return synthesise(ARM, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed))
 
 
-@pytest.fixture
-def live():
-    nodes = []
-
-    def make(**settings):
-        given = {'unlimited_torque': True, 'settle_time': 0.0, 'max_age': 0.0, **settings}
-        nodes.append(NodeCore(Parameters(**given), '/joint_states', 0.0))
-        return nodes[-1]
-
-    yield make
-    for each in nodes:
-        each.close()
-
-
 def test_samples_of_the_node_are_means_of_the_recording(live):
-    node, samples = live(auto_fit=False), recorded(60, 20.0)
+    node, samples = live(auto_fit=False, settle_time=0.0), recorded(60, 20.0)
     play(node, samples)
     learned, whole = node.arm.epoch.rows().samples, with_accelerations(samples, samples)
     # The last sample has no messages after it.
@@ -61,13 +46,13 @@ def test_samples_of_the_node_are_means_of_the_recording(live):
 
 
 def test_a_slow_rate_has_no_accelerations(live):
-    node = live(auto_fit=False)
+    node = live(auto_fit=False, settle_time=0.0)
     play(node, recorded(60, 20.0, 10.0))
     assert len(node.arm.epoch) > 80 and node.arm.epoch.rows().samples.qdd is None
 
 
 def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
-    node, samples = live(auto_fit=False), recorded(60, 3.0)
+    node, samples = live(auto_fit=False, settle_time=0.0), recorded(60, 3.0)
     now = play(node, samples)
     node.learner.payload_changed(now)
     assert len(node.arm.epoch) == 0
@@ -95,7 +80,7 @@ def test_inertia_of_the_model_is_no_residual(live, tmp_path):
     slow = slow_samples(samples).samples
     model = fit(slow).model
     save_model(tmp_path / 'model.json', model)
-    node = live(auto_fit=False, model_file=str(tmp_path / 'model.json'))
+    node = live(auto_fit=False, settle_time=0.0, model_file=str(tmp_path / 'model.json'))
     # Uneven motion of the second joint alone.
     t = np.arange(0.0, 20.0, 0.02)
     q = np.tile(slow.q[0], (len(t), 1))
