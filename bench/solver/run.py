@@ -21,7 +21,7 @@ import time
 
 from bench.solver.memory import peak_megabytes
 from bench.solver.problems import eq17, long_arm, Problem, random_poses, relative_gap
-from bench.solver.solvers import dense_admm, factors, OTHERS, OURS, Solver
+from bench.solver.solvers import factors, OTHERS, OURS, Solver
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem
@@ -136,7 +136,7 @@ def median(runs: list[dict], key: str) -> float:
 
 
 def growth(joints: range, repetitions: int) -> list[dict]:
-    """Return time and memory of one joint for each number of joints, and of dense ADMM."""
+    """Return time and memory of one joint for each number of joints."""
     rows = []
     for n in joints:
         problem = long_arm(n)
@@ -156,13 +156,6 @@ def growth(joints: range, repetitions: int) -> list[dict]:
                  'l1_support': int(np.count_nonzero(x)), 'support': len(result.indices),
                  'gap': result.lasso.certificate.gap,
                  'megabytes': peak_megabytes(fit_sparse, sparse, SparseOptions())}
-        if n <= 7:
-            a = problem.matrix()
-            solver = next(other for other in OTHERS if other.solve is dense_admm)
-            _, dense = loosest(solver, problem, a)
-            costs['dense_seconds'], costs['dense_gap'] = dense['seconds'], dense['gap']
-            costs['dense_megabytes'] = a.nbytes / 1e6 + peak_megabytes(
-                dense_admm, problem, a, 1e-3)
         print(f'  {costs}', file=sys.stderr, flush=True)
         rows.append(costs)
     return rows
@@ -183,8 +176,7 @@ def main() -> None:
     parts = [('random', lambda: compare('random', random_poses(), args.repetitions, False)),
              ('growth', lambda: growth(range(4, 13), min(args.repetitions, 3))),
              ('eq17', lambda: compare('eq17', eq17(), args.repetitions, False)),
-             ('eq17_slow', lambda: compare('eq17', eq17(), args.repetitions, True)),
-             ('random_slow', lambda: compare('random', random_poses(), args.repetitions, True))]
+             ('eq17_slow', lambda: compare('eq17', eq17(), args.repetitions, True))]
     if args.only is not None and args.output.exists():
         results = json.loads(args.output.read_text())
     for name, part in parts:
