@@ -28,7 +28,7 @@ _IMPORTS = ('gravity_comp_ros.cli', 'gravity_comp_ros.commands.add',
             'gravity_comp_ros.commands.diagnose', 'gravity_comp_ros.commands.fit',
             'gravity_comp_ros.commands.update',
             'gravity_comp_ros.recordings.bag', 'gravity_comp_ros.api.loop', 'scipy.linalg',
-            'scipy.special', 'scipy.optimize', 'scipy.signal')
+            'scipy.special')
 HOUR = ('--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',
         '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1')
 
