@@ -109,12 +109,12 @@ def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
     """
     Return the slope per row of cubics through `length` rows of q (M, N), an odd number.
 
-    `scipy.signal.savgol_filter` is equivalent, but its import takes as long as a fit.
+    `scipy.signal.savgol_filter` is equivalent, but its import is slow.
     """
-    from scipy.ndimage import correlate1d  # imported on demand: the import is slow
     half = length // 2
     derivative, cubic = _cubic(length)
-    slope = np.asarray(correlate1d(q, cubic[1], axis=0, mode='nearest'))
+    slope = np.empty_like(q)
+    slope[half:-half] = np.stack([np.correlate(column, cubic[1]) for column in q.T], axis=1)
     # The first and the last cubic are used up to the ends.
     slope[:half] = (derivative @ (cubic[1:] @ q[:length]))[:half]
     slope[-half:] = (derivative @ (cubic[1:] @ q[-length:]))[-half:]
