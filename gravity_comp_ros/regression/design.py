@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
+from itertools import pairwise
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.regression.prior import Prior
@@ -36,7 +37,7 @@ class Design:
         self.gram = [x @ x.T for x in self.x]
         self.cross = [x @ self.y[j] for j, x in enumerate(self.x)]
         self.square = (self.y ** 2).sum(axis=1)
-        self._at: list[dict[Term, slice]] = [{} for _ in self.x]
+        self._at: list[dict[Term, IntArray]] = [{} for _ in self.x]
 
     def without_rows(self, rows: BoolArray) -> Design:
         """Return the sums without some rows (R,); its rows are those left out."""
@@ -62,27 +63,23 @@ class Design:
         """Return the columns of a term on a joint, (K, R)."""
         return np.asarray(term.on(j).T * self.root[j])
 
-    def add(self, terms: Iterable[Term]) -> None:
+    def add(self, terms: Sequence[Term]) -> None:
         """Append the columns of terms that are not in the design yet."""
-        for term in terms:
-            for j in term.joints(self.n_joints):
-                if term not in self._at[j]:
-                    self._append(j, term)
-
-    def _append(self, j: int, term: Term) -> None:
-        start, more = len(self.x[j]), self.weighted(j, term)
-        self._at[j][term] = slice(start, start + len(more))
-        side = self.x[j] @ more.T
-        self.gram[j] = np.block([[self.gram[j], side], [side.T, more @ more.T]])
-        self.cross[j] = np.append(self.cross[j], more @ self.y[j])
-        self.x[j] = np.concatenate([self.x[j], more])
+        for j, at in enumerate(self._at):
+            new = [term for term in terms if j in term.joints(self.n_joints) and term not in at]
+            if not new:
+                continue
+            starts = np.cumsum([len(self.x[j]), *(term.n_columns for term in new)])
+            at |= {term: np.arange(*ends) for term, ends in zip(new, pairwise(starts))}
+            more = np.concatenate([self.weighted(j, term) for term in new])
+            side = self.x[j] @ more.T
+            self.gram[j] = np.block([[self.gram[j], side], [side.T, more @ more.T]])
+            self.cross[j] = np.append(self.cross[j], more @ self.y[j])
+            self.x[j] = np.concatenate([self.x[j], more])
 
     def selected(self, j: int, terms: Sequence[Term]) -> IntArray:
         """Return the columns of the shared part and of terms that act on a joint."""
-        at = self._at[j]
-        parts = [np.arange(self.n_shared)]
-        parts += [np.arange(at[term].start, at[term].stop) for term in terms]
-        return np.concatenate(parts)
+        return np.concatenate([np.arange(self.n_shared), *(self._at[j][t] for t in terms)])
 
 
 class Pool:

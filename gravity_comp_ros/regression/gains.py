@@ -107,7 +107,7 @@ def score_of(posterior: Posterior, term: Term) -> Score:
     side, own, score = np.zeros((k, len(posterior.beta))), np.zeros((k, k)), np.zeros(k)
     for j in term.joints(design.n_joints):
         w, z = posterior.precision[j], design.weighted(j, term)
-        sides[j] = w * (z @ posterior.x(j).T)
+        sides[j] = w * (z @ design.x[j].T)[:, posterior.columns(j)]
         side[:, posterior.places(j)] += sides[j]
         own += w * (z @ z.T)
         score += w * (z @ posterior.residual(j))
@@ -175,7 +175,7 @@ def _scatter(posterior: Posterior, scored: Score) -> float:
     for j, side in scored.sides.items():
         places = posterior.places(j)
         covariance = posterior.covariance[np.ix_(places, places)]
-        own = design.weighted(j, term) - side @ covariance @ posterior.x(j)
+        own = design.weighted(j, term) - posterior.torque(j, side @ covariance)
         error = posterior.precision[j] * (posterior.residual(j) - scored.mean @ own)
         for k in range(term.n_columns):
             total[:, k] += np.bincount(block, own[k] * error, len(total))

@@ -32,7 +32,6 @@ class Posterior:
     # The posterior of which some coefficients (K,) are conditioned to 0 (`without`).
     conditioned: tuple[Posterior, IntArray] | None = None
     _places: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
-    _x: dict[int, FloatArray] = field(default_factory=dict)
     _residuals: dict[int, FloatArray] = field(default_factory=dict, init=False)
     of_pool: dict[object, Any] = field(default_factory=dict, init=False)  # scores of candidates
 
@@ -62,16 +61,16 @@ class Posterior:
         """Return the design's columns of these coefficients."""
         return self._of(j)[1]
 
-    def x(self, j: int) -> FloatArray:
-        """Return the weighted columns (K, R) that act on a joint."""
-        if j not in self._x:
-            self._x[j] = self.design.x[j][self.columns(j)]
-        return self._x[j]
+    def torque(self, j: int, coefficients: FloatArray) -> FloatArray:
+        """Return the columns that act on a joint times coefficients (..., K), (..., R)."""
+        every = np.zeros((*coefficients.shape[:-1], len(self.design.x[j])))
+        every[..., self.columns(j)] = coefficients
+        return np.asarray(every @ self.design.x[j])
 
     def residual(self, j: int) -> FloatArray:
         """Return the weighted residual (R,) of a joint."""
         if j not in self._residuals:
-            self._residuals[j] = self.design.y[j] - self.beta[self.places(j)] @ self.x(j)
+            self._residuals[j] = self.design.y[j] - self.torque(j, self.beta[self.places(j)])
         return self._residuals[j]
 
     @cached_property
@@ -128,7 +127,7 @@ class Posterior:
         covariance = self.covariance - gain @ self.covariance[here]
         beta[here], covariance[here], covariance[:, here] = 0.0, 0.0, 0.0
         return Posterior(self.design, self.terms, self.precision, beta, covariance,
-                         None if self.conditioned else (self, here), self._places, self._x)
+                         None if self.conditioned else (self, here), self._places)
 
 
 def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Posterior:
