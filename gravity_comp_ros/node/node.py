@@ -10,7 +10,7 @@ from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
 from gravity_comp_ros.node.messages import CompleteReading, Reading
-from gravity_comp_ros.node.node_core import check_effects, NodeCore
+from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
@@ -71,7 +71,6 @@ class GravityCompNode(LifecycleNode):
         core = self._core
         if core is not None and core.arm is not None:
             values.check(core.arm.joints)
-            check_effects(values, core.arm.joints)
 
     def _use_settings(self, values: Parameters) -> None:
         if self._core is not None:

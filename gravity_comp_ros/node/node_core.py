@@ -7,7 +7,6 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import joint_order
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
@@ -15,7 +14,6 @@ from gravity_comp_ros.node.learner import can_change, Events, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
-from gravity_comp_ros.node.torque_source import compensable
 from gravity_comp_ros.worker.worker_process import command, Supervised
 
 # Difference of the times of arrival of two messages that were taken at once, s.
@@ -41,7 +39,6 @@ class NodeCore:
         self.models = ModelHistory(settings.model_file)
         self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NICENESS),
                                settings.fit_timeout)
-        self.arm: Arm | None = None
         self.learner: Learner | None = None
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.
@@ -57,6 +54,11 @@ class NodeCore:
         if names := joints or (entry.model.joints if entry else ()):
             self._begin(names, entry)
 
+    @property
+    def arm(self) -> Arm | None:
+        """The arm, None before its joints are known."""
+        return None if self.learner is None else self.learner.arm
+
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on; they have been checked."""
         self.settings = settings
@@ -66,15 +68,14 @@ class NodeCore:
 
     def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
         self.settings.check(joints)
-        check_effects(self.settings, joints)
         # Torque that a call has disabled stays disabled where the arm replaces a gripper.
         is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
-        self.arm = Arm(joints, self.settings, is_open=entry is None,
-                       has_base=entry is not None and can_change(entry.model))
-        self.arm.enable(is_allowed)
+        arm = Arm(joints, self.settings, is_open=entry is None,
+                  has_base=entry is not None and can_change(entry.model))
+        arm.enable(is_allowed)
         if entry is not None:
-            self.arm.use(entry.model, None, 0)
-        self.learner = Learner(self.arm, self.models, self.fits, self.events)
+            arm.use(entry.model, None, 0)
+        self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
             f'{entry.describe() if entry else "none yet"}; formulation of fits: '
@@ -188,10 +189,10 @@ class NodeCore:
         """
         wall = now if wall is None else wall
         answers = self.fits.poll(wall)
-        if self.learner is None or self.arm is None:
+        if self.learner is None:
             return None
         self.learner.poll(answers, now, wall)
-        return self.arm.tick(now)
+        return self.learner.arm.tick(now)
 
     def deactivate(self) -> None:
         """Keep the model and the samples; torque ramps up from zero at the next message."""
@@ -215,16 +216,3 @@ class NodeCore:
         return [*statuses, diagnostics.learning_status(self.learner, arm),
                 diagnostics.payload_status(arm.watch),
                 diagnostics.feedforward_status(arm, now), *diagnostics.joint_statuses(arm)]
-
-
-def check_effects(settings: Parameters, joints: tuple[str, ...]) -> None:
-    """
-    Check the parameters `effects` and `compensate`.
-
-    :raises OptionError: if an effect or a joint is unknown, or cannot be compensated.
-    """
-    try:
-        requests(settings.effects, joints)
-    except OptionError as problem:
-        raise OptionError(f'parameter effects: {problem}') from problem
-    compensable(settings.compensate, joints)

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, fields
 import math
 from typing import Any
 
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.request import Request, requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
@@ -276,7 +278,8 @@ class Parameters:
         Check the consistency of several parameters.
 
         :param names: the joints of the arm where they are known.
-        :raises OptionError: if two parameters contradict each other.
+        :raises OptionError: if two parameters contradict each other, an effect or a joint is
+            unknown, or an effect cannot be compensated.
         """
         known = self.joints or names
         n = len(known)
@@ -294,10 +297,35 @@ class Parameters:
         if 0.0 in self.effort_scale:
             raise OptionError('parameter effort_scale: 0 would erase the effort of a joint; '
                               'remove the joint from `joints` instead')
+        if known:
+            self._targets('effects', known)
+            self.compensated(known)
         for name in ('min_samples', 'first_samples'):
             if getattr(self, name) > self.full_samples:
                 raise OptionError(f'parameter {name}: {getattr(self, name)} is more than '
                                   f'full_samples, {self.full_samples}')
+
+    def compensated(self, joints: tuple[str, ...]) -> tuple[str, ...]:
+        """
+        Return the effects whose torque is published, as targets like `coulomb_friction:elbow`.
+
+        :raises OptionError: if an effect is unknown or cannot be compensated.
+        """
+        requested = self._targets('compensate', joints)
+        for request in requested:
+            if not request.effect.is_compensable:
+                allowed = [each.name for each in all_effects().values() if each.is_compensable]
+                raise OptionError(
+                    f'parameter compensate: {request.effect.name} is refused; only these depend '
+                    'on pose and speed alone and may be sent to a drive: '
+                    f'{", ".join(allowed)}')
+        return tuple(request.target for request in requested)
+
+    def _targets(self, name: str, joints: tuple[str, ...]) -> list[Request]:
+        try:
+            return requests(getattr(self, name), joints)
+        except OptionError as problem:
+            raise OptionError(f'parameter {name}: {problem}') from problem
 
 
 TABLE = tuple(Parameter(each.name, _KINDS[str(each.type)], each.default,  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 import math
@@ -11,9 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.effects.live import Limits, LiveEffects
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import ExternalTorque, ExternalTorqueObserver
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import CompleteReading, Reading
@@ -131,25 +129,6 @@ def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
         return np.zeros(0)
 
 
-def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...]:
-    """
-    Return the targets of texts like `coulomb_friction:elbow`.
-
-    :raises OptionError: if an effect is unknown or cannot be compensated.
-    """
-    try:
-        requested = requests(texts, joints)
-    except OptionError as problem:
-        raise OptionError(f'parameter compensate: {problem}') from problem
-    for request in requested:
-        if not request.effect.is_compensable:
-            allowed = [effect.name for effect in all_effects().values() if effect.is_compensable]
-            raise OptionError(
-                f'parameter compensate: {request.effect.name} is refused; only these depend on '
-                f'pose and speed alone and may be sent to a drive: {", ".join(allowed)}')
-    return tuple(request.target for request in requested)
-
-
 class ModelInUse:
     """
     A model with its effects, sample by sample in order of time.
@@ -175,7 +154,7 @@ class ModelInUse:
 
     def compensate(self, settings: Parameters) -> None:
         """Send the effects that the settings list."""
-        model, requested = self.model, compensable(settings.compensate, self.model.joints)
+        model, requested = self.model, settings.compensated(self.model.joints)
         sent = LiveEffects(
             model, [effect for effect in model.applied.effects if effect.target in requested],
             Limits(settings.compensate_fraction, COMPENSATION_SPEED, settings.max_speed))

@@ -9,7 +9,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.node.torque_source import compensable
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 import pytest
 
@@ -123,11 +123,14 @@ def test_an_effect_of_another_version_is_left_out_before_the_loop():
 def test_only_safe_effects_are_compensable():
     assert all(one.needs is Needs.SPEED for one in library_effects().values()
                if one.is_compensable)
-    assert compensable(['coulomb_friction:b', 'viscous_friction'], ('a', 'b')) == (
+    def compensated(*targets):
+        return Parameters(joints=('a', 'b'), compensate=targets).compensated(('a', 'b'))
+
+    assert compensated('coulomb_friction:b', 'viscous_friction') == (
         'coulomb_friction:b', 'viscous_friction:a', 'viscous_friction:b')
     for name in ('rigid_body_dynamics', 'time_delay:a', 'end_stop', 'torque_gain:b',
                  'torque_ripple:a'):
         with pytest.raises(OptionError, match='refused'):
-            compensable([name], ('a', 'b'))
+            compensated(name)
     with pytest.raises(OptionError, match='did you mean coulomb_friction'):
-        compensable(['coulomb_fricton'], ('a', 'b'))
+        compensated('coulomb_fricton')
