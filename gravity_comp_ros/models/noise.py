@@ -153,18 +153,18 @@ def correlation_time(residual: FloatArray, runs: IntArray) -> float:
     It is 1 + 2 sum_k rho_k, summed until rho_k falls below its own standard error; samples of
     different runs are independent.
     """
-    total = len(residual)
-    parts = [residual[runs == run] for run in np.unique(runs)]
-    power = sum(float(p @ p) for p in parts)
-    if power <= 0.0 or total < 4:
+    power = float(residual @ residual)
+    if power <= 0.0 or len(residual) < 4:
         return 1.0
-    time = 1.0
-    for lag in range(1, max(2, total // 4)):
-        rho = sum(float(p[lag:] @ p[:-lag]) for p in parts if len(p) > lag) / power
-        if rho < 2.0 / np.sqrt(total):
-            break
-        time += 2.0 * rho
-    return time
+    edges = np.flatnonzero(np.diff(runs)) + 1
+    size = 2 ** int(np.ceil(np.log2(2 * max(np.diff([0, *edges, len(residual)])))))
+    correlation = np.zeros(size // 2)
+    for part in np.split(residual, edges):
+        spectrum = np.abs(np.fft.rfft(part, size)) ** 2
+        correlation += np.fft.irfft(spectrum, size)[:size // 2]
+    rho = correlation[1:] / power
+    small = np.flatnonzero(rho < 2.0 / np.sqrt(len(residual)))
+    return float(1.0 + 2.0 * rho[:small[0] if small.size else len(rho)].sum())
 
 
 def correlation_times(residual: FloatArray, runs: IntArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
@@ -62,18 +62,13 @@ class TermFactory:
         """Return a term with its columns computed from this motion."""
         if not term.effect.uses_gravity:
             return term
-        new = self.term(term.effect, term.joint, term.setting)
-        return Term(new.effect, new.joint, new.setting, new.columns, new.prior_std, term.log_odds)
+        return replace(self.term(term.effect, term.joint, term.setting), log_odds=term.log_odds)
 
     def neighbours(self, term: Term, step: float) -> list[Term]:
         """Return the same effect at neighbouring settings (`Effect.refine`)."""
         settings = term.effect.refine(self.motion, term.joint_number, term.setting, step)
-        terms = []
-        for setting in settings:
-            new = self.term(term.effect, term.joint, setting)
-            terms.append(Term(new.effect, new.joint, new.setting, new.columns, new.prior_std,
-                              term.log_odds))
-        return terms
+        return [replace(self.term(term.effect, term.joint, setting), log_odds=term.log_odds)
+                for setting in settings]
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,11 +138,6 @@ def _gain_if_independent(posterior: Posterior, scored: Score,
     return -np.inf if scored.unabsorbed < _EXPLAINED else gain(posterior, scored, kappa)
 
 
-def inflation(posterior: Posterior, scored: Score) -> float:
-    """Return kappa of a scored term."""
-    return max(1.0, _scatter(posterior, scored))
-
-
 def gain(posterior: Posterior, scored: Score, kappa: float | None = None) -> float:
     """Return the gain of a scored term."""
     term, prior = scored.term, np.diag(scored.term.prior_std ** -2.0)
@@ -167,8 +162,8 @@ def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> fl
     return float((log_ndtr(mean / std) + np.log(2.0)).sum())
 
 
-def _scatter(posterior: Posterior, scored: Score) -> float:
-    """Return the variance of a term's scores over blocks, relative to its information."""
+def inflation(posterior: Posterior, scored: Score) -> float:
+    """Return kappa of a scored term: the variance of its scores over blocks, or 1."""
     design, term = posterior.design, scored.term
     block = design.rows.block
     total = np.zeros((int(block.max(initial=0)) + 1, term.n_columns))
@@ -182,7 +177,7 @@ def _scatter(posterior: Posterior, scored: Score) -> float:
     information = scored.information
     ridge = np.diag(1e-9 * term.prior_std ** -2.0
                     + 1e-12 * np.trace(information)) + information
-    return float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns
+    return max(1.0, float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns)
 
 
 def without_weak(posterior: Posterior, is_removable: Callable[[Term], bool],

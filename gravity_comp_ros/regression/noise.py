@@ -18,7 +18,8 @@ alone, `white_precision`.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.noise import correlation_time
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.scale import Scale
@@ -63,27 +64,6 @@ def correlation_times(posterior: Posterior) -> FloatArray:
     design = posterior.design
     return np.array([correlation_time(posterior.residual(j), design.rows.run)
                      for j in range(design.n_joints)])
-
-
-def correlation_time(residual: FloatArray, runs: IntArray) -> float:
-    """
-    Return the integrated autocorrelation time of a residual (R,), in rows, at least 1.
-
-    It is 1 + 2 sum_k rho_k, summed until rho_k falls below its own standard error.
-    """
-    power = float(residual @ residual)
-    if power <= 0.0 or len(residual) < 4:
-        return 1.0
-    edges = np.flatnonzero(np.diff(runs)) + 1
-    size = 2 ** int(np.ceil(np.log2(2 * max(np.diff([0, *edges, len(residual)])))))
-    correlation = np.zeros(size // 2)
-    for part in np.split(residual, edges):
-        spectrum = np.abs(np.fft.rfft(part, size)) ** 2
-        correlation += np.fft.irfft(spectrum, size)[:size // 2]
-    rho = correlation[1:] / power
-    small = np.flatnonzero(rho < 2.0 / np.sqrt(len(residual)))
-    end = int(small[0]) if small.size else len(rho)
-    return float(max(1.0, 1.0 + 2.0 * rho[:end].sum()))
 
 
 def relative_weights(residual: FloatArray, gravity: FloatArray, options: EngineOptions
