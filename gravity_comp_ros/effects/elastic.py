@@ -17,8 +17,8 @@ _MAX_REST_ANGLE = 2.0 * np.pi
 _CABLE_STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 # Limits of these parts: one that is taut, or slack, over the whole range is another effect.
 _SLACK = (0.1, 0.9)
-# Exponents of the torque of a cable or hose over its stretch: linear, and one that hardens.
-_CABLE_ORDERS = (1.0, 2.0)
+# Exponent of the hardening of a cable or hose over its stretch, and its limits.
+_ORDER, _ORDERS = 2.0, (1.25, 3.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 # Parts of the range in which an end stop acts; a cable acts over larger parts.
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
@@ -115,21 +115,22 @@ def _range(motion: Motion, joint: int) -> tuple[float, float]:
 
 class CableStiffness(Effect):
     """
-    The column is the pull of a cable that is taut on one side, or, for side 0, a cubic torque.
+    The columns are the pull of a cable that is taut on one side, or, for side 0, a cubic torque.
 
-    The pull is a power of the stretch with exponent `order`. The cubic torque is that of a
-    harness twisted about its rest angle `start`. Both are scaled so that the coefficient is a
-    stiffness: torque over angle at `half`, half the travel, from the start.
+    The pull is linear in the stretch, and hardens with a power of exponent `order`. The cubic
+    torque is that of a harness twisted about its rest angle `start`. Each is scaled so that its
+    coefficient is a stiffness: torque over angle at `half`, half the travel, from the start.
     """
 
     name = 'cable_stiffness'
     title = 'Cable or hose stiffness'
     family = 'elastic'
-    equation = ('tau_n = k s e (e / h)^(p - 1), e = max(0, s (q_n - q_0)), s = ±1; or, s = 0, '
-                'k (q_n - q_0)^3 / h^2; h half the travel, p the order, 1 to 2')
+    equation = ('tau_n = s (k e + k_h e (e / h)^(p - 1)), e = max(0, s (q_n - q_0)), s = ±1; or, '
+                's = 0, k (q_n - q_0)^3 / h^2; h half the travel, p the order, 1.25 to 3')
     description = ('Cable that is slack over part of the range and pulls beyond it, or harness '
                    'that stiffens as it is twisted.')
-    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),)
+    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),
+                    Coefficient('k_h', 'N·m/rad', 'stiffness that the cable gains by hardening'))
     confounders = ('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple')
     experiment = f'{_WHOLE_RANGE}; if possible, once with the cables removed'
     signature = 'position'
@@ -144,22 +145,25 @@ class CableStiffness(Effect):
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        order = setting['order']
         if not setting['side']:
             twist = motion.samples.q[:, [joint]] - setting['start']
             return twist * (twist / setting['half']) ** 2
         pull = _hinge(motion, joint, setting)
-        return pull if order == 1.0 else pull * (np.abs(pull) / setting['half']) ** (order - 1.0)
+        return np.hstack([pull, pull * (np.abs(pull) / setting['half'])
+                          ** (setting['order'] - 1.0)])
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        return self.coefficients if setting['side'] else self.coefficients[:1]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return starts within the range, sides and orders, and rest angles of a harness."""
+        """Return starts within the range on both sides, and rest angles of a harness."""
         low, span = _range(motion, joint)
 
         def setting(part: float, side: float, order: float) -> dict[str, float]:
             return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9),
                     'order': order}
 
-        return [*(setting(part if side > 0 else 1.0 - part, side, order) for order in _CABLE_ORDERS
+        return [*(setting(part if side > 0 else 1.0 - part, side, _ORDER)
                   for side in (1.0, -1.0) for part in _CABLE_STARTS),
                 *(setting(rest, 0.0, 3.0) for rest in _HARNESS_RESTS)]
 
@@ -169,12 +173,15 @@ class CableStiffness(Effect):
         start, (least, most) = setting['start'], _SLACK
         starts = [{**setting, 'start': min(max(moved, low + least * span), low + most * span)}
                   for moved in (start - 0.06 * step * span, start + 0.06 * step * span)]
-        orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_CABLE_ORDERS))}
+        orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_ORDERS))}
                   for change in (-0.25 * step, 0.25 * step) if setting['side']]
         return [*starts, *orders]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.5 * sizes.torque])
+        return np.full(len(sizes.columns), 0.5 * sizes.torque)
+
+    def implausible(self, values: FloatArray, setting: Setting) -> str | None:
+        return super().implausible(values.sum(keepdims=True), setting)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)

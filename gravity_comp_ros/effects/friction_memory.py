@@ -14,7 +14,8 @@ from gravity_comp_ros.effects.clock import origin_of, since
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import DISTANCES, law_of, LAW_UNITS, laws
+from gravity_comp_ros.effects.motion_direction import (
+    DISTANCES, law_of, LAW_UNITS, laws, refined_laws, SHORTEST)
 import numpy as np
 
 # Minimum duration of a session, minimum time constant, in s, and number of time constants.
@@ -29,10 +30,11 @@ class FrictionDrift(Effect):
     name = 'friction_drift'
     title = 'Warm-up of friction'
     family = 'friction'
-    equation = 'tau_n = F_w d_n (exp(-t / T) - 1), t from the start of the session'
+    equation = 'tau_n = (F_w d_n + B_w dq_n) (exp(-t / T) - 1), t from the start of the session'
     description = ('Friction that decreases (or, if negative, increases) with time as the gear '
                    'warms up.')
-    coefficients = (Coefficient('F_w', 'N·m', 'friction that the gear loses as it warms up'),)
+    coefficients = (Coefficient('F_w', 'N·m', 'dry friction that the gear loses as it warms up'),
+                    Coefficient('B_w', 'N·m·s/rad', 'viscous friction that it loses'))
     confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction', 'degressive_friction')
     experiment = ('repeat the same motion of joint {joint} for 20 minutes from a cold start, and '
                   'again when warm')
@@ -48,18 +50,22 @@ class FrictionDrift(Effect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         warmth = np.expm1(-since(motion.samples, setting['origin']) / setting['time'])
-        return (motion.direction(joint, law_of(setting)) * warmth)[:, None]
+        speed = motion.samples.qd[:, joint]
+        return np.column_stack([motion.direction(joint, law_of(setting)), speed]) * warmth[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         longest, origin = _longest(motion), origin_of(motion.samples)
         noise = float(motion.speed_noise[joint])
         middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
         return [{'time': float(t), 'origin': origin, **law} for t in np.geomspace(
-            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES) for law in middle[::2]]
+            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES)
+            for law in (middle[0], middle[-1])]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
+        noise = float(motion.speed_noise[joint])
+        return [*({**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)),
+                *refined_laws(setting, step, noise)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         reason = excitation.insufficient_directions(motion, joint)
@@ -75,15 +81,20 @@ def _longest(motion: Motion) -> float:
 
 
 class PreslidingHysteresis(Effect):
-    """Distances longer than those of a reversal, and the rate at which friction builds up."""
+    """
+    Distances longer than those of a reversal, and the rate at which friction builds up.
+
+    Far from reversals z and z_0, which builds up over the shortest distance, are equal: the
+    friction there is Coulomb friction.
+    """
 
     name = 'presliding_hysteresis'
     title = 'Presliding hysteresis'
     family = 'friction'
-    equation = ('tau_n = F_p z + sigma dz/dt, dz/dq_n = (1 - z sign(dq_n)) / distance')
+    equation = ('tau_n = F_p (z - z_0) + sigma dz/dt, dz/dq_n = (1 - z sign(dq_n)) / distance')
     description = ('Friction that builds up over a distance after a reversal, with a damping '
                    'while it builds up. It corrects Coulomb friction near reversals.')
-    coefficients = (Coefficient('F_p', 'N·m', 'friction torque that builds up over the '
+    coefficients = (Coefficient('F_p', 'N·m', 'part of the friction that builds up over the '
                                               'distance'),
                     Coefficient('sigma', 'N·m·s', 'damping while it builds up'))
     confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'joint_spring',
@@ -102,7 +113,7 @@ class PreslidingHysteresis(Effect):
         z = motion.direction(joint, setting)
         rate = np.concatenate([_rate(z[run], motion.samples.t[run])
                                for run in run_slices(motion.samples)])
-        return np.column_stack([z, rate])
+        return np.column_stack([z - motion.direction(joint, SHORTEST), rate])
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.1, 0.02]) * sizes.torque

@@ -32,6 +32,8 @@ _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
 # Factor of a refined law, and by how much it may lie below and above the grid. Far below, laws are
 # steps; above, friction that no slow motion saturates is viscous friction or a spring.
 _REFINED, _BELOW, _ABOVE = 1.5, 4.0, 1.5
+# The law with the shortest distance that is compared.
+SHORTEST = {'distance': DISTANCES[0] / _BELOW}
 # Speed over which friction that is compensated changes its sign, rad/s: above the noise of a
 # velocity at rest.
 COMPENSATION_SPEED = 0.02

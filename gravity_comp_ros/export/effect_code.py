@@ -126,11 +126,8 @@ def _cable(e: _Effect) -> str:
     if not e.choice('side'):
         twist = f'({e.q} - {e.setting("start")})'
         return f'{k} * gc_cubic{twist[:-1]}, {e.setting("half", positive=True)})'
-    order = e.choice('order')
-    if order == 1.0:
-        return f'{k} * {_hinge(e)}'
-    return (f'{k} * gc_power({_hinge(e)}, {e.setting("half", positive=True)}, '
-            f'GC_C({order!r}))')
+    return (f'{k} * {_hinge(e)} + {e.c("k_h")} * gc_power({_hinge(e)}, '
+            f'{e.setting("half", positive=True)}, GC_C({e.choice("order")!r}))')
 
 
 def _ripple(e: _Effect) -> str:

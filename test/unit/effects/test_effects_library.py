@@ -209,7 +209,7 @@ def test_states_start_again_where_a_run_is_cut(name):
     in_two = effect.columns(part_of(motion, here, cut), 0, setting)
     # Of presliding, the state; its rate differs at the cut alone.
     change = np.abs(np.diff((whole_run - in_two)[:, 0]))
-    assert change.argmax() == 899 and change.max() > 0.05
+    assert change.argmax() in (899, 900) and change.max() > 0.05
 
 
 def part_of(motion, here, samples):

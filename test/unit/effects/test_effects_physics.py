@@ -266,7 +266,7 @@ def test_ranges_of_cables_and_end_stops():
     cable = EFFECTS['cable_stiffness']
     starts = sorted(
         (setting['start'] - low) / span for known in cable.settings(motion, 2)
-        if known['side'] > 0 and known['order'] == 1.0
+        if known['side'] > 0
         for setting in (known, *cable.refine(motion, 2, known, 1.0)))
     # Cables start within the range of stops, in steps of a sixteenth of the travel.
     assert starts[0] < 0.15 and starts[-1] > 0.85 and np.diff(starts).max() < 0.0625

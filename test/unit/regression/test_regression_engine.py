@@ -109,7 +109,7 @@ def test_a_term_that_corrects_the_poor_setting_of_another_is_removed(seed):
         ('presliding_hysteresis', {'distance': 1e-5}))]
     terms = {t.name: t.setting for t in regress(problem, shared, EVERY, start).terms}
     assert set(terms) == {'coulomb_friction', 'stribeck_friction'}
-    assert terms['stribeck_friction']['distance'] == pytest.approx(3e-4, rel=0.3)
+    assert terms['stribeck_friction']['distance'] == pytest.approx(3e-4, rel=0.5)
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(1)])
