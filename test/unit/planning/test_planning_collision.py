@@ -92,15 +92,15 @@ def test_a_plan_avoids_collisions():
     check = self_collision(planar('<box size="0.3 0.04 0.04"/>', wall(-0.3)), NAMES, above.q)
     # A spring is identified by the whole range.
     target = [Target('joint_spring', 'shoulder')]
-    free = plan(old, model(), target, PlanOptions(12.0))
+    free = plan(old, model(), target, PlanOptions(15.0))
     number, names = check.first_hit(free.trajectory.q)
     assert 'wall_0' in names and not check.hits(above.q)
-    options = PlanOptions(12.0, start=above.q[-1])
+    options = PlanOptions(15.0, start=above.q[-1])
     kept = plan(old, model(), target, options, obstacles=check)
     between = 0.5 * (kept.trajectory.q[1:] + kept.trajectory.q[:-1])
     assert not check.hits(np.vstack([kept.trajectory.q, between]))
     with pytest.raises(OptionError, match='at the start pose the arm hits itself'):
-        plan(old, model(), TARGET, PlanOptions(12.0, start=free.trajectory.q[number]),
+        plan(old, model(), TARGET, PlanOptions(15.0, start=free.trajectory.q[number]),
              obstacles=check)
 
 
