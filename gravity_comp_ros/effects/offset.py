@@ -16,8 +16,8 @@ import numpy as np
 _SAME_START = 1e-3
 # Minimum duration of a session, in s.
 _MIN_DURATION = 10.0
-# Minimum time constant relative to the longest session, and number of time constants.
-_MIN_TIME, _TIMES = 0.1, 4
+# Shortest and longest time constant relative to the longest session, and number of them.
+_SHORTEST, _LONGEST, _TIMES = 0.1, 3.0, 4
 
 
 class RecordingEffect(Effect):
@@ -150,19 +150,22 @@ class TorqueGain(RecordingEffect):
 
 class TorqueDrift(Effect):
     """
-    The column is the time of the session, or an exponential approach.
+    The response of a sensor that warms up with its mount: two thermal masses in series.
 
-    The rate of a drift by warm-up decreases as exp(-t / T). Time constants from a tenth of the
-    longest session to its duration are compared; for longer ones the law is close to linear.
+    Its rate may rise before it fades, since the sensor lags behind. Of two masses with time
+    constants near T the response is in the span of the columns; time constants from a tenth of
+    the longest session to three times its duration are compared. With long ones the law is close
+    to linear.
     """
 
     name = 'torque_drift'
     title = 'Torque drift'
     family = 'offset'
-    equation = ('tau_n = r s, t from the start of the session; s = t '
-                'or T (1 - exp(-t / T))')
+    equation = ('tau_n = r t exp(-t / T) + b (1 - (1 + t / T) exp(-t / T)), t from the start of '
+                'the session')
     description = 'Torque signal whose zero point drifts, as with strain gauges that warm up.'
-    coefficients = (Coefficient('r', 'N·m/s', 'initial rate of change of the torque signal'),)
+    coefficients = (Coefficient('r', 'N·m/s', 'initial rate of change of the torque signal'),
+                    Coefficient('b', 'N·m', 'change of the torque signal after a long time'))
     confounders = ('friction_drift', 'torque_offset', 'payload_change')
     experiment = ('hold joint {joint} in one pose for the duration of a run, before and after '
                   'moving it')
@@ -175,21 +178,16 @@ class TorqueDrift(Effect):
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         t = since(motion.samples, setting['origin'])
-        if 'time' in setting:
-            t = -setting['time'] * np.expm1(-t / setting['time'])
-        return np.asarray(t)[:, None]
+        fading = np.exp(-t / setting['time'])
+        return np.column_stack([t * fading, 1.0 - (1.0 + t / setting['time']) * fading])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return a linear drift, and exponential ones within parts of the longest session."""
-        longest = float(session_time(motion.samples).max(initial=0.0))
-        origin = origin_of(motion.samples)
-        return [{'origin': origin}, *({'origin': origin, 'time': float(time)}
-                for time in np.geomspace(_MIN_TIME * longest, longest, _TIMES) if time > 0.0)]
+        longest = float(session_time(motion.samples).max(initial=_MIN_DURATION))
+        return [{'origin': origin_of(motion.samples), 'time': float(part * longest)}
+                for part in np.geomspace(_SHORTEST, _LONGEST, _TIMES)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        if 'time' not in setting:
-            return []
         return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:

@@ -74,7 +74,8 @@ def test_effects_that_were_found_and_not_added_are_named(here, tmp_path, capsys)
     fitted = (AppliedEffect('coulomb_friction', 'iiwa_joint_4', {'distance': 0.001},
                             {'F_c': Value(0.8, 'N·m', (0.75, 0.85))}),
               AppliedEffect('torque_drift', 'iiwa_joint_2', {'origin': 0.0, 'time': 100.0},
-                            {'r': Value(0.01, 'N·m/s', (0.009, 0.011))}))
+                            {'r': Value(0.01, 'N·m/s', (0.009, 0.011)),
+                             'b': Value(0.5, 'N·m', (0.4, 0.6))}))
     path = tmp_path / 'found.json'
     save_model(path, replace(model, fitted=Applied(fitted)))
     targets = {'c': ['-o', str(tmp_path / 'src')],

@@ -58,8 +58,6 @@ def stamped(motion, *starts):
      np.tanh((QD[:, 0] - QD[:, 1]) / 0.02)),
     ('torque_offset', {}, np.ones(6)),
     ('torque_gain', {}, G[:, 0]),
-    ('torque_drift', {'origin': 0.0}, AGE),
-    ('torque_drift', {'origin': 0.0, 'time': 2.0}, 2.0 * (1.0 - np.exp(-AGE / 2.0))),
     ('cable_stiffness', {'start': 0.1, 'side': 0.0, 'half': 0.5, 'order': 3.0},
      [-0.004, 0.004, 0, -0.032, -0.5, 0.5]),
     ('end_stop', {'start': -0.2, 'side': -1.0}, [0, 0, 0, 0, -0.2, 0]),
@@ -80,6 +78,8 @@ def test_column_by_hand(motion, name, setting, column):
      [np.sin(2 * Q[:, 0]), np.sin(3 * Q[:, 0]), np.cos(2 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
     ('friction_drift', {'time': 2.0, 'origin': 0.0, **LAW},
      [D[:, 0] * (np.exp(-AGE / 2) - 1), QD[:, 0] * (np.exp(-AGE / 2) - 1)]),
+    ('torque_drift', {'origin': 0.0, 'time': 2.0},
+     [AGE * np.exp(-AGE / 2), 1 - (1 + AGE / 2) * np.exp(-AGE / 2)]),
     ('cable_stiffness', {'start': 0.0, 'side': 1.0, 'half': 0.1, 'order': 3.0},
      [[0, 0.2, 0.1, 0, 0, 0.6], [0, 0.8, 0.1, 0, 0, 21.6]]),
     ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 0.2, 'order': 2.0},
@@ -112,15 +112,15 @@ def test_a_drift_goes_on_in_a_later_recording(motion):
     first, later = stamped(motion, CLOCK, CLOCK), stamped(motion, CLOCK + 1000.0, CLOCK + 1000.0)
     origin = drift.settings(first, 0)[0]['origin']
     assert origin == CLOCK
-    np.testing.assert_allclose(drift.columns(first, 0, {'origin': origin})[:, 0], T)
-    np.testing.assert_allclose(drift.columns(later, 0, {'origin': origin})[:, 0], T + 1000.0)
     law = {'time': 500.0, 'origin': origin, **LAW}
+    for stamps, age in ((first, T), (later, T + 1000.0)):
+        np.testing.assert_allclose(drift.columns(stamps, 0, law)[:, 0], age * np.exp(-age / 500.0))
     np.testing.assert_allclose(warmth.columns(later, 0, law)[:, 0],
                                D[:, 0] * (np.exp(-(T + 1000.0) / 500.0) - 1.0), atol=1e-12)
     # An earlier recording is before the drift; one without a clock begins at 0 with each run.
     earlier = stamped(motion, CLOCK - 1000.0, CLOCK - 1000.0)
-    assert not drift.columns(earlier, 0, {'origin': origin}).any()
-    np.testing.assert_allclose(drift.columns(motion, 0, {'origin': origin})[:, 0], AGE)
+    assert not drift.columns(earlier, 0, law).any()
+    np.testing.assert_allclose(drift.columns(motion, 0, law)[:, 0], AGE * np.exp(-AGE / 500.0))
 
 
 def test_stamps_near_zero_are_no_clock(motion):

@@ -106,7 +106,7 @@ def test_speeds_are_clipped_to_the_trained_range():
 
 
 def test_effects_with_history_are_left_out():
-    drift = effect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0}, r=1.0)
+    drift = effect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0}, r=1.0, b=2.0)
     result = LiveEffects(model((drift,)), [drift])
     assert result.targets == () and result.left_out == ('torque_drift:a',)
 

@@ -144,7 +144,8 @@ def test_every_law_is_of_an_effect_in_the_library_and_tested():
 
 def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     model = with_effects(model_of('chain'), [
-        ('torque_drift', 0, {'origin': 0.0, 'time': 100.0}, {'r': 0.1}),
+        ('torque_drift', 0, {'origin': 0.0, 'time': 100.0},
+         {'r': 0.1, 'b': 2.0}),
         ('presliding_hysteresis', 0, {'distance': 0.001}, {'F_p': 2.0, 'sigma': 0.1}),
         ('encoder_offset', 2, {'run': 2.0, 'time': 0.0, 'clock': 0.0}, {'delta': 0.04}),
         ('coulomb_friction', 1, {'width': 0.004}, {'F_new': 2.0}),

@@ -26,7 +26,8 @@ NOISE, FRICTION, RATE, COEFFICIENT_STD = 0.1, 2.0, 100.0, 0.05
 COULOMB = AppliedEffect('coulomb_friction', 'b', {'width': 0.002},
                         {'F_c': Value(FRICTION, 'N·m', (1.9, 2.1))})
 DRIFT = AppliedEffect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0},
-                      {'r': Value(1.0, 'N·m', (0.9, 1.1))})
+                      {'r': Value(1.0, 'N·m/s', (0.9, 1.1)),
+                       'b': Value(2.0, 'N·m', (1.9, 2.1))})
 
 
 def model(*fitted):
