@@ -75,11 +75,15 @@ class Linear:
             map(factory.again, self.posterior.terms)), self.weights, precision, is_known)
 
     def centred(self) -> Linear:
-        """Return the same at the best linear parameters for the angles of the point."""
+        """
+        Return the problem linearised at the best linear parameters for the angles of the point.
+
+        The columns of the angles are proportional to the moments.
+        """
         if not self.shared.n_angles:
             return self
-        shared = self.shared.moved(self.with_narrow_angles(FIXED).beta[:len(self.shared.point)])
-        return replace(self, shared=shared, factory=self.problem.factory(shared))
+        return self.on(self.shared.moved(self.with_narrow_angles(FIXED).beta[
+            :len(self.shared.point)]), self.posterior.precision)
 
     def with_narrow_angles(self, factor: float) -> Posterior:
         """Return the posterior with the prior of the angles narrowed by a factor."""

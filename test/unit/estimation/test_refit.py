@@ -122,7 +122,7 @@ def test_an_effect_that_a_recording_does_not_excite_is_kept():
     later = added(result, 'torque_offset:elbow', samples=still)
     assert FRICTION[0] in {effect.target for effect in later.model.applied.effects}
     # No other term absorbs its torque.
-    assert later.errors['elbow'].after < 1.2 * NOISE
+    assert later.errors['elbow'].after < 1.25 * NOISE
 
 
 def test_predictions_are_independent_of_measured_torque():
