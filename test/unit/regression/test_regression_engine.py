@@ -12,6 +12,7 @@ from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.engine import huber_weights, regress
+from gravity_comp_ros.regression.linear import gauss_newton, with_common_terms
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
@@ -132,6 +133,15 @@ def test_two_links_by_hand(seed):
                     @ estimates['joint_spring', 1][0])
     truth = planar_2r(q) + np.column_stack([np.zeros(200), 0.8 * (q[:, 1] - 0.5)])
     assert np.abs(total - truth).max() < 0.12, np.abs(total - truth).max()
+
+
+def test_the_problem_is_linearised_at_its_own_estimate():
+    start = with_common_terms(Problem.of(two_links(0)), UnknownLengths.of(chain_of_two_links()),
+                              SMALL)
+    for fit in (start, start.moved(1.0), gauss_newton(start)[0]):
+        columns = fit.problem.states.mean(fit.shared.columns)
+        for j, (x, root) in enumerate(zip(fit.posterior.design.x, fit.posterior.design.root)):
+            np.testing.assert_allclose(x[:columns.shape[2]], columns[:, j].T * root, atol=1e-9)
 
 
 @settings(max_examples=2)
