@@ -142,7 +142,7 @@ def test_it_does_not_inherit_real_time_priority():
 
 def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     # On a joint that moves in one direction only, friction and offset are collinear.
-    samples = two_links(1, one_way=True)
+    samples = two_links(0, one_way=True)
     result = run_diagnosis(DiagnosisJob(samples, fit(samples, FitOptions('potential')).model))
     assert 'torque_offset:shoulder (ambiguous)' in result
     match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
