@@ -15,7 +15,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
+from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, PARTS
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -181,12 +181,12 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
     worst = int(np.argmax(ratio))
     text = ''
     if ratio[worst] > OPTIONS.max_residual:
-        fits = [table.without_joint(joint) for joint in range(len(names))]
-        joint = int(np.argmin([cost for cost, _ in fits]))
+        joint = table.contradicting_joint()
+        gain = 1.0 + float(table.body_and_gain(joint).mean[0])
         text = (f'no payload explains the effort of {names[worst]}: residual '
                 f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs '
-                f'{noise[worst]:.3g}; most likely {names[joint]} '
-                f'{gain_of(samples.tau[:, joint], fits[joint][1])}')
+                f'{noise[worst]:.3g}; most likely that of {names[joint]} is wrong, about '
+                f'{gain:.2g} times the expected one')
     yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
     yield from _within_limits(table, body, limits)
 

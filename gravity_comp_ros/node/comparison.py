@@ -46,33 +46,17 @@ class Prediction:
         return samples.tau - self.torque - self.nuisance
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """
-    RMSE (N,) in N·m of a new model and of the one in use on held-out samples, and their checks.
-
-    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
-    """
-
-    checks: tuple[Check, ...]
-    figures: str
-    is_compensated: bool
-
-    @property
-    def is_better(self) -> bool:
-        return checks.failed(self.checks) is None
-
-
 def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
-            margin: float = 0.0) -> Comparison:
+            margin: float = 0.0) -> tuple[list[Check], str]:
     """
-    Return whether `new`, fitted to the training samples, predicts the others better than `old`.
+    Return the checks that `new`, fitted to the training samples, predicts the others better.
 
     The compared figure is the RMSE relative to the smaller one of each joint, over all joints.
     With more samples `new` may be worse by `max_worse` standard deviations.
 
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
+    :return: the checks, and the errors on the held-out samples in one line.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
     names, qd, n_train, n_held_out = samples.names, samples.qd, int(train.sum()), held_out.sum()
@@ -112,8 +96,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
         Check(checks.BETTER, float(rms(rmse_new / level) / max(float(rms(rmse_old / level)),
                                                                1e-30)),
               1.0 + tolerance - margin, text='not better')]
-    return Comparison(tuple(judged), figures,
-                      moves and bool((explained < OPTIONS.min_explained).all()))
+    return judged, figures
 
 
 def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray) -> float:

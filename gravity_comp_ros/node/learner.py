@@ -204,7 +204,7 @@ class Learner:
         else:
             text = f'{self.kept}: {self.last_fit}'
             self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
-            if result.is_compensated:
+            if result.has_no_gravity:
                 self.report = self.last_fit
             elif result.fault:
                 self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
@@ -212,7 +212,7 @@ class Learner:
         self._events.log.append((not result.accepted,
                                 f'{text} [{checks.summary(result.checks)}]'))
         self._decided('model', text, result.checks)
-        if result.fault or result.is_compensated:
+        if result.fault or result.has_no_gravity:
             self._refuse(result, now)
 
     def _use(self, result: FitResult, now: float) -> None:
@@ -246,7 +246,7 @@ class Learner:
             self._roll_back_automatically(why, now)
             return
         epoch.note = f'a model was refused: {why}'
-        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.is_compensated:
+        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.has_no_gravity:
             epoch.restart_after_broken_effort()
             epoch.note += '; its samples were dropped'
 
