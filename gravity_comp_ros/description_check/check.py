@@ -15,6 +15,7 @@ from gravity_comp_ros.description_check.search import (
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
+from gravity_comp_ros.models.noise import of_second_differences
 import numpy as np
 
 _MIN_SAMPLES = 50
@@ -65,7 +66,7 @@ def check_description(samples: JointSamples, arm: DescribedArm,
     faults = possible_faults(state, joints, {
         name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0})
     fits: list[FaultFit] = []
-    noise = _noise(samples.tau)
+    noise = of_second_differences(samples.tau, np.ones(samples.n_samples - 2, dtype=bool))
     evidence = _evidence(samples, arm.geometry, state, parameters, noise, options)
     for _ in range(_PASSES):
         fits, following = search(evidence, state, faults)
@@ -101,12 +102,6 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, paramete
     interval = np.median(np.diff(samples.t)) if samples.n_samples > 1 else options.correlation
     per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
     return Evidence(q, qd, tau, noise, per_error, arm, options)
-
-
-def _noise(tau: FloatArray) -> FloatArray:
-    """Return the white noise (N,) of torques from their second differences, N·m."""
-    differences = np.diff(tau, n=2, axis=0)
-    return np.asarray(np.median(np.abs(differences), axis=0) / 0.6745 / np.sqrt(6.0))
 
 
 def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]

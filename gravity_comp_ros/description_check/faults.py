@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description_check.arm_state import ArmState
-from gravity_comp_ros.models.kinematic.chain import about, tilt
+from gravity_comp_ros.models.kinematic.chain import tilt
 import numpy as np
 
 AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_angle', 'order'
@@ -102,14 +102,7 @@ def _mount() -> Fault:
     starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
                        [0.0, -_QUARTER], [2 * _QUARTER, 0.0]])
     return Fault(MOUNT, ('base',), np.full(2, _ANGLE), starts,
-                 lambda arm, p: arm.turned_base(turn_of(p)))
-
-
-def turn_of(p: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) by the vector (p_x, p_y, 0) in rad."""
-    angle = float(np.hypot(*p))
-    axis = np.array([*p, 0.0]) / angle if angle > 1e-12 else np.array([1.0, 0.0, 0.0])
-    return about(axis, angle)
+                 lambda arm, p: arm.turned_base(tilt(p[None])[0]))
 
 
 def _gain(n: int, joint: str) -> Fault:

@@ -11,7 +11,7 @@ from gravity_comp_ros.description.links import DescribedArm, Inertial
 from gravity_comp_ros.description.robot_tree import RobotTree, TreeJoint
 from gravity_comp_ros.description_check.check import DescriptionCheck
 from gravity_comp_ros.description_check.faults import (
-    AXIS_REVERSED, AXIS_TURNED, BODY, GAIN, MASS, MOUNT, ORDER, turn_of, UNIT, ZERO)
+    AXIS_REVERSED, AXIS_TURNED, BODY, GAIN, MASS, MOUNT, ORDER, UNIT, ZERO)
 from gravity_comp_ros.description_check.search import FaultFit
 from gravity_comp_ros.models.kinematic.chain import about, aligned, tilt
 import numpy as np
@@ -116,7 +116,7 @@ class _Writer:
         angle, std = _angle(fit)
         axis = fit.parameters / max(float(np.hypot(*fit.parameters)), 1e-12)
         first = self.tree.path(self.arm.geometry.joints[0])[0]
-        turned = turn_of(fit.parameters) @ first.rotation()
+        turned = tilt(fit.parameters[None])[0] @ first.rotation()
         return (f'the base is mounted turned by {angle:.1f} ± {1.96 * std:.1f} deg about the axis '
                 f'({axis[0]:.2f}, {axis[1]:.2f}, 0) of {first.parent}',
                 f'<joint name="{first.name}">: <origin rpy="{_rpy(turned)}"/>, its xyz turned '
