@@ -17,6 +17,7 @@ import time
 from bench.shared.dds_domain import private_domain
 from bench.shared.node_messages import joint_state
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from gravity_comp_ros.data.samples import JointSamples
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 from rcl_interfaces.srv import SetParameters
@@ -284,3 +285,41 @@ def set_parameter(probe: Probe, name: str, value: object):
 def matrix(messages) -> np.ndarray:
     """Return the efforts of joint states as (M, N)."""
     return np.array([message.effort for message in messages])
+
+
+def part(samples: JointSamples, start: int, stop: int) -> JointSamples:
+    """Return the samples from `start` to `stop`."""
+    return samples.select(np.arange(start, stop))
+
+
+def stamp(message: JointState) -> float:
+    """Return the stamp of a message in s."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def until_last(probe: Probe, samples: JointSamples,
+               messages: list[JointState] | None = None) -> None:
+    """Wait for the answer to the last of these samples; earlier ones may have none."""
+    last, sent = round(float(samples.t[-1]), 6), time.monotonic()
+    messages = probe.torques if messages is None else messages
+
+    def answered() -> bool:
+        nonlocal sent
+        if any(round(stamp(m), 6) == last for m in messages):
+            return True
+        if time.monotonic() - sent > 5.0:
+            # Messages are lost while a new subscription is discovered on a busy machine.
+            probe.stream(part(samples, len(samples) - 1, len(samples)))
+            sent = time.monotonic()
+        return False
+
+    probe.until(answered, 60, 'the last answer')
+
+
+def published(samples: JointSamples, messages: list[JointState]
+              ) -> tuple[list[int], np.ndarray]:
+    """Return the rows of samples with the stamps of messages, and the efforts of these."""
+    rows = {round(t, 6): k for k, t in enumerate(samples.t)}
+    # Torque without input has the present time as its stamp.
+    known = [m for m in messages if round(stamp(m), 6) in rows]
+    return [rows[round(stamp(m), 6)] for m in known], matrix(known)

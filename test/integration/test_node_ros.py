@@ -11,15 +11,11 @@ import subprocess
 import sys
 import time
 
-from bench.shared.ros_harness import matrix, ROOT, running, set_parameter
+from bench.shared.ros_harness import (
+    matrix, part, published, ROOT, running, set_parameter, stamp, until_last)
 from gravity_comp_ros.commands import replay
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.evaluation.external_torque import external_torque
 from gravity_comp_ros.export.c_source import parameters_of
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import EnergyUncertainty
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.node.outputs import LATCHED, model_message
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from lifecycle_msgs.msg import Transition
@@ -27,7 +23,6 @@ from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 BAGS = ROOT / 'bags'
@@ -39,41 +34,6 @@ NAN, INF = float('nan'), float('inf')
 @pytest.fixture(scope='module')
 def bags():
     return {path.stem: read_bag(path).samples for path in BAGS.glob('eq17*.mcap')}
-
-
-def part(samples, start, stop):
-    return samples.select(np.arange(start, stop))
-
-
-def stamp(message):
-    """Return the stamp of a message in s."""
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-
-
-def until_last(probe, samples, messages=None):
-    """Wait for the answer to the last of these samples; earlier ones may have none."""
-    last, sent = round(float(samples.t[-1]), 6), time.monotonic()
-    messages = probe.torques if messages is None else messages
-
-    def answered():
-        nonlocal sent
-        if any(round(stamp(m), 6) == last for m in messages):
-            return True
-        if time.monotonic() - sent > 5.0:
-            # Messages are lost while a new subscription is discovered on a busy machine.
-            probe.stream(part(samples, len(samples) - 1, len(samples)))
-            sent = time.monotonic()
-        return False
-
-    probe.until(answered, 60, 'the last answer')
-
-
-def published(samples, messages):
-    """Return the rows of samples with the stamps of messages, and the efforts of these."""
-    rows = {round(t, 6): k for k, t in enumerate(samples.t)}
-    # Torque without input has the present time as its stamp.
-    known = [m for m in messages if round(stamp(m), 6) in rows]
-    return [rows[round(stamp(m), 6)] for m in known], matrix(known)
 
 
 def change(probe, transition):
@@ -351,61 +311,3 @@ def test_simulated_time_and_an_error_in_a_callback(iiwa_model_file, bags, tmp_pa
         until_last(probe, part(later, 0, 20))
         first = matrix(probe.torques)[0]
         assert not first.any() and np.any(probe.torques[-1].effort)
-
-
-def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
-    """A pendulum with a motor moves and is pushed by 2 N·m after a second."""
-    energy = Expansion(np.array([2, 6]), np.array([-3.0, -8.0]))  # cos q_b, cos q_a
-    model = GravityModel.from_energy(
-        ('a', 'b'), 'potential', energy, np.full(2, 0.1),
-        Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), {},
-        uncertainty=EnergyUncertainty(energy.indices, 1e-6 * np.eye(2)))
-    save_model(tmp_path / 'm.json', model)
-    t = np.arange(0.0, 2.0, 0.01)
-    q = np.column_stack([-0.5 + 0.1 * t, 0.4 + 0.1 * t])
-    tau = model.predict(q) + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
-    tau[t >= 1.0, 1] -= 2.0
-    samples = JointSamples.single_run(model.joints, t + 10.0, q, np.full_like(q, 0.1), tau)
-    parameters = {**UNLIMITED, **PATIENT, 'model_file': tmp_path / 'm.json',
-                  'servo_stiffness': '[160.0, 60.0]'}
-    received = {name: [] for name in ('external_torque', 'external_torque_std',
-                                      'external_torque_significant', 'position_offset')}
-    with running(parameters, wait=False) as (node, probe):
-        for name, into in received.items():
-            probe._outputs.append(probe.create_subscription(
-                JointState, f'/gravity_comp/{name}', into.append, 1000))
-        probe.until_node(node)
-        start = iter(range(1000))
-
-        def answered():
-            # The arm stands at its first pose until the node has discovered all subscribers.
-            probe.send(samples.names, 1.0 + 0.01 * next(start), q[0], 0 * q[0], tau[0])
-            return all(received.values())
-
-        probe.until(answered, 60, 'the first external torque')
-        # Fewer at once than the node's queue has places.
-        for first in range(0, len(samples), 50):
-            probe.stream(part(samples, first, first + 50), period=0.01)
-            until_last(probe, part(samples, first, first + 50), received['position_offset'])
-    rows, offsets = published(samples, [
-        JointState(header=m.header, name=m.name, effort=m.position)
-        for m in received['position_offset']])
-    np.testing.assert_allclose(offsets, model.predict(q[rows]) / [160.0, 60.0], atol=1e-9)
-    for name, before, after in (('external_torque', 0.0, -2.0),
-                                ('external_torque_significant', 0.0, -2.0),
-                                ('external_torque_std', 0.1, None)):
-        rows, values = published(samples, received[name])
-        early, late = values[t[rows] < 0.9, 1], values[t[rows] > 1.2, 1]
-        assert len(early) and len(late)
-        np.testing.assert_allclose(early, before, atol=1e-2)
-        if after is not None:
-            np.testing.assert_allclose(late, after, atol=1e-2)
-        else:
-            # The push is a scatter between windows, of which a second forgets most.
-            assert 0.1 < late[-1] < late[0] < 0.3
-    rows, values = published(samples, received['external_torque'])
-    # Windows of four messages of which the node has dropped none.
-    whole = [k for k, row in enumerate(rows) if {row - 1, row - 2, row - 3} <= set(rows)]
-    assert len(whole) > 100
-    offline = external_torque(model, samples).torque
-    np.testing.assert_allclose(values[whole], offline[rows][whole], atol=1e-6)
