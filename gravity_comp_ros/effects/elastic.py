@@ -115,22 +115,22 @@ def _range(motion: Motion, joint: int) -> tuple[float, float]:
 
 class CableStiffness(Effect):
     """
-    The columns are the pull of a cable that is taut on one side, or, for side 0, a cubic torque.
+    The column is the pull of a cable that is taut on one side, or, for side 0, of a harness.
 
-    The pull is linear in the stretch, and hardens with a power of exponent `order`. The cubic
-    torque is that of a harness twisted about its rest angle `start`. Each is scaled so that its
-    coefficient is a stiffness: torque over angle at `half`, half the travel, from the start.
+    The pull hardens: a part `hardening` of it grows with the power `order` of the stretch. As one
+    coefficient scales both parts, a cable never pushes and never softens, at any angle. It is the
+    stiffness, torque over angle, at `half`, half the travel, from the start.
     """
 
     name = 'cable_stiffness'
     title = 'Cable or hose stiffness'
     family = 'elastic'
-    equation = ('tau_n = s (k e + k_h e (e / h)^(p - 1)), e = max(0, s (q_n - q_0)), s = ±1; or, '
-                's = 0, k (q_n - q_0)^3 / h^2; h half the travel, p the order, 1.25 to 3')
+    equation = ('tau_n = s k e (1 - w + w (|e| / h)^(p - 1)), e = max(0, s (q_n - q_0)), s = ±1; '
+                'or, both ways, k e (e / h)^2, e = q_n - q_0; h half the travel, p the order, '
+                'w the hardening')
     description = ('Cable that is slack over part of the range and pulls beyond it, or harness '
                    'that stiffens as it is twisted.')
-    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),
-                    Coefficient('k_h', 'N·m/rad', 'stiffness that the cable gains by hardening'))
+    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness at half the travel from the start'),)
     confounders = ('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple')
     experiment = f'{_WHOLE_RANGE}; if possible, once with the cables removed'
     signature = 'position'
@@ -139,33 +139,29 @@ class CableStiffness(Effect):
     is_compensable = True
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
-    setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': ''}
+    setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': '', 'hardening': ''}
     is_static = True
     resembles_gravity = True
     why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        if not setting['side']:
-            twist = motion.samples.q[:, [joint]] - setting['start']
-            return twist * (twist / setting['half']) ** 2
-        pull = _hinge(motion, joint, setting)
-        return np.hstack([pull, pull * (np.abs(pull) / setting['half'])
-                          ** (setting['order'] - 1.0)])
-
-    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        return self.coefficients if setting['side'] else self.coefficients[:1]
+        stretch = (_hinge(motion, joint, setting) if setting['side']
+                   else motion.samples.q[:, [joint]] - setting['start'])
+        hardened = (np.abs(stretch) / setting['half']) ** (setting['order'] - 1.0)
+        part = setting['hardening']
+        return np.asarray(stretch * (1.0 - part + part * hardened))
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return starts within the range on both sides, and rest angles of a harness."""
         low, span = _range(motion, joint)
 
-        def setting(part: float, side: float, order: float) -> dict[str, float]:
+        def setting(part: float, side: float, order: float, hardening: float) -> dict[str, float]:
             return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9),
-                    'order': order}
+                    'order': order, 'hardening': hardening}
 
-        return [*(setting(part if side > 0 else 1.0 - part, side, _ORDER)
+        return [*(setting(part if side > 0 else 1.0 - part, side, _ORDER, 0.0)
                   for side in (1.0, -1.0) for part in _CABLE_STARTS),
-                *(setting(rest, 0.0, 3.0) for rest in _HARNESS_RESTS)]
+                *(setting(rest, 0.0, 3.0, 1.0) for rest in _HARNESS_RESTS)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
@@ -173,15 +169,15 @@ class CableStiffness(Effect):
         start, (least, most) = setting['start'], _SLACK
         starts = [{**setting, 'start': min(max(moved, low + least * span), low + most * span)}
                   for moved in (start - 0.06 * step * span, start + 0.06 * step * span)]
-        orders = [{**setting, 'order': float(np.clip(setting['order'] + change, *_ORDERS))}
-                  for change in (-0.25 * step, 0.25 * step) if setting['side']]
-        return [*starts, *orders]
+        if not setting['side']:
+            return starts
+        return [*starts, *({**setting, name: float(np.clip(setting[name] + change, *limits))}
+                           for name, size, limits in (('order', 0.25 * step, _ORDERS),
+                                                      ('hardening', 0.25 * step, (0.0, 1.0)))
+                           for change in (-size, size))]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.full(len(sizes.columns), 0.5 * sizes.torque)
-
-    def implausible(self, values: FloatArray, setting: Setting) -> str | None:
-        return super().implausible(values.sum(keepdims=True), setting)
+        return np.array([0.5 * sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)

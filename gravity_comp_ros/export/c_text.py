@@ -217,16 +217,12 @@ static gc_real gc_beyond(gc_real q, gc_real start, gc_real side)
     return beyond <= GC_C(0.0) ? GC_C(0.0) : side * beyond;
 }
 """,
-    'gc_cubic': """\
-static gc_real gc_cubic(gc_real twist, gc_real half)
+    'gc_hardening': """\
+static gc_real gc_hardening(gc_real stretch, gc_real half, gc_real order, gc_real part)
 {
-    return twist * (twist / half) * (twist / half);
-}
-""",
-    'gc_power': """\
-static gc_real gc_power(gc_real pull, gc_real half, gc_real order)
-{
-    return pull * GC_POW(GC_FABS(pull) / half, order - GC_C(1.0));
+    const gc_real one = GC_C(1.0);
+
+    return stretch * (one - part + part * GC_POW(GC_FABS(stretch) / half, order - one));
 }
 """,
     'gc_square': """\

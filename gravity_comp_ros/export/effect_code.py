@@ -106,7 +106,7 @@ class _Effect:
         return ' '.join([self.effect.target, *chosen])
 
 
-_CHOICES = ('side', 'order', 'overtones', 'harmonics', 'partner', 'sign', 'power')
+_CHOICES = ('side', 'overtones', 'harmonics', 'partner', 'sign', 'power')
 
 
 def _hinge(e: _Effect) -> str:
@@ -122,12 +122,9 @@ def _spring(e: _Effect) -> str:
 
 
 def _cable(e: _Effect) -> str:
-    k = e.c('k')
-    if not e.choice('side'):
-        twist = f'({e.q} - {e.setting("start")})'
-        return f'{k} * gc_cubic{twist[:-1]}, {e.setting("half", positive=True)})'
-    return (f'{k} * {_hinge(e)} + {e.c("k_h")} * gc_power({_hinge(e)}, '
-            f'{e.setting("half", positive=True)}, GC_C({e.choice("order")!r}))')
+    stretch = _hinge(e) if e.choice('side') else f'{e.q} - {e.setting("start")}'
+    return (f'{e.c("k")} * gc_hardening({stretch}, {e.setting("half", positive=True)}, '
+            f'{e.setting("order")}, {e.setting("hardening")})')
 
 
 def _ripple(e: _Effect) -> str:
