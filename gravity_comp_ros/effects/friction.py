@@ -31,6 +31,7 @@ class DirectionEffect(Effect):
     """Friction whose direction follows one of the laws; the law is among its settings."""
 
     setting_units = LAW_UNITS
+    common = tuple(LAW_UNITS)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return laws(float(motion.speed_noise[joint]))
@@ -134,13 +135,12 @@ class AsymmetricFriction(DirectionEffect):
         return ((skewed - d) / setting['skew'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{**law, 'skew': _SKEW} if 'distance' in law else law
-                for law in super().settings(motion, joint)]
+        return [{**law, 'skew': _SKEW} for law in super().settings(motion, joint)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         skewed = [{**setting, 'skew': float(np.clip(setting['skew'] * _SKEW_FACTOR ** k, *_SKEWS))}
-                  for k in (-step, step) if 'skew' in setting]
+                  for k in (-step, step) if 'distance' in setting]
         return [*super().refine(motion, joint, setting, step), *skewed]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
@@ -213,6 +213,7 @@ class CoupledFriction(DirectionEffect):
     source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
               'Penton, 2002 (kinematic coupling between wrist motors)')
     setting_units = {'partner': 'joint number', 'sign': '', **LAW_UNITS}
+    common = ()
     why_not_negative = _DISSIPATES
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:

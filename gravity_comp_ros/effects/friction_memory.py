@@ -44,6 +44,7 @@ class FrictionDrift(Effect):
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
     setting_units = {'time': 's', 'origin': 's', **LAW_UNITS}
+    common = tuple(LAW_UNITS)
     size = 0.03
     corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
                 'load_dependent_friction', 'coupled_friction')

@@ -50,6 +50,7 @@ class StribeckFriction(Effect):
     source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
     setting_units = {'speed': 'rad/s', **LAW_UNITS}
+    common = tuple(LAW_UNITS)
     corrects = DRY
     size = 0.05
     why_not_negative = 'friction that increases from low speed on is viscous friction'

@@ -26,6 +26,7 @@ from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
+from gravity_comp_ros.regression.common_settings import common_of, with_common
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
 from gravity_comp_ros.regression.gains import gain_of
@@ -350,9 +351,10 @@ class _Work:
             effect = known[name]
             if not effect.is_shared:
                 settings = effect.settings(factory.motion, joint or 0)
-                terms.append(max((factory.term(effect, joint, setting, len(settings))
-                                  for setting in settings),
-                                 key=lambda term: gain_of(first.posterior, term)))
+                common = common_of((*first.terms, *terms), joint)
+                terms.append(max((with_common(factory, factory.term(
+                    effect, joint, setting, len(settings)), common) for setting in settings),
+                    key=lambda term: gain_of(first.posterior, term)))
         return tuple(terms)
 
 

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.posterior import Posterior, solve
-from gravity_comp_ros.regression.term import Key, Term, uncorrected, with_children_of
+from gravity_comp_ros.regression.term import (
+    Key, Term, total_std, uncorrected, with_children_of)
 import numpy as np
 from scipy.special import log_ndtr
 
@@ -142,11 +143,36 @@ def gain(posterior: Posterior, scored: Score, kappa: float | None = None) -> flo
     """Return the gain of a scored term."""
     term, prior = scored.term, np.diag(scored.term.prior_std ** -2.0)
     kappa = inflation(posterior, scored) if kappa is None else kappa
+    return (_gain_of_columns(scored, kappa) + term.log_odds
+            + log_share_allowed(term, scored.mean, scored.information / kappa + prior))
+
+
+def _gain_of_columns(scored: Score, kappa: float) -> float:
+    """Return the gain without the prior odds and signs."""
+    std = scored.term.prior_std
     information, score = scored.information / kappa, scored.score / kappa
-    explained = 0.5 * float(score @ np.linalg.solve(information + prior, score))
-    spread = np.eye(len(score)) + information * term.prior_std ** 2
-    return (explained - 0.5 * float(np.linalg.slogdet(spread)[1]) + term.log_odds
-            + log_share_allowed(term, scored.mean, information + prior))
+    explained = 0.5 * float(score @ np.linalg.solve(information + np.diag(std ** -2.0), score))
+    spread = np.eye(len(score)) + information * std ** 2
+    return explained - 0.5 * float(np.linalg.slogdet(spread)[1])
+
+
+def gain_together(posterior: Posterior, terms: Sequence[Term]) -> float:
+    """
+    Return the gain at kappa = 1 of several terms of one joint together.
+
+    :param posterior: with coefficients of 0 for these terms, or without them.
+    """
+    scored = score_of(posterior, replace(
+        terms[0], columns=np.concatenate([term.columns for term in terms], axis=1),
+        prior_std=total_std(terms)))
+    covariance = np.linalg.inv(scored.information + np.diag(scored.term.prior_std ** -2.0))
+    total, start = _gain_of_columns(scored, 1.0), 0
+    for term in terms:
+        here = slice(start, start + term.n_columns)
+        total += term.log_odds + log_share_allowed(
+            term, scored.mean[here], np.linalg.inv(covariance[here, here]))
+        start = here.stop
+    return total
 
 
 def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> float:

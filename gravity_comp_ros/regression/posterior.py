@@ -29,8 +29,10 @@ class Posterior:
     precision: FloatArray
     beta: FloatArray
     covariance: FloatArray
-    # The posterior of which some coefficients (K,) are conditioned to 0 (`without`).
+    # The posterior of which some coefficients (K,) are conditioned to 0 (`without`), and the terms
+    # of these coefficients.
     conditioned: tuple[Posterior, IntArray] | None = None
+    absent: tuple[Term, ...] = ()
     _places: dict[int, tuple[IntArray, IntArray]] = field(default_factory=dict)
     _residuals: dict[int, FloatArray] = field(default_factory=dict, init=False)
     of_pool: dict[object, Any] = field(default_factory=dict, init=False)  # scores of candidates
@@ -127,7 +129,8 @@ class Posterior:
         covariance = self.covariance - gain @ self.covariance[here]
         beta[here], covariance[here], covariance[:, here] = 0.0, 0.0, 0.0
         return Posterior(self.design, self.terms, self.precision, beta, covariance,
-                         None if self.conditioned else (self, here), self._places)
+                         None if self.conditioned else (self, here),
+                         (*self.absent, *terms), self._places)
 
 
 def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Posterior:

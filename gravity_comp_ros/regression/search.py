@@ -9,10 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
+from heapq import merge
 from itertools import combinations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
+from gravity_comp_ros.regression.common_settings import (
+    BETTER_SETTING, common_of, CommonSettings)
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of, without_weak
 from gravity_comp_ros.regression.noise import (
@@ -26,8 +30,6 @@ import numpy as np
 Terms = tuple[Term, ...]
 # Share of the best gain from which additions on other joints are made in the same round.
 _TOGETHER = 0.3
-# Gain in nats for which a nonlinear setting is moved on.
-_BETTER_SETTING = 0.01
 # Number of draws of a posterior, which resolves a share of 1/e to the power of the margin.
 _DRAWS = 100
 # Share of a term's gain that an alternative must reach to be tried.
@@ -112,13 +114,39 @@ class Search:
         for term in self.terms:
             if term in self.terms and term.key not in self.forced:
                 changed |= self._review(term)
+        for own in self._with_common():
+            without = self.posterior.without(own)
+            refined = self._common.refined(without, own, self.options.halvings)
+            self._accept(self._replaced(own, refined), 'refine', 0.0)
         return added or changed
+
+    def _with_common(self) -> Iterator[Terms]:
+        """Yield the terms of each joint that have common parameters, where there are several."""
+        for joint in range(self.design.n_joints):
+            own = tuple(t for t in self.terms if t.joint == joint and t.common)
+            if len(own) > 1 and not self.forced & {term.key for term in own}:
+                yield own
+
+    def _replaced(self, own: Terms, new: Iterable[Term]) -> Terms:
+        """Return the terms with some replaced, in the same order."""
+        by_old = dict(zip(own, new))
+        return tuple(by_old.get(term, term) for term in self.terms)
+
+    def _other_common(self) -> bool:
+        """Change the common parameters of a joint to others that are compared."""
+        for own in self._with_common():
+            without = self.posterior.without(own)
+            _, best = self._common.best(without, own, self._common.of_joint(own[0].joint_number))
+            refined = self._common.refined(without, best, self.options.halvings)
+            if self._accept(self._replaced(own, refined), 'exchange'):
+                return True
+        return False
 
     def _add_best(self) -> bool:
         """Add the best term of each joint, and the best on several joints."""
         chosen = []
         for ranking in self._rankings():
-            best = next(iter(ranking), None)
+            best = next(ranking, None)
             if best is not None and best[0] > self.options.min_gain:
                 chosen.append(best)
         chosen.sort(key=lambda each: -each[0])
@@ -130,23 +158,42 @@ class Search:
             changed |= self._accept((*self.terms, term), f'add {gain:.1f}')
         return changed
 
-    def _rankings(self) -> Iterator[Iterable[tuple[float, Term]]]:
+    def _rankings(self) -> Iterator[Iterator[tuple[float, Term]]]:
         for pool in self.pools:
             yield self._ranking(self.posterior, pool, self.terms)
 
-    def _ranking(self, posterior: Posterior, pool: Pool, terms: Terms,
-                 minimum: float | None = None) -> Ranking:
-        """Return the candidates of a pool that may be added to some terms."""
-        minimum = self.options.min_gain if minimum is None else minimum
-        return Ranking(posterior, pool, self._allowed(pool, terms), minimum)
+    @cached_property
+    def _common(self) -> CommonSettings:
+        return CommonSettings(self.design, self.candidates, self.factory)
 
-    def _allowed(self, pool: Pool, terms: Terms) -> list[int]:
+    def _ranking(self, posterior: Posterior, pool: Pool, terms: Terms,
+                 minimum: float | None = None, key: Key | None = None
+                 ) -> Iterator[tuple[float, Term]]:
+        """
+        Return gain and term of the candidates that may be added to some terms, the best first.
+
+        :param key: the only one of interest, if not None.
+        """
+        minimum = self.options.min_gain if minimum is None else minimum
+        joint = pool.joints[0] if pool is not self.pools[-1] else None
+        common = common_of(terms, joint)
+        allowed = [k for k in self._allowed(pool, terms, key)
+                   if not common or not pool.terms[k].common]
+        rankings = [Ranking(posterior, pool, allowed, minimum)]
+        if common and joint is not None:
+            other = self._common.pool(joint, common)
+            rankings.append(Ranking(posterior, other, self._allowed(other, terms, key), minimum))
+        return merge(*rankings, key=lambda each: -each[0])
+
+    def _allowed(self, pool: Pool, terms: Terms, key: Key | None) -> list[int]:
         """Return the candidates that are not among terms, and whose corrected effect is."""
+        if key is not None:
+            return pool.of_key.get(key, [])
         keys = {term.key for term in terms}
         allowed: list[int] = []
-        for key, numbers in pool.of_key.items():
+        for own, numbers in pool.of_key.items():
             parents = pool.terms[numbers[0]].parents
-            if key not in keys | self._tabu and (not parents or parents & keys):
+            if own not in keys | self._tabu and (not parents or parents & keys):
                 allowed += numbers
         return allowed
 
@@ -161,16 +208,19 @@ class Search:
         :param needed: least gain of interest. Finer steps gain less than the last two, so that the
             search ends where these would not suffice.
         """
+        others = common_of((t for t in posterior.terms if t not in posterior.absent
+                            and t is not term), term.joint)
         kappa = inflation(posterior, score_of(posterior, term))
         best, gain = term, gain_of(posterior, term, kappa)
         reached = [gain]
         while len(reached) <= self.options.halvings:
             tried = [(gain_of(posterior, other, kappa), other)
-                     for other in self.factory.neighbours(best, 0.5 ** (len(reached) - 1))]
+                     for other in self.factory.neighbours(best, 0.5 ** (len(reached) - 1))
+                     if not others or other.common == term.common]
             top = max(tried, key=lambda each: each[0], default=None)
             if top is None:
                 break
-            if top[0] > gain + _BETTER_SETTING:
+            if top[0] > gain + BETTER_SETTING:
                 gain, best = top
                 continue
             reached.append(gain)
@@ -188,7 +238,7 @@ class Search:
             return refined is not term and self._accept(
                 self._exchanged(term, refined), 'refine', 0.0)
         ranking = self._ranking(without, self._pool_of(term), rest)
-        value, other = next(iter(ranking), (-np.inf, None))
+        value, other = next(ranking, (-np.inf, None))
         if max(gain, value) < self.options.min_gain:
             self._tabu.add(term.key)
             self.posterior = self._solved(rest)
@@ -208,6 +258,8 @@ class Search:
         return self.pools[term.joint_number] if on_one else self.pools[-1]
 
     def _exchanged(self, old: Term, new: Term) -> Terms:
+        rest = [term for term in self.terms if term is not old]
+        new = self._common.at(new, common_of(rest, new.joint))
         return tuple(new if term is old else term for term in self.terms)
 
     def _accept(self, terms: Terms, move: str, minimum: float | None = None) -> bool:
@@ -226,7 +278,7 @@ class Search:
 
     def _exchange(self) -> bool:
         """Exchange terms between joints, merge equal ones, or select a joint again."""
-        return (self._between_joints() or self._merge() or self._pair() or self._unpair()
+        return (self._other_common() or self._between_joints() or self._merge() or self._pair() or self._unpair()
                 or self._again())
 
     def _pair(self) -> bool:
@@ -242,7 +294,7 @@ class Search:
                 chosen.setdefault(term.key, term)
             for term in chosen.values():
                 trial = self._solved((*terms, term))
-                partner = next(iter(self._ranking(trial, self.pools[joint], trial.terms)), None)
+                partner = next(self._ranking(trial, self.pools[joint], trial.terms), None)
                 if partner is not None and self._accept(
                         self._without_weak((*trial.terms, partner[1])), 'pair'):
                     return True
@@ -260,7 +312,7 @@ class Search:
                     or self.forced & {one.key, other.key}):
                 continue
             without = self.posterior.without((one, other))
-            best = next(iter(self._ranking(without, self._pool_of(one), rest)), None)
+            best = next(self._ranking(without, self._pool_of(one), rest), None)
             if best is not None and self._accept(
                     (*rest, self._refined(without, best[1])[0]), 'unpair'):
                 return True
@@ -313,8 +365,8 @@ class Search:
         for term in terms:
             if term.joint == new.joint and term.key not in self.forced:
                 without, pool = self._solved(terms).without((term,)), self._pool_of(term)
-                same = Ranking(without, pool, pool.of_key.get(term.key, ()), -np.inf)
-                _, other = next(iter(same), (0.0, term))
+                rest = tuple(t for t in terms if t is not term)
+                _, other = next(self._ranking(without, pool, rest, -np.inf, term.key), (0.0, term))
                 best, _ = max((self._refined(without, start)
                                for start in dict.fromkeys((term, other))),
                               key=lambda each: each[1])
@@ -345,7 +397,11 @@ class Search:
                       if c.name == name and c.joint not in joints]
             best = max(((gain_of(without, c), k) for k, c in enumerate(others)),
                        default=None)
-            if best is not None and self._accept((*rest, others[best[1]]), 'merge'):
+            if best is None:
+                continue
+            new = others[best[1]]
+            new = self._common.at(new, common_of(rest, new.joint))
+            if self._accept((*rest, new), 'merge'):
                 return True
         return False
 
@@ -399,7 +455,7 @@ class Search:
         posterior, start = self._solved(terms), terms[-1]
         for _ in range(self.options.max_rounds):
             ranking = self._ranking(posterior, self.pools[joint], terms)
-            gain, best = next(iter(ranking), (-np.inf, None))
+            gain, best = next(ranking, (-np.inf, None))
             if best is None or gain < self.options.min_gain:
                 break
             best, _ = self._refined(posterior, best)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,6 +59,11 @@ class Term:
         return self.columns[:, joint] if self.columns.ndim == 3 else self.columns
 
     @cached_property
+    def common(self) -> dict[str, float]:
+        """Return the nonlinear parameters that it has in common with others of its joint."""
+        return {name: self.setting[name] for name in self.effect.common if name in self.setting}
+
+    @cached_property
     def parents(self) -> frozenset[Key]:
         """Return the terms of which one must be in the model; empty if it needs none."""
         return frozenset((name, self.joint) for name in self.effect.corrects)
@@ -89,6 +94,6 @@ def uncorrected(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     return tuple(term for term in terms if len(with_children_of(terms, term)) == len(terms) - 1)
 
 
-def total_std(terms: tuple[Term, ...]) -> FloatArray:
+def total_std(terms: Sequence[Term]) -> FloatArray:
     """Return the prior standard deviations of all coefficients."""
     return np.concatenate([np.zeros(0), *(term.prior_std for term in terms)])
