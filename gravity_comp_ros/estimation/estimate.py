@@ -346,7 +346,8 @@ class _Work:
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects at the settings with the largest gains."""
-        factory, terms, known = self.problem.factory(first.shared), [], all_effects()
+        factory, known = self.problem.factory(first.shared), all_effects()
+        terms: list[Term] = []
         for name, joint in sorted(keys, key=str):
             effect = known[name]
             if not effect.is_shared:

@@ -48,7 +48,7 @@ class CommonSettings:
         """Return the candidates of a joint that have common parameters, at these."""
         key = joint, tuple(common.items())
         if key not in self._pools:
-            terms = {}
+            terms: dict[object, Term] = {}
             for term in self.candidates.of_joint[joint]:
                 if term.common:
                     at = self.at(term, common)
@@ -62,9 +62,8 @@ class CommonSettings:
 
     def of_joint(self, joint: int) -> list[Common]:
         """Return the common parameters that are compared on a joint."""
-        found = {tuple(t.common.items()): t.common for t in self.candidates.of_joint[joint]
-                 if t.common}
-        return list(found.values())
+        return list({tuple(t.common.items()): t.common
+                     for t in self.candidates.of_joint[joint] if t.common}.values())
 
     def neighbours(self, term: Term, step: float) -> list[Common]:
         """Return the neighbours of the common parameters of a term."""
@@ -91,9 +90,9 @@ class CommonSettings:
         present, step = list(terms), 1.0
         gain = gain_together(posterior, present)
         for _ in range(halvings):
-            value, found = self.best(posterior, present, self.neighbours(present[0], step))
+            value, other = self.best(posterior, present, self.neighbours(present[0], step))
             if value > gain + BETTER_SETTING:
-                gain, present = value, found
+                gain, present = value, other
             else:
                 step *= 0.5
         return present

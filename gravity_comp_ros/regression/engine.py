@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.regression.alternatives import (
+    Alternative, alternatives, excluded_alternatives)
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
+from gravity_comp_ros.regression.exchanges import run
 from gravity_comp_ros.regression.gains import gain, score_of, without_weak
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
@@ -19,7 +22,7 @@ from gravity_comp_ros.regression.noise import (
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.search import Alternative, Search
+from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
@@ -96,13 +99,13 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     if terms:
         # Outliers and relative noise are those of a fit with its own noise.
         search = _search(fit, (), frozenset(term.key for term in terms), log)
-        search.run(with_exchanges=False)
+        run(search, with_exchanges=False)
         fit = gauss_newton(fit.selected(search.posterior))[0]
         fit = fit.weighted(_weights(fit))
     for number in range(int(is_selected), options.passes):
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
-        changed = search.run(with_exchanges=number > 0)
+        changed = run(search, with_exchanges=number > 0)
         fit, steps, converged = gauss_newton(fit.selected(search.posterior))
         log(f'pass {number}: {len(search.terms)} terms')
         if number and not changed:
@@ -181,7 +184,7 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     near = fit.shared.at_near_angles()
     other = fit if near is fit.shared else gauss_newton(fit.on(near.renewed()))[0]
     again = _search(other, effects, search.forced, search.log)
-    again.run()
+    run(again)
     other = gauss_newton(other.selected(again.posterior))[0].centred()
     precision = precision_of(fit.posterior, problem.scale, problem.options)
     evidences = [solve(each.posterior.design, each.posterior.terms, precision).log_evidence
@@ -238,7 +241,7 @@ def _ambiguous(search: Search, term: Term) -> list[Alternative]:
     They include effects of its joint that this motion does not make testable.
     """
     lowest = search.posterior.log_evidence - search.options.margin
-    others = [*search.alternatives(term), *search.excluded_alternatives(term)]
+    others = [*alternatives(search, term), *excluded_alternatives(search, term)]
     return [other for other in others if other.log_evidence > lowest]
 
 

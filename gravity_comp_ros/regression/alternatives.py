@@ -1,0 +1,100 @@
+"""Other terms that explain the data as well as a selected one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from gravity_comp_ros.regression.gains import gain_of
+from gravity_comp_ros.regression.posterior import Posterior
+from gravity_comp_ros.regression.search import Search, Terms
+from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
+import numpy as np
+
+# Number of draws of a posterior, which resolves a share of 1/e to the power of the margin.
+_DRAWS = 100
+# Share of a term's gain that an alternative must reach to be tried.
+_COMPARABLE = 0.2
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A term that could replace another one: the log evidence and the posterior with it."""
+
+    log_evidence: float
+    term: Term
+    posterior: Posterior
+
+
+def alternatives(search: Search, term: Term) -> list[Alternative]:
+    """
+    Return other terms on any joint that could replace one, the most probable first.
+
+    Each effect of a comparable gain has its best setting.
+    """
+    without = search.posterior.without((term,))
+    rest = with_children_of(search.terms, term)
+    own = gain_of(without, term)
+    minimum = max(search.options.min_gain, _COMPARABLE * own)
+    chosen: dict[Key, tuple[float, Term]] = {}
+    for pool in search.pools:
+        for gain, other in search.ranking(without, pool, rest, minimum):
+            if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
+                chosen[other.key] = gain, other
+    needed = own - search.options.near
+    return _replacing(search, term, [search.refined(without, other, needed)[0]
+                                     for _, other in chosen.values()])
+
+
+def excluded_alternatives(search: Search, term: Term) -> list[Alternative]:
+    """Return the untestable effects of its joint that could replace a term, likewise."""
+    return _replacing(search, term, [other for other in search.candidates.excluded
+                                     if other.joint == term.joint])
+
+
+def _replacing(search: Search, term: Term, others: Iterable[Term]) -> list[Alternative]:
+    results = []
+    for other in others:
+        terms = search.exchanged(term, other)
+        if not is_consistent(terms):
+            continue
+        trial = search.solved(terms)
+        if trial.log_evidence > search.posterior.log_evidence - search.options.near:
+            trial = search.solved(_with_refined(search, terms, other))
+        at = next(t for t in trial.terms if t.key == other.key)
+        results.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
+                                   at, trial))
+    return sorted(results, key=lambda each: -each.log_evidence)
+
+
+def _with_refined(search: Search, terms: Terms, new: Term) -> Terms:
+    """
+    Return terms with the settings of a new one, and of others on its joint, refined.
+
+    The law of friction that was selected with the replaced term may be another one.
+    """
+    for term in terms:
+        if term.joint == new.joint and term.key not in search.forced:
+            without, pool = search.solved(terms).without((term,)), search.pool_of(term)
+            rest = tuple(t for t in terms if t is not term)
+            _, other = next(search.ranking(without, pool, rest, -np.inf, term.key), (0.0, term))
+            best, _ = max((search.refined(without, start)
+                           for start in dict.fromkeys((term, other))),
+                          key=lambda each: each[1])
+            terms = tuple(best if t is term else t for t in terms)
+    return terms
+
+
+def _log_share_plausible(posterior: Posterior, term: Term) -> float:
+    """
+    Return the logarithm of the share of a term's posterior that is physical, from draws.
+
+    Signs are in the evidence already (`gains`).
+    """
+    if term.effect.why_not_negative:
+        return 0.0
+    here = posterior.at[term]
+    draws = np.random.default_rng(0).multivariate_normal(
+        posterior.beta[here], posterior.covariance[np.ix_(here, here)], _DRAWS, method='eigh')
+    plausible = sum(term.effect.implausible(draw, term.setting) is None for draw in draws)
+    return float(np.log((plausible + 1.0) / (_DRAWS + 1.0)))
