@@ -126,7 +126,7 @@ class CableStiffness(Effect):
     title = 'Cable or hose stiffness'
     family = 'elastic'
     equation = ('tau_n = s k e (1 - w + w (|e| / h)^(p - 1)), e = max(0, s (q_n - q_0)), s = ±1; '
-                'or, both ways, k e (e / h)^2, e = q_n - q_0; h half the travel, p the order, '
+                'or, for s = 0, k e (e / h)^2, e = q_n - q_0; h half the travel, p the order, '
                 'w the hardening')
     description = ('Cable that is slack over part of the range and pulls beyond it, or harness '
                    'that stiffens as it is twisted.')

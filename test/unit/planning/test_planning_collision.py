@@ -90,8 +90,8 @@ def test_a_plan_avoids_collisions():
     deep = old.q[:, 0] + 0.5 * old.q[:, 1]
     above = old.select(deep < 0.1)
     check = self_collision(planar('<box size="0.3 0.04 0.04"/>', wall(-0.3)), NAMES, above.q)
-    # A spring is identified by the whole range.
-    target = [Target('joint_spring', 'shoulder')]
+    # A cable is identified by the range on both sides of its start.
+    target = [Target('cable_stiffness', 'shoulder')]
     free = plan(old, model(), target, PlanOptions(15.0))
     number, names = check.first_hit(free.trajectory.q)
     assert 'wall_0' in names and not check.hits(above.q)
