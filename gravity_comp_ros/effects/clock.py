@@ -8,12 +8,18 @@ clock each run begins at 0, and so does the origin.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gravity_comp_ros.data.runs import have_common_clock, run_time, session_time
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.effect import Setting
 import numpy as np
 
 # Minimum stamp of a clock, in s: simulations and tables begin at 0 each time.
 MIN_STAMP = 1e8
+# Factor of a refined time constant, and by how much it may lie outside of those compared. A law
+# that ends much sooner is an offset of later samples, a much longer one is linear.
+_REFINED = 1.33
 
 
 def has_clock(samples: JointSamples) -> bool:
@@ -44,3 +50,12 @@ def since(samples: JointSamples, origin: float) -> FloatArray:
     if not samples.starts or min(samples.starts) <= MIN_STAMP:
         return run_time(samples)
     return np.maximum(clock_time(samples) - origin, 0.0)
+
+
+def refined_time(setting: Setting, step: float, compared: Sequence[float]
+                 ) -> list[dict[str, float]]:
+    """Return a setting with a shorter and a longer `time`, near those that are compared."""
+    low, high = min(compared) / _REFINED, max(compared) * _REFINED
+    return [{**setting, 'time': time}
+            for time in (setting['time'] * _REFINED ** k for k in (-step, step))
+            if low <= time <= high]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import run_slices, session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.clock import origin_of, since
+from gravity_comp_ros.effects.clock import origin_of, refined_time, since
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
@@ -55,18 +55,15 @@ class FrictionDrift(Effect):
         return np.column_stack([motion.direction(joint, law_of(setting)), speed]) * warmth[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        longest, origin = _longest(motion), origin_of(motion.samples)
-        noise = float(motion.speed_noise[joint])
+        origin, noise = origin_of(motion.samples), float(motion.speed_noise[joint])
         middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
-        return [{'time': float(t), 'origin': origin, **law} for t in np.geomspace(
-            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES)
-            for law in (middle[0], middle[-1])]
+        return [{'time': time, 'origin': origin, **law} for time in _times(motion)
+                for law in (middle[0], middle[-1])]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        noise = float(motion.speed_noise[joint])
-        return [*({**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)),
-                *refined_laws(setting, step, noise)]
+        return [*refined_time(setting, step, _times(motion)),
+                *refined_laws(setting, step, float(motion.speed_noise[joint]))]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         reason = excitation.insufficient_directions(motion, joint)
@@ -79,6 +76,14 @@ class FrictionDrift(Effect):
 
 def _longest(motion: Motion) -> float:
     return float(session_time(motion.samples).max(initial=0.0))
+
+
+def _times(motion: Motion) -> list[float]:
+    """Return the time constants of a warm-up to compare, s."""
+    longest = _longest(motion)
+    times: list[float] = np.geomspace(max(0.1 * longest, _MIN_TIME), 1.5 * longest,
+                                      _TIMES).tolist()
+    return times
 
 
 class PreslidingHysteresis(Effect):

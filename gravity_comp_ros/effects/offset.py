@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.clock import has_clock, origin_of, since
+from gravity_comp_ros.effects.clock import has_clock, origin_of, refined_time, since
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
@@ -182,19 +182,24 @@ class TorqueDrift(Effect):
         return np.column_stack([t * fading, 1.0 - (1.0 + t / setting['time']) * fading])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        longest = float(session_time(motion.samples).max(initial=_MIN_DURATION))
-        return [{'origin': origin_of(motion.samples), 'time': float(part * longest)}
-                for part in np.geomspace(_SHORTEST, _LONGEST, _TIMES)]
+        return [{'origin': origin_of(motion.samples), 'time': time} for time in _times(motion)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return [{**setting, 'time': setting['time'] * 1.33 ** k} for k in (-step, step)]
+        return refined_time(setting, step, _times(motion))
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         longest = float(session_time(motion.samples).max(initial=0.0))
         if longest < _MIN_DURATION:
             return f'the longest session takes {longest:.3g} s, too short for a drift'
         return None
+
+
+def _times(motion: Motion) -> list[float]:
+    """Return the time constants of a drift to compare, s."""
+    longest = float(session_time(motion.samples).max(initial=_MIN_DURATION))
+    times: list[float] = np.geomspace(_SHORTEST * longest, _LONGEST * longest, _TIMES).tolist()
+    return times
 
 
 EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

@@ -67,14 +67,24 @@ def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: Jo
         return np.zeros_like(samples.q)
     motion, total = motion_of(model, samples, gravity), np.zeros_like(samples.q)
     for applied in effects:
-        effect, joint = installed(applied), joint_number(model, applied)
-        torque = effect.torque(motion, joint, applied.setting,
-                               coefficients(applied, effect, motion, joint))
-        if effect.scope == 'arm':
-            total += torque
-        else:
-            total[:, joint] += torque
+        torque, joints = torque_on(model, applied, motion)
+        total[:, joints] += torque
     return total
+
+
+def torque_on(model: GravityModel, applied: AppliedEffect, motion: Motion
+              ) -> tuple[FloatArray, slice | int]:
+    """
+    Return the torque in N·m of one effect of a model, and the joints on which it acts.
+
+    It is (M, N) on all joints, or (M,) on one.
+
+    :raises ModelMismatchError: if the effect is not installed, or has other coefficients.
+    """
+    effect, joint = installed(applied), joint_number(model, applied)
+    torque = effect.torque(motion, joint, applied.setting,
+                           coefficients(applied, effect, motion, joint))
+    return torque, slice(None) if effect.scope == 'arm' else joint
 
 
 def motion_of(model: GravityModel, samples: JointSamples,

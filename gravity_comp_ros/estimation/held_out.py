@@ -13,7 +13,7 @@ from functools import partial
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
+from gravity_comp_ros.effects.predict import installed, torque_on
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
@@ -102,12 +102,10 @@ def held_out_torques(estimate: Estimate,
         part = replace(motion, samples=samples.select(numbers), qdd=motion.qdd[numbers],
                        gravity=gravity[here], memo={})
         for applied in (*model.applied.effects, *model.fitted.effects):
-            effect, joint = installed(applied), joint_number(model, applied)
-            values = coefficients(applied, effect, motion, joint)
             # Dynamics depend on the present state alone.
-            torque = effect.torque(part, joint, applied.setting, values) if effect.is_shared \
-                else effect.torque(motion, joint, applied.setting, values)[numbers]
-            column = slice(None) if effect.scope == 'arm' else joint
-            effects.setdefault(applied.target, np.zeros_like(gravity))[here, column] = torque
+            is_state = installed(applied).is_shared
+            torque, joints = torque_on(model, applied, part if is_state else motion)
+            effects.setdefault(applied.target, np.zeros_like(gravity))[here, joints] = (
+                torque if is_state else torque[numbers])
     return HeldOutTorques(samples.tau[problem.used], gravity, effects,
                           rows.block[problem.row_of], samples.runs[problem.used])

@@ -112,8 +112,8 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             break
         fit = fit.weighted(_weights(fit))
     exact = _with_exact_angles(fit)
-    fit, search = (fit.centred(), search) if exact is fit else _without_turned_axes(
-        exact.centred(), search, effects)
+    if exact is not fit:
+        fit, search = _without_turned_axes(exact, search, effects)
     fit, published = _without_weak(fit, search)
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
@@ -155,7 +155,7 @@ def _without_weak(fit: Linear, search: Search) -> tuple[Linear, Posterior]:
         return fit, published
     keys = {term.key for term in posterior.terms}
     search.select([term for term in search.terms if term.key in keys])
-    fit = gauss_newton(fit.selected(posterior))[0].centred()
+    fit = gauss_newton(fit.selected(posterior))[0]
     return fit, _published(fit)
 
 
@@ -185,7 +185,7 @@ def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]
     other = fit if near is fit.shared else gauss_newton(fit.on(near.renewed()))[0]
     again = _search(other, effects, search.forced, search.log)
     run(again)
-    other = gauss_newton(other.selected(again.posterior))[0].centred()
+    other = gauss_newton(other.selected(again.posterior))[0]
     precision = precision_of(fit.posterior, problem.scale, problem.options)
     evidences = [solve(each.posterior.design, each.posterior.terms, precision).log_evidence
                  for each in (fit, other)]

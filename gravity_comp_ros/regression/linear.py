@@ -118,6 +118,8 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
     """
     Return the fit after a few steps with the same terms, their number, and if they converged.
 
+    It is linearised at its own estimate (`centred`).
+
     :param renewed: whether the noise is estimated again in each step.
     """
     options, narrowed = fit.problem.options, 1.0
@@ -130,7 +132,7 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
         before = fit.objective(precision)
         enough = options.converged * before / fit.problem.y.size
         if is_linear and before - _objective(fit.posterior) < _NEGLIGIBLE * enough:
-            return fit, step, True
+            return fit if step else fit.centred(), step, True
         following = fit.moved(narrowed, renewed)
         after, allowed = following.objective(precision), before + (0.0 if is_linear else enough)
         while after > allowed and narrowed > _NARROWEST:
@@ -138,7 +140,9 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
             following = fit.moved(narrowed, renewed)
             after = following.objective(precision)
         if before - after < enough:
-            return following if after < allowed else fit, step + 1, True
+            if after < allowed:
+                return following, step + 1, True
+            return fit if step else fit.centred(), step + 1, True
         fit, narrowed = following, min(1.0, narrowed / _NARROWER)
     return fit, options.steps, False
 
