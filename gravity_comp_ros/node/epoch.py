@@ -195,8 +195,6 @@ class Epoch:
         self.is_open = is_open
         self.has_base = has_base
         self.had_broken_effort = False
-        # Last event of this epoch: a model refused or rolled back, samples dropped.
-        self.note = ''
         self.settings = settings
         self._names = tuple(names)
         self.restart()
@@ -288,13 +286,10 @@ class Epoch:
 
     def describe(self) -> str:
         """Return the state of the epoch as text."""
-        missing = self.short_of_range()
-        text = f'epoch {self.number} {"open" if self.is_open else "closed"}, ' \
-            f'{len(self)} of {self.settings.full_samples} samples ' \
-            f'({self.n_held_out} held out)'
-        if self.is_open and missing:
-            text += f', too little range on {", ".join(missing)}'
-        return f'{text}; {self.note}' if self.note else text
+        missing = self.short_of_range() if self.is_open else ()
+        text = f', too little range on {", ".join(missing)}' if missing else ''
+        return (f'epoch {self.number} {"open" if self.is_open else "closed"}, {len(self)} of '
+                f'{self.settings.full_samples} samples ({self.n_held_out} held out){text}')
 
     def _growing(self) -> int:
         """Return the number of samples, of a full ring with those that were replaced."""

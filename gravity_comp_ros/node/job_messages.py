@@ -109,13 +109,12 @@ class PayloadResult:
 
     `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
     has changed in a way that no payload explains. `text` is a sentence, `values` are named
-    figures, `since` is the stamp of the first sample in s.
+    figures.
     """
 
     is_payload: bool
     is_other: bool
     text: str
-    since: float
     checks: tuple[Check, ...] = ()
     values: Mapping[str, str] = field(default_factory=dict)
 

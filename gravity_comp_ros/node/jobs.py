@@ -104,11 +104,11 @@ def _next_motion(job: DiagnosisJob, estimated: Estimate, diagnosis: Diagnosis) -
 
 def run_payload_test(job: PayloadJob) -> PayloadResult:
     """Return whether the samples show another payload."""
-    samples, model, since = job.samples, job.model, float(job.samples.t[0])
+    samples, model = job.samples, job.model
     chain = _chains.of(model, job.geometry)
     if chain is None:
         return PayloadResult(False, True, 'the effort has changed; a payload cannot '
-                             'be tested, because no serial chain explains this arm', since)
+                             'be tested, because no serial chain explains this arm')
     (gravity, others), noise = without_effects(model, samples), residual_noise(model)
     every_table = tables(gravity, others, model, chain, noise, job.settings,
                          axes_under(chain, job.geometry))
@@ -125,7 +125,7 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     body = table.body_of(table.explain(table.body))
     values = {'joint': samples.names[k], 'residual [Nm]': f'{ratio[k] * noise[k]:.3g}',
               'noise of the training [Nm]': f'{noise[k]:.3g}', 'samples': str(len(samples)),
-              'from [s]': f'{since:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
+              'from [s]': f'{samples.t[0]:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
               'log evidence': f'{present[0].statistic:.1f}'}
     if body is not None:
         values |= {'mass [kg]': f'{body[0]:.3g}',
@@ -136,16 +136,15 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                     if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
     if checks.failed(present) is not None or ambiguous:
-        return PayloadResult(False, False, f'no payload is suspected: {figures}',
-                             since, every, values)
+        return PayloadResult(False, False, f'no payload is suspected: {figures}', every, values)
     if (refusal := checks.failed(other)) is not None:
         return PayloadResult(
             False, True, 'the effort has changed in a way that no payload explains: '
-            f'{refusal.text}; {figures}', since, every, values)
+            f'{refusal.text}; {figures}', every, values)
     return PayloadResult(
         True, False, f'another payload is suspected: {what} on the last link explains '
-        f'at least {present[1].statistic:.0%} of each third of the samples; {figures}', since,
-        every, values)
+        f'at least {present[1].statistic:.0%} of each third of the samples; {figures}', every,
+        values)
 
 
 def run_fit(job: FitJob) -> FitResult:

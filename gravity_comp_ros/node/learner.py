@@ -179,7 +179,7 @@ class Learner:
         self._events.log.append((True, result.text))
         if self.arm.settings.on_suspected_payload == LEARN:
             success, text = self.payload_changed(now)
-            self.arm.epoch.note = f'opened automatically: {result.text}'
+            self.report = f'opened automatically: {result.text}'
             self._events.log.append((not success, text))
 
     def _decided(self, decision: str, result: str, judged: tuple[Check, ...]) -> None:
@@ -226,7 +226,6 @@ class Learner:
             result.model, base, result.low, result.high)
         self.arm.use(entry.model, None if before is None else before.model,
                      result.model.coverage.n_samples, change)
-        self.arm.epoch.note = ''
         self.models.problem = ''
         self._save()
 
@@ -245,10 +244,9 @@ class Learner:
                 not self.arm.watch.is_confirmed):
             self._roll_back_automatically(why, now)
             return
-        epoch.note = f'a model was refused: {why}'
         if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.has_no_gravity:
             epoch.restart_after_broken_effort()
-            epoch.note += '; its samples were dropped'
+            self.report += '; its samples were dropped'
 
     def _roll_back_automatically(self, why: str, now: float) -> None:
         """Roll back to the last model of the previous payload, and start to collect again."""
@@ -257,10 +255,9 @@ class Learner:
             return
         self._base = entry.model
         self.arm.epoch.restart_after_broken_effort()
-        self.arm.epoch.note = f'rolled back automatically to the {entry.describe()}: {why}'
-        self.last_fit = self.arm.epoch.note
-        self.state, self.report = FAULTY, f'broken effort: {self.arm.epoch.note}'
-        self._events.log.append((True, self.arm.epoch.note))
+        self.last_fit = f'rolled back automatically to the {entry.describe()}: {why}'
+        self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
+        self._events.log.append((True, self.last_fit))
 
     def _roll_back(self, now: float) -> Entry | None:
         """Take the last model of the previous payload into use, if there is one."""

@@ -245,8 +245,9 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     assert node.models.model is good
     # A restart must not bring the wrong model back.
     until(node, lambda: np.array_equal(load_model(path).predict(q), good.predict(q)))
-    assert 'rolled back automatically' in node.arm.epoch.describe()
-    assert any(line[0] for line in node.events.log) and status(node, 'learning').level == ERROR
+    learning = status(node, 'learning')
+    assert 'rolled back automatically' in learning.message and learning.level == ERROR
+    assert any(line[0] for line in node.events.log)
     # After broken effort more samples are required.
     feed(node, 20, now + 30.0)
     assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
