@@ -26,6 +26,7 @@ from types import MappingProxyType
 
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
 from gravity_comp_ros.effects.motion_direction import direction, path_of
@@ -204,8 +205,7 @@ class _Problem:
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
         # Number of rows per independent error, at least.
-        interval = float(np.median(np.diff(rows.t)[np.diff(rows.run) == 0]))
-        self.per_error = max(1.0, options.correlation / max(interval, 1e-6))
+        self.per_error = per_error(rows.t, rows.run, options.correlation)
 
     def fitted(self) -> _Fit:
         """Return gains and centre."""

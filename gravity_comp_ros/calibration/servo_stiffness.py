@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Quantity
@@ -78,7 +79,8 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
         raise DataError(f'{known.sum()} slow samples have a goal of every joint; at least '
                         f'{options.min_samples} are needed')
     samples, goal = samples.select(known), goal[known]
-    torque, per_error = model.predict(samples.q), _per_error(samples, options)
+    torque = model.predict(samples.q)
+    of_error = per_error(samples.t, samples.runs, options.correlation)
     widths = np.array(options.sign_widths)[:, None]
     stiffness, left_out, sag, rmse = {}, {}, {}, {}
     for j, joint in enumerate(model.joints):
@@ -90,7 +92,7 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
         size = max(float(np.linalg.norm(load)), 1e-12)
         slope = float(load @ error) / size ** 2
         rest = float((error - slope * load).std())
-        std, sag[joint] = max(rest, 1e-9) * float(np.sqrt(per_error)) / size, float(
+        std, sag[joint] = max(rest, 1e-9) * float(np.sqrt(of_error)) / size, float(
             torque[:, j].std() * abs(slope))
         if abs(slope) < options.significance * std:
             left_out[joint] = ('goal minus position does not follow the torque: its controller '
@@ -113,12 +115,6 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
 def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
     """Return values (M,) without their least-squares fit by columns (M, C)."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
-
-
-def _per_error(samples: JointSamples, options: StiffnessOptions) -> float:
-    """Return the number of samples per independent error."""
-    interval = float(np.median(np.diff(samples.t)))
-    return max(1.0, options.correlation / max(interval, 1e-6))
 
 
 def held_goals(t: FloatArray, goal_t: FloatArray, goal: FloatArray) -> FloatArray:

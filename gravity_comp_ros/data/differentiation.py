@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gravity_comp_ros.data.runs import rows_of, run_slices
+from gravity_comp_ros.data.runs import median_interval, rows_of, run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
 import numpy as np
@@ -236,8 +236,7 @@ def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:
 
 def is_resolved(samples: JointSamples) -> bool:
     """Return whether the sample rate resolves quick starts and stops."""
-    within = np.diff(samples.runs) == 0
-    return bool(within.any() and np.median(np.diff(samples.t)[within]) <= _MAX_INTERVAL)
+    return median_interval(samples.t, samples.runs) <= _MAX_INTERVAL
 
 
 def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray | None:

@@ -48,6 +48,17 @@ def _on_clock(samples: JointSamples) -> list[tuple[float, float, slice]]:
     return sorted(bounds, key=lambda entry: entry[:2])
 
 
+def median_interval(t: FloatArray, runs: IntArray) -> float:
+    """Return the median interval in s of times (M,) within runs (M,); NaN if there is none."""
+    within = np.diff(t)[np.diff(runs) == 0]
+    return float(np.median(within)) if len(within) else np.nan
+
+
+def per_error(t: FloatArray, runs: IntArray, correlation: float) -> float:
+    """Return the number of samples of one independent error, of a correlation time in s."""
+    return float(np.fmax(1.0, correlation / max(median_interval(t, runs), 1e-6)))
+
+
 def recorded_time(samples: JointSamples) -> float:
     """Return the total duration of all runs, s."""
     return float(sum(samples.t[run][-1] - samples.t[run][0] for run in run_slices(samples)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import accelerations
+from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description_check.arm_state import ArmState
@@ -99,9 +100,8 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, paramete
                               arm.signs * qdd[:, arm.order],
                               np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
     tau = samples.tau - arm.recorded(torque)
-    interval = np.median(np.diff(samples.t)) if samples.n_samples > 1 else options.correlation
-    per_error = max(1.0, options.correlation / max(float(interval), 1e-6))
-    return Evidence(q, qd, tau, noise, per_error, arm, options)
+    return Evidence(q, qd, tau, noise, per_error(samples.t, samples.runs, options.correlation),
+                    arm, options)
 
 
 def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from gravity_comp_ros.data.runs import median_interval
 from gravity_comp_ros.data.samples import concatenate, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.segments import Line, sampled
@@ -37,8 +38,8 @@ _PAUSE = 60.0
 def row_seconds(regression: Regression) -> float:
     """Return the duration of a row of the recordings, s."""
     rows = regression.problem.rows
-    between = np.diff(rows.t)[np.diff(rows.run) == 0]
-    return float(np.median(between)) if len(between) else regression.problem.options.row_seconds
+    interval = median_interval(rows.t, rows.run)
+    return regression.problem.options.row_seconds if np.isnan(interval) else interval
 
 
 def motion_of(regression: Regression, paths: Sequence[Path]) -> Motion:
