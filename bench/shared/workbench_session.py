@@ -28,7 +28,7 @@ class InProcess:
             return []
         self.done.append(job.step.name)
         try:
-            return [(job, Done(self._runner.work(job, lambda stage, share: None)))]
+            return [(job, Done(self._runner(job, lambda stage, share: None)))]
         except GravityCompError as problem:
             return [(job, Failed(str(problem)))]
 

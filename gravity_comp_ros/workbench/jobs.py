@@ -29,7 +29,7 @@ from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport, Recording as BagRecording
 from gravity_comp_ros.workbench.stages import Choice
-from gravity_comp_ros.worker.serve import ProgressCallback, Work
+from gravity_comp_ros.worker.serve import ProgressCallback
 from gravity_comp_ros.worker.worker_process import (
     command, Done, Failed, Progress, Ready, WorkerProcess)
 import numpy as np
@@ -113,7 +113,7 @@ class JobRunner:
     def __init__(self) -> None:
         self._known: tuple[Read, ReadResult] | None = None
 
-    def work(self, job: Job, progress: ProgressCallback) -> Answer:
+    def __call__(self, job: Job, progress: ProgressCallback) -> Answer:
         """
         Return the answer to a job.
 
@@ -193,11 +193,6 @@ def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Lear
 _NICENESS = 5
 
 
-def job_runner() -> Work:
-    """Return a function that runs jobs and keeps the recordings between them."""
-    return JobRunner().work
-
-
 class Worker:
     """Runs jobs in a separate process; no method blocks."""
 
@@ -214,7 +209,7 @@ class Worker:
         """Start a job; `poll` returns its messages."""
         self.job = job
         if self._process is None:
-            self._process = WorkerProcess(command(f'{__name__}:{job_runner.__name__}', _NICENESS))
+            self._process = WorkerProcess(command(f'{__name__}:{JobRunner.__name__}', _NICENESS))
         self._process.send(lambda: job)
 
     def cancel(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import logging
 import secrets
 
@@ -11,19 +11,25 @@ from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, UIElement
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.facts.fact import Action
+from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import findings_panel, history_panel, page_parts, widgets
+from gravity_comp_ros.workbench import panels, widgets
+from gravity_comp_ros.workbench.access import ARGUMENT
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.sidebar import Sidebar
+from gravity_comp_ros.workbench.store import Entry
 from gravity_comp_ros.workbench.views import TwoModels, Views
 
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
+_TOGGLE_DARK = "document.documentElement.classList.toggle('dark')"
+_READY = "document.documentElement.dataset.ready = 'yes'"
 COMPARE = 'Two models'
 NAMES = (*SECTIONS, COMPARE)
 
@@ -61,9 +67,9 @@ class Page:
                                      name='cancel', visible=False, width=90)
         self.retry = widgets.button('Try again', lambda: self._on_session(Session.try_again),
                                     'primary', name='again', visible=False, width=110)
-        self.browser = page_parts.Browser()
+        self.browser = widgets.Browser()
         dark = widgets.button('Dark or light', lambda: None, name='style')
-        dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
+        dark.js_on_event('button_click', CustomJS(code=_TOGGLE_DARK))
         self.settings = column(widgets.html(''), sizing_mode='stretch_width')
         self.facts, self.earlier = widgets.html('', 'facts'), widgets.html('', 'earlier')
         self.missing, self.history, self.shown = (
@@ -81,7 +87,7 @@ class Page:
         document.theme = THEME
         document.template = widgets.template(secrets.token_urlsafe(16))
         document.title = 'gravity_comp workbench'
-        document.js_on_event('document_ready', CustomJS(code=page_parts.READY))
+        document.js_on_event('document_ready', CustomJS(code=_READY))
 
     def _on_ready(self) -> None:
         """Attach a session after the browser has drawn the page."""
@@ -94,8 +100,7 @@ class Page:
             return
         self.results = Results(session)
         self.browser.send('session', session.id)
-        self.earlier.text = page_parts.earlier_html(self.sessions.earlier(session.id),
-                                                    self._token)
+        self.earlier.text = earlier_html(self.sessions.earlier(session.id), self._token)
         self._refresh(self.results)
 
     # Events.
@@ -137,12 +142,12 @@ class Page:
         """Show a new state of the session."""
         session = results.session
         self._version = session.version
-        self.facts.text = page_parts.facts_html(session.read.reports if session.read else ())
+        self.facts.text = facts_html(session.read.reports if session.read else ())
         self._make_views(results)
         self._show_verdict(session)
-        self.missing.children = findings_panel.parts(results, self._add, self.browser)
-        self.history.children = [*history_panel.parts(results),
-                                 *findings_panel.request_controls(session)]
+        self.missing.children = panels.findings(results, self._add, self.browser)
+        self.history.children = [*panels.history(results),
+                                 *panels.request_controls(session)]
         self._show_view()
         self._fill_side(results)
         self._update_status(results)
@@ -186,7 +191,7 @@ class Page:
         busy = session.worker.job is not None
         self.cancel.visible = busy
         self.retry.visible = bool(session.error) and not busy and session.next_job() is not None
-        text = page_parts.status_html(results)
+        text = status_html(results)
         if self.status.text != text:
             self.status.text = text
 
@@ -207,3 +212,47 @@ class Page:
             return widgets.html(markup.paragraph(
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
+
+
+def status_html(results: Results) -> str:
+    """Return the running job, the error, or the last result, with warnings."""
+    session = results.session
+    job, event = session.worker.job, session.progress
+    # A fit of all samples and the settings may give the same warning: show it once.
+    warnings = dict.fromkeys(filter(None, (
+        session.save_error, session.warning, results.slow_warning(),
+        *(session.stage.warnings if session.stage else ()))))
+    below = ''.join(f'<p class="warning">{markup.text(text)}</p>' for text in warnings)
+    if job is not None:
+        stage = f': {event.stage}' if event else ''
+        share = f' <progress max="1" value="{event.share:.2f}"></progress>' if event else ''
+        return f'<p id="doing">{markup.text(str(job) + stage)} …{share}</p>{below}'
+    if session.error:
+        return f'<p id="trouble" class="warning">{markup.text(session.error)}</p>{below}'
+    return f'<p id="idle" class="quiet">{markup.text(session.done or "Ready")}</p>{below}'
+
+
+def facts_html(reports: Sequence[ReadReport]) -> str:
+    """Return the facts of each recording, a line each; '' if there are none."""
+    lines = [(report.path.name, fact) for report in reports for fact in report.facts]
+    if not lines:
+        return ''
+    listed = ''.join(
+        f'<li class="{"warning" if fact.action is Action.REFUSED else "quiet"}">'
+        f'{markup.text(name)}: {"refused: " * (fact.action is Action.REFUSED)}'
+        f'{markup.text(fact.sentence)}</li>' for name, fact in lines)
+    return f'<details id="facts" open><summary>Facts of the recordings ({len(lines)})</summary>' \
+           f'<ul>{listed}</ul></details>'
+
+
+def earlier_html(saved: Sequence[Entry], token: str) -> str:
+    """Return links to sessions that can be resumed."""
+    if not saved:
+        return ''
+    lines = ''.join(
+        f'<li><a href="?{ARGUMENT}={token}&amp;session={markup.text(entry.id)}">'
+        f'{markup.text(", ".join(entry.recordings))}</a><br>'
+        f'<span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
+        f'{markup.text(", ".join(entry.stages[-3:]))}</span></li>' for entry in saved)
+    return f'<details id="earlier"><summary>Earlier sessions ({len(saved)})</summary>' \
+           f'<ul>{lines}</ul></details>'

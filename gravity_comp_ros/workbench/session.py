@@ -7,7 +7,8 @@ Does not depend on Bokeh. Requests of the page and events of the worker change t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,7 +99,8 @@ class Session(State):
 
     def try_again(self) -> None:
         """Continue after an error."""
-        self._change(lambda: None)
+        with self._changing():
+            pass
 
     def cancel(self) -> None:
         """Cancel the running job."""
@@ -110,19 +112,17 @@ class Session(State):
 
     def learn(self, choice: Choice) -> None:
         """Fit a new model."""
-        def learn() -> None:
+        with self._changing():
             self.choice, self.to_learn, self.warning = choice, True, ''
-        self._change(learn)
 
     def evaluate(self, choice: Choice) -> None:
         """Evaluate the current model on other samples."""
-        def evaluate() -> None:
+        with self._changing():
             model = self._current().model
             if model.joints != choice.joints:
                 raise DataError(f'the joints of the model are {", ".join(model.joints)}: fit a '
                                 f'model of the selected joints, or select those')
             self.choice = replace(choice, formulation=self.choice.formulation)
-        self._change(evaluate)
 
     def add(self, effects: tuple[str, ...]) -> None:
         """Add effects, in the notation of `gravity_comp add`, to the current model."""
@@ -136,12 +136,10 @@ class Session(State):
         """Undo, or redo, up to a stage."""
         if not 0 <= number < len(self.stages) or number == self.at:
             return
-
-        def select() -> None:
+        with self._changing():
             stage = self.stages[number]
             self.at, self.to_learn, self.choice = number, False, stage.choice
             self.done = f'back at {number + 1}. {stage.name}'
-        self._change(select)
 
     def warn(self, reason: str) -> None:
         """Show a warning about the last request."""
@@ -150,9 +148,8 @@ class Session(State):
 
     def add_recording(self, path: Path) -> None:
         """Add a recording, which is read next."""
-        def add() -> None:
+        with self._changing():
             self.paths = (*self.paths, path)
-        self._change(add)
 
     # Events of the worker.
 
@@ -268,18 +265,19 @@ class Session(State):
         return self.stage
 
     def _submit(self, step: Step, effects: tuple[str, ...] | None) -> None:
-        def submit() -> None:
+        with self._changing():
             model = self._current().model
             if self.read_as is None:
                 raise DataError('no recording has been read')
             self.worker.start(Job(step, self.read_as, self.choice, model, effects,
                                   self.diagnosis))
-        self._change(submit)
 
-    def _change(self, action: Callable[[], None]) -> None:
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """Interrupt the running job; after the change, save the session and go on."""
         self._interrupt()
         try:
-            action()
+            yield
         except GravityCompError as problem:
             self.error = str(problem)
         else:

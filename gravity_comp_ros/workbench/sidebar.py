@@ -15,7 +15,6 @@ from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.workbench import widgets
-from gravity_comp_ros.workbench.page_parts import Browser
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.workbench.store import model_text
@@ -27,7 +26,7 @@ _KNOWN, _UNKNOWN = 'known', 'unknown'
 class Sidebar:
     """Widgets of the settings, and the `Choice` that they show."""
 
-    def __init__(self, results: Results, browser: Browser) -> None:
+    def __init__(self, results: Results, browser: widgets.Browser) -> None:
         self._results, self._browser, session = results, browser, results.session
         choice, read = session.choice, session.read
         reports = read.reports if read else ()

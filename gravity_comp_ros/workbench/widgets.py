@@ -1,4 +1,4 @@
-"""Template and style sheets of the page, and widgets of Bokeh in its style, with escaped text."""
+"""Template and style sheets of the page, its widgets, and messages to the browser."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from bokeh import __version__
-from bokeh.models import Button, CheckboxGroup, Div, RadioButtonGroup, Select, TextInput, UIElement
+from bokeh.models import (
+    Button, CheckboxGroup, CustomJS, Div, RadioButtonGroup, Select, TextInput, UIElement)
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.workbench import access
@@ -163,3 +164,37 @@ def tabs(labels: Sequence[str], action: Callable[[int], None]) -> RadioButtonGro
 def toggle(element: UIElement) -> None:
     """Toggle the visibility of an element."""
     element.visible = not element.visible
+
+
+# The session is part of the URL, so that a reload finds it.
+_ON_MESSAGE = """
+const [what, value, kind, text] = cb_obj.tags
+if (what == 'session') {
+  const address = new URL(location.href)
+  address.searchParams.set('session', value)
+  history.replaceState(null, '', address)
+} else if (what == 'focus') {
+  const element = document.getElementById(value)
+  if (element) element.focus()
+} else if (what == 'save') {
+  const link = document.createElement('a')
+  link.href = URL.createObjectURL(new Blob([text], {type: kind}))
+  link.download = value
+  link.click()
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000)
+  cb_obj.tags = []
+}
+"""
+
+
+class Browser:
+    """An invisible element whose tags are messages to the browser."""
+
+    def __init__(self) -> None:
+        self.element = Div(visible=False, tags=[], disable_math=True)
+        self.element.js_on_change('tags', CustomJS(code=_ON_MESSAGE))
+
+    def send(self, what: str, *values: str) -> None:
+        """Send a message: `session` ID, `focus` ELEMENT, or `save` FILE MIME-TYPE TEXT."""
+        self.element.tags = []  # so that an equal message is sent again
+        self.element.tags = [what, *values]

@@ -22,7 +22,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
 from gravity_comp_ros.workbench.jobs import Job, Read, Step, Worker
-from gravity_comp_ros.workbench.page_parts import facts_html, status_html
+from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Choice, Stage, State

@@ -1,12 +1,12 @@
-"""Panel of the findings, with buttons to add effects, and of the planned motion."""
+"""Panels of the page: findings with buttons to add effects, planned motion, error history."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from bokeh.layouts import column, row
-from bokeh.models import UIElement
+from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.models.applied_effects import target, target as effect_name
@@ -14,10 +14,11 @@ from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.views.effects import coefficients, label
+from gravity_comp_ros.report.style import (
+    BLUE, GREEN, label, ORANGE, plot, PURPLE, SKY, VERMILION, YELLOW)
+from gravity_comp_ros.report.views.effects import coefficients, label as effect_label
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
-from gravity_comp_ros.workbench.page_parts import Browser
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 
@@ -49,7 +50,7 @@ def open_effects(diagnosis: Diagnosis) -> list[str]:
     return list(dict.fromkeys(effects))
 
 
-def planned(session: Session, browser: Browser) -> list[UIElement]:
+def planned(session: Session, browser: widgets.Browser) -> list[UIElement]:
     """Return the description, the expected results, and the downloads of a planned motion."""
     plan = session.plan
     if plan is None:
@@ -66,8 +67,8 @@ def planned(session: Session, browser: Browser) -> list[UIElement]:
         + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
         + markup.paragraph('Play it, record it, and drop the recording into this page.'))
     trajectory = plan.trajectory
-    files = [widgets.button(f'Save as {label}', partial(browser.send, 'save', *file), name=name)
-             for label, name, *file in (
+    files = [widgets.button(f'Save as {title}', partial(browser.send, 'save', *file), name=name)
+             for title, name, *file in (
                  ('trajectory (YAML)', 'plan-yaml', 'motion.yaml', 'application/yaml',
                   to_yaml(trajectory, sentences)),
                  ('action goal', 'plan-goal', 'goal.yaml', 'application/yaml',
@@ -83,8 +84,8 @@ _AT_FIRST, _MAX_COEFFICIENTS = 3, 1
 Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(results: Results, add: Add, browser: Browser) -> list[UIElement]:
-    """Return the panel of a session."""
+def findings(results: Results, add: Add, browser: widgets.Browser) -> list[UIElement]:
+    """Return the panel of the findings of a session, and of the planned motion."""
     session = results.session
     stage = session.stage
     elements: list[UIElement] = [widgets.html('<h2>Missing effects</h2>')]
@@ -145,7 +146,7 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
 def _finding_html(number: int, finding: Finding) -> str:
     alternatives = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
     values = coefficients(finding, _MAX_COEFFICIENTS)
-    return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
+    return (f'<p class="finding"><b>{number + 1}. {markup.text(effect_label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; held-out error '
             f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
@@ -153,3 +154,75 @@ def _finding_html(number: int, finding: Finding) -> str:
 
 def _quiet(text: str) -> UIElement:
     return widgets.html(markup.paragraph(text, 'quiet'))
+
+
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
+_DASHES = ('solid', 'dashed')
+_MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex',
+            'star')
+_HEIGHT, _LEGEND_ROW = 180, 19
+# Maximum number of stages in the chart; each compares its model on all samples.
+_MAX_STAGES = 8
+# Name of a stage, and its errors by joint in N·m.
+Errors = Sequence[tuple[str, dict[str, float]]]
+
+
+def history(results: Results) -> list[UIElement]:
+    """Return the panel of the stages of a session: errors, undo."""
+    session, stage, at = results.session, results.session.stage, results.session.at
+    errors = [] if at is None or not session.is_read else [
+        (stage.name, known) for stage in session.stages[:at + 1][-_MAX_STAGES:]
+        if (known := results.errors(stage))]
+    elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(errors))]
+    if len(errors) > 1:
+        elements.append(chart(errors))
+    if stage is None or at is None:
+        return elements
+    options = [(str(k), f'{k + 1}. {s.name}' + (' (undone)' if k > at else ''))
+               for k, s in enumerate(session.stages)]
+    if at > 0:
+        elements.append(widgets.button(
+            f'Undo {stage.name}', lambda: session.select_stage(at - 1), name='undo'))
+    return [*elements, widgets.select('Stage', options, str(at),
+                                      lambda value: session.select_stage(int(value)), 'stage')]
+
+
+def chart(stages: Errors) -> UIElement:
+    """Return the RMSE by joint over the stages."""
+    joints = list(stages[-1][1])
+    fig = plot('error by stage, on the selected samples', '', 'RMSE, N·m',
+               max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
+               x_range=(-0.5, len(stages) - 0.5))
+    entries = []
+    for n, joint in enumerate(joints):
+        source = ColumnDataSource({
+            'x': list(range(len(stages))),
+            'y': [errors.get(joint, float('nan')) for _, errors in stages],
+            'joint': [label(joint, 60)] * len(stages)})
+        line = fig.line('x', 'y', source=source, color=_COLOURS[n % len(_COLOURS)], line_width=2,
+                        line_dash=_DASHES[n // len(_COLOURS) % 2])
+        dot = fig.scatter('x', 'y', source=source, color=_COLOURS[n % len(_COLOURS)], size=8,
+                          marker=_MARKERS[n % len(_MARKERS)])
+        entries.append((label(joint, 15), [line, dot]))
+    fig.y_range.start = 0.0
+    fig.xaxis.ticker = FixedTicker(ticks=list(range(len(stages))))
+    fig.xaxis.major_label_overrides = {k: label(name, 12) for k, (name, _) in enumerate(stages)}
+    fig.xaxis.major_label_orientation = 0.5 if len(stages) > 2 else 'horizontal'
+    fig.hover.tooltips = [('joint', '@joint'), ('RMSE', '@y{0.0000} N·m')]
+    fig.add_layout(Legend(items=entries), 'right')
+    fig.toolbar_location = None
+    return fig
+
+
+def last_change(stages: Errors) -> str:
+    """Return the last change of the error as HTML."""
+    if len(stages) < 2:
+        return markup.paragraph('The errors of all stages appear here.', 'quiet')
+    (_, before), (name, now) = stages[-2:]
+    shared = [joint for joint in now if before.get(joint, 0.0) > 0.0]
+    if not shared:
+        return ''
+    joint = min(shared, key=lambda joint: now[joint] / before[joint])
+    return (f'<p>{markup.text(name)}: RMSE of {markup.text(joint)} '
+            f'<b class="fall">{before[joint]:.4f} → {now[joint]:.4f} N·m</b> '
+            f'({100.0 * (now[joint] / before[joint] - 1.0):+.0f} %)</p>')
