@@ -8,7 +8,6 @@ from functools import wraps
 from importlib import import_module
 from typing import Any
 
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands.arguments import message_of
 from gravity_comp_ros.data.samples import JointSamples
@@ -17,7 +16,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.report.markup import message_html
+from gravity_comp_ros.report.markup import html_page, text
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -39,7 +38,8 @@ def with_error_page(page_module: str) -> Callable[[Run], Run]:
             try:
                 return verb(args)
             except GravityCompError as problem:
-                page = message_html(f'gravity_comp: {args.html.stem}', message_of(problem))
+                page = html_page(f'gravity_comp: {args.html.stem}',
+                                 f'<h1 id="verdict">{text(message_of(problem))}</h1>')
                 write_atomically(args.html, page.encode(), error=GravityCompError)
                 raise
         return run
@@ -56,11 +56,11 @@ def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSa
     :raises GravityCompError: if it cannot be written.
     """
     from gravity_comp_ros.report.arm import find_arm
-    from gravity_comp_ros.report.contents import Contents, Origin
+    from gravity_comp_ros.report.contents import Contents
     from gravity_comp_ros.report.page import report_html
     samples = samples.joints(model.joints)
-    origin = Origin(args.command, now(), args.model.name if args.model else None, notes)
     page = report_html(Contents(
-        samples, predict_torque(model, samples), model, comparison, compared, reports, origin,
+        samples, predict_torque(model, samples), model, comparison, compared, reports,
+        args.command, model_file=args.model.name if args.model else None, notes=notes,
         arm=find_arm(args.bags, model.joints, args.urdf), **more))
     write_atomically(args.html, page.encode(), error=GravityCompError)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.evaluation.compare import Comparison
@@ -17,22 +18,13 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Origin:
-    """Origin of a report: command, time, and file name of the model if any."""
-
-    command: str
-    when: str
-    model_file: str | None = None
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Contents:
     """
     Samples, predictions of the model, comparison and diagnosis.
 
     `samples` are all recorded samples of the model's joints; `predicted` (M, N) is their torque
-    in N·m. `comparison` may use a part of them (slow motion), described by `compared`. `previous`
+    in N·m. `comparison` may use a part of them (slow motion), described by `compared`. `command`,
+    `when`, `model_file` (None without a file) and `notes` are the origin of the report. `previous`
     has the RMSE by joint in N·m of another model, `previous_name`, on the same part. `displayed`
     are the joints of the report, all if empty. `next_command` is the command line of the next
     step, if any. `arm` requires a robot description.
@@ -44,7 +36,10 @@ class Contents:
     comparison: Comparison
     compared: str
     reports: tuple[ReadReport, ...]
-    origin: Origin
+    command: str
+    when: str = field(default_factory=now)
+    model_file: str | None = None
+    notes: tuple[str, ...] = ()
     diagnosis: Diagnosis | None = None
     previous: Mapping[str, float] = field(default_factory=dict)
     previous_name: str = ''

@@ -34,11 +34,13 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequen
 
     :param strong: index of the emphasised row, if any.
     """
-    is_text = [k == 0 or column in left for k, column in enumerate(columns)]
-    head = ''.join(f'<th scope="col"{_class(t)}>{text(c)}</th>' for c, t in zip(columns, is_text))
+    kinds = ['' if k == 0 or column in left else ' class="number"'
+             for k, column in enumerate(columns)]
+    head = ''.join(f'<th scope="col"{kind}>{text(c)}</th>' for c, kind in zip(columns, kinds))
     body = ''
     for number, row in enumerate(rows):
-        cells = ''.join(_cell(k, value, is_text[k]) for k, value in enumerate(row))
+        cells = f'<th scope="row">{text(row[0])}</th>' + ''.join(
+            f'<td{kind}>{text(value)}</td>' for value, kind in zip(row[1:], kinds[1:]))
         body += f'<tr class="strong">{cells}</tr>' if number == strong else f'<tr>{cells}</tr>'
     return (f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
             f'<tbody>{body}</tbody></table></div>')
@@ -67,16 +69,6 @@ def key(colours: Sequence[tuple[str, str]]) -> str:
     entries = ''.join(f'<span><i style="background:{escape(colour, quote=True)}"></i>{text(name)}'
                       '</span>' for colour, name in colours)
     return f'<p class="key">{entries}</p>'
-
-
-def _class(is_text: bool) -> str:
-    return '' if is_text else ' class="number"'
-
-
-def _cell(place: int, value: object, is_text: bool) -> str:
-    if place == 0:
-        return f'<th scope="row">{text(value)}</th>'
-    return f'<td{_class(is_text)}>{text(value)}</td>'
 
 
 # Handler of the copy buttons of `command`; the path locates a click inside a shadow root.
@@ -111,12 +103,7 @@ NO_PLOTS = 'The plots require JavaScript, which is disabled in this browser. Tab
            'are shown.'
 
 
-def message_html(title: str, message: str) -> str:
-    """Return a page with an error message."""
-    return html_page(title, f'<h1 id="verdict">{text(message)}</h1>', [])
-
-
-def html_page(title: str, body: str, scripts: list[str], no_script: str = '') -> str:
+def html_page(title: str, body: str, scripts: Sequence[str] = (), no_script: str = '') -> str:
     """
     Return a page of safe HTML; it requires no network and no other file.
 

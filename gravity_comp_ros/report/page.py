@@ -14,7 +14,7 @@ from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import (
-    arm, effects, equations, pairs, provenance, residuals, spectrum, summary, time)
+    arm, effects, model, pairs, residuals, spectrum, summary)
 from gravity_comp_ros.report.views.summary import headline
 
 # Builds a section; None if it has no content.
@@ -23,15 +23,15 @@ Maker = Callable[[Contents, Table, JointSelector], Section | None]
 SECTIONS: dict[str, Maker] = {
     'Summary': lambda contents, table, selector: summary.section(contents, table),
     'Errors': lambda contents, table, selector: summary.errors(contents),
-    'Over time': time.section,
+    'Over time': residuals.time_section,
     'Arm': lambda contents, table, selector: arm.section(contents, table),
     'Residual': residuals.section,
     'Pairs': pairs.section,
     'Spectrum': lambda contents, table, selector: spectrum.section(contents, selector),
     'Effects': lambda contents, table, selector: effects.section(contents, table),
-    'Model': lambda contents, table, selector: equations.section(contents, selector),
-    'Data': lambda contents, table, selector: provenance.quality(contents),
-    'Provenance': lambda contents, table, selector: provenance.section(contents)}
+    'Model': lambda contents, table, selector: model.section(contents, selector),
+    'Data': lambda contents, table, selector: model.quality(contents),
+    'Provenance': lambda contents, table, selector: model.provenance(contents)}
 
 # MathJax is omitted: it would turn \href in a joint's name into a link.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
@@ -63,8 +63,8 @@ def report_html(contents: Contents) -> str:
     links = ''.join(f'<a href="#{s.key}">{markup.text(s.title)}</a>' for s in sections)
     title = ', '.join(report.path.name for report in contents.reports) or 'recording'
     body = (f'<p class="quiet">{markup.text(title)} · model '
-            f'{markup.text(contents.origin.model_file or "fitted for this report")} · '
-            f'{markup.text(contents.origin.when)}</p>'
+            f'{markup.text(contents.model_file or "fitted for this report")} · '
+            f'{markup.text(contents.when)}</p>'
             f'<h1 id="verdict">{markup.text(markup.units(headline(contents)))}</h1>'
             f'<nav>{links}</nav><div id="joint"><div class="plots"></div></div>'
             f'{"".join(map(_section, sections))}'

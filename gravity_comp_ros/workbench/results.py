@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND
@@ -18,7 +17,7 @@ from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.arm import Arm, find_arm
-from gravity_comp_ros.report.contents import Contents, Origin
+from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.workbench import stages
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Stage
@@ -96,8 +95,7 @@ class Results:
         return Contents(
             recording.samples, predict_torque(stage.model, recording.samples), stage.model,
             self.compared(stage.model), recording.gated.sentence(), recording.reports,
-            Origin('\n'.join(self.commands()), now()),
-            previous=self.errors(before) if before else {},
+            '\n'.join(self.commands()), previous=self.errors(before) if before else {},
             previous_name=before.name if before else '', arm=self._arm(stage.model.joints))
 
     def compared(self, model: GravityModel) -> Comparison:
@@ -139,7 +137,7 @@ class Results:
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
         return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
-                        recording.reports, Origin('\n'.join(self.commands()), now()),
+                        recording.reports, '\n'.join(self.commands()),
                         arm=self._arm(samples.names))
 
     def slow_warning(self) -> str:

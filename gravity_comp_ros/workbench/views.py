@@ -16,7 +16,7 @@ from gravity_comp_ros.report.section import ALL, JointSelector, Section
 from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, short)
 from gravity_comp_ros.report.table import Table
-from gravity_comp_ros.report.views import time
+from gravity_comp_ros.report.views import residuals
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Stage
@@ -153,7 +153,7 @@ def _residuals(contents: list[Contents], joints: tuple[str, ...]) -> UIElement:
     tables, selector = [Table(each) for each in contents], JointSelector(joints, '0', served=True)
 
     def plots(n: int) -> list[figure]:
-        figures = [time.residual(each, table, each.model.joints.index(joints[n]))
+        figures = [residuals.over_time(each, table, each.model.joints.index(joints[n]))
                    for each, table in zip(contents, tables)]
         for letter, fig in zip('AB', figures):
             fig.title.text = f'{letter} {fig.title.text}'

@@ -17,7 +17,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.arm import described_arm
-from gravity_comp_ros.report.contents import Contents, Origin
+from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.views import summary
 from gravity_comp_ros.report.views.summary import headline, named_joint
@@ -56,7 +56,7 @@ def contents():
     slow = samples.select(np.arange(0, 24_000, 40))
     model = fit(slow, FitOptions('potential')).model
     return Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',
-                    (), Origin('', ''), arm=described_arm(two_link_urdf(), samples.names))
+                    (), '', arm=described_arm(two_link_urdf(), samples.names))
 
 
 def test_a_report_is_one_file_with_all_sections_in_order(diagnosed):

@@ -1,16 +1,138 @@
-"""Residual against the joint's own speed, position and load, and against time."""
+"""Torque and residual of a joint over time; residual against its speed, position and load."""
 
 from __future__ import annotations
 
-from bokeh.models import DataRange1d, LinearColorMapper, Span
+from typing import Any
+
+from bokeh.layouts import column
+from bokeh.models import CustomJS, DataRange1d, Div, HoverTool, Label, LinearColorMapper, Span
+from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import JointSelector, Section
-from gravity_comp_ros.report.style import DOWN, FAINT, MARKED, plot, short, STILL, UP
+from gravity_comp_ros.report.style import (
+    DOWN, FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short, STILL, UP)
 from gravity_comp_ros.report.table import Table
 
-_HEIGHT = 187
+# Text on the selection: number of samples, time range, RMSE of each joint.
+_SELECTION_TEXT = """
+const rows = samples.selected.indices
+if (!rows.length) { selection.text = ''; return }
+const t = samples.get_column('t'), w = samples.get_column('w')
+let low = Infinity, high = -Infinity, count = 0
+for (const row of rows) {
+  low = Math.min(low, t[row])
+  high = Math.max(high, t[row])
+  count += w[row]
+}
+const place = (time) => {
+  let run = 0
+  while (run + 1 < starts.length && starts[run + 1] <= time + 1e-3) run++
+  return [run, Math.max(time - starts[run], 0).toFixed(2)]
+}
+const [first, from] = place(low), [last, to] = place(high)
+const where = first == last ? `${runs[first]}, ${from} to ${to} s`
+  : `${runs[first]} at ${from} s to ${runs[last]} at ${to} s`
+const errors = joints.map((name, k) => {
+  const r = samples.get_column('r' + numbers[k])
+  let sum = 0
+  for (const row of rows) sum += w[row] * r[row] * r[row]
+  return `${name} ${Math.sqrt(sum / count).toFixed(4)}`
+})
+const about = rows.some(row => w[row] != 1) ? 'about ' : ''
+selection.text = `<p><b>${about}${Math.round(count)} selected</b>: ${where}. ` +
+  `RMSE, N·m: ${errors.join(', ')}</p>`
+"""
+_TALL, _LOW, _SQUARE = 190, 150, 187
+# Width of the y labels, equal in all plots so that their time axes are aligned.
+_LEFT = 72
+_MAX_LABELS = 12
+
+
+def time_section(contents: Contents, table: Table, selector: JointSelector) -> Section:
+    """Return two plots per joint with a common time axis."""
+    def plots(k: int) -> list[figure]:
+        n = contents.numbers[k]
+        return [_torque(contents, table, n), over_time(contents, table, n)]
+
+    runs = contents.samples.n_runs
+    more = ', one after another' if runs > 1 else ''
+    text = (f'{contents.samples.n_samples} samples of {runs} run{"s" if runs > 1 else ""}{more}. '
+            'Drag to select samples; they are marked in every plot of this page.')
+    if len(table.drawn) < contents.samples.n_samples:
+        text += (f' {len(table.drawn)} samples are drawn, including the minimum and maximum of '
+                 'every time interval.')
+    lead = markup.paragraph(text, 'quiet') + markup.key(
+        [(MEASURED, 'measured'), (PREDICTED, 'predicted'),
+         (RESIDUAL, 'residual: measured minus predicted'), (MARKED, 'selected')])
+    return Section('time', 'Over time', lead, column(
+        _selection_text(contents, table), selector.place(plots, 900), sizing_mode='stretch_width'))
+
+
+def _selection_text(contents: Contents, table: Table) -> Div:
+    """Return a line on the selected samples."""
+    line = Div(text='', disable_math=True, sizing_mode='stretch_width', name='selection',
+               styles={'color': 'var(--text)', 'font-size': '14px'})
+    table.source.selected.js_on_change('indices', CustomJS(code=_SELECTION_TEXT, args={
+        'samples': table.source, 'selection': line, 'numbers': contents.numbers,
+        'runs': [markup.text(short(name, 40)) for _, name in table.starts],
+        'starts': [start for start, _ in table.starts],
+        'joints': [markup.text(name) for name in contents.joints]}))
+    return line
+
+
+def _torque(contents: Contents, table: Table, n: int) -> figure:
+    fig = plot(contents.model.joints[n], '', 'N·m', _TALL, x_range=table.range,
+               min_border_left=_LEFT)
+    _line(fig, table, f'm{n}', color=MEASURED, line_width=1.2)
+    _line(fig, table, f'p{n}', color=PREDICTED, line_width=1.4, line_dash=[6, 3])
+    _complete(fig, table, f'm{n}', [('measured', f'@m{n}{{0.000}} N·m'),
+                                    ('predicted', f'@p{n}{{0.000}} N·m'),
+                                    ('residual', f'@r{n}{{0.000}} N·m')])
+    for start, name in table.starts if 1 < len(table.starts) <= _MAX_LABELS else ():
+        fig.add_layout(Label(
+            x=start, y=_TALL - 90, y_units='screen', x_offset=3, text_font_size='11px',
+            text_color=FAINT, text=label(name, max(110 // len(table.starts), 4)),
+            background_fill_color='white', background_fill_alpha=0.75))
+    return fig
+
+
+def over_time(contents: Contents, table: Table, n: int) -> figure:
+    """Return the residual of joint n over time."""
+    name = contents.model.joints[n]
+    fig = plot(f'{short(name, 20)}, RMSE {contents.error(name)} N·m', 'time, s',
+               'residual, N·m', _LOW, x_range=table.range, min_border_left=_LEFT)
+    _line(fig, table, f'r{n}', color=RESIDUAL, line_width=1.0)
+    _complete(fig, table, f'r{n}', [('residual', f'@r{n}{{0.000}} N·m')])
+    fig.add_layout(Span(location=0.0, dimension='width', line_color=FAINT, line_width=1))
+    fig.yaxis.ticker.desired_num_ticks = 4
+    return fig
+
+
+def _line(fig: figure, table: Table, column: str, **looks: Any) -> None:
+    """Draw a line whose style does not depend on the selection."""
+    drawn = fig.line('t', column, source=table.source, **looks)
+    drawn.selection_glyph = drawn.nonselection_glyph = None
+
+
+def _complete(fig: figure, table: Table, column: str, values: list[tuple[str, str]]) -> None:
+    """Add what plots over time have in common: values under the cursor, selection, runs."""
+    fig.add_tools(HoverTool(renderers=fig.renderers[:1], mode='vline',
+                            tooltips=[('time', '@t{0.00} s'), *values]))
+    # Points that are visible only if selected, because a box selects no lines.
+    marks = fig.scatter('t', column, source=table.source, size=5, line_color=None,
+                        fill_color=MARKED, fill_alpha=0.0, selection_fill_alpha=0.9,
+                        nonselection_fill_alpha=0.0, selection_line_color=None,
+                        nonselection_line_color=None)
+    for tool in fig.select({'type': SelectTool}):
+        tool.renderers = [marks]
+    fig.add_layout(table.cursor)
+    for start, _ in table.starts[1:]:
+        fig.add_layout(Span(location=start, dimension='height', line_color=FAINT,
+                            line_dash='dotted'))
+
+
 # Title and unit of the axis, by the letter of the column.
 _AGAINST = {'v': ('own speed', 'rad/s'), 'q': ('own position', 'rad'),
             'p': ('own load (predicted)', 'N·m'), 't': ('time', 's')}
@@ -45,7 +167,7 @@ def against(contents: Contents, table: Table, n: int, letter: str,
     x, name = 't' if letter == 't' else f'{letter}{n}', contents.model.joints[n]
     heading = f'{short(name, 20)}, RMSE {contents.error(name)} N·m' if is_first else ''
     ranges = {} if common is None else {'y_range': common}
-    fig = plot(heading, f'{title}, {unit}', 'residual, N·m' if is_first else '', _HEIGHT,
+    fig = plot(heading, f'{title}, {unit}', 'residual, N·m' if is_first else '', _SQUARE,
                'pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,hover,reset,save', **ranges)
     colours = LinearColorMapper(palette=[DOWN, STILL, UP], low=-1.5, high=1.5)
     fig.scatter(x, f'r{n}', source=table.source, size=3, marker='square', line_color=None,

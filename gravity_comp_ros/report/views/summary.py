@@ -98,7 +98,7 @@ def errors(contents: Contents) -> Section:
         joint = errors[name]
         row = [name, joint.n, contents.error(name), percent(joint.nrmse), f'{joint.std:.4f}',
                f'{joint.max_abs:.3f}',
-               f'{contents.model.noise[contents.model.joints.index(name)]:.4f}']
+               f'{_noise(contents, name):.4f}']
         if contents.previous:
             row.append(f'{contents.previous[name]:.4f}'
                        if name in contents.previous else '–')

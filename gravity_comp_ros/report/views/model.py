@@ -1,9 +1,12 @@
-"""Equations of the model, its applied effects, and the distribution of its weights."""
+"""Equations of the model and its weights, quality of the data, and provenance of both."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from bokeh.models import BasicTickFormatter, ColumnDataSource
 from bokeh.plotting import figure
+from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
@@ -90,3 +93,62 @@ def _stems(contents: Contents, n: int) -> figure:
     fig.xaxis.ticker.desired_num_ticks = 3
     fig.yaxis.formatter = BasicTickFormatter(use_scientific=False)
     return fig
+
+
+def quality(contents: Contents) -> Section:
+    """Return tables of the recordings and of the motion of each joint."""
+    facts = contents.facts
+    recordings = [[r.path.name, r.topic, r.n_messages, r.n_samples, f'{r.rate_hz:.4g}',
+                   f'{r.duration_s:.1f}', r.velocity,
+                   '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
+                   or 'none'] for r in contents.reports]
+    html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
+                         'velocity', 'dropped'], recordings, left=('topic', 'velocity', 'dropped'))
+    html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)
+    rows = []
+    for name in contents.joints:
+        joint = facts.joints[name]
+        rows.append([name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
+                     f'{joint.rms_speed:.3f}',
+                     'at rest' if joint.reversals is None else joint.reversals,
+                     f'{joint.tau_min:.2f} … {joint.tau_max:.2f}',
+                     '–' if joint.pose_share is None else f'{100 * joint.pose_share:.0f} %'])
+    html += markup.table(['joint', 'range rad', 'fastest rad/s', 'RMS rad/s', 'reversals',
+                          'torque N·m', 'torque variance explained by pose'], rows)
+    html += markup.paragraph(
+        f'{100 * facts.slow_share:.0f} % of the samples are slow motion.')
+    html += markup.bullets(facts.remarks)
+    return Section('quality', 'Quality of the data', html)
+
+
+def provenance(contents: Contents) -> Section:
+    """Return command, versions, files with their hashes, and the model's history."""
+    model = contents.model
+    lines = '\n'.join(markup.text(line) for line in contents.command.splitlines())
+    html = f'<pre tabindex="0">{lines}</pre>'
+    rows = [['created', contents.when], ['gravity_comp_ros', __version__],
+            ['numpy', np.__version__], ['model', contents.model_file or 'fitted for this report'],
+            ['formulation', model.formulation],
+            ['trained on', f'{model.coverage.n_samples} samples of {model.coverage.n_runs} runs']]
+    html += markup.table(['what', 'value'], rows, left=('value',))
+    html += markup.table(['recording', 'SHA-256'],
+                         [[r.path.name, r.sha256] for r in contents.reports], left=('SHA-256',))
+    fitted = model.provenance.get('bags', ())
+    if fitted:
+        html += markup.table(['the model was fitted to', 'SHA-256'],
+                             [[bag.get('name', '?'), bag.get('sha256', '?')] for bag in fitted],
+                             left=('SHA-256',))
+    steps = model.history
+    if steps:
+        html += markup.table(
+            ['step', 'effects', 'when', 'held-out RMSE N·m'],
+            [[s.action, ', '.join(s.effects), s.when, _changes(s.before, s.after)]
+             for s in steps], left=('effects', 'when', 'held-out RMSE N·m'))
+    html += markup.bullets(contents.notes)
+    return Section('provenance', 'Provenance', html)
+
+
+def _changes(before: Mapping[str, float], after: Mapping[str, float]) -> str:
+    parts = [f'{name} {before[name]:.3g} → {after[name]:.3g}' for name in after
+             if name in before and abs(after[name] - before[name]) > 0.02 * before[name]]
+    return ', '.join(parts) or '–'
