@@ -21,8 +21,8 @@ import tempfile
 import time
 
 from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.joint_state_cdr import LayoutDecoder
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.storage import open_storage
 import numpy as np
 from rosbags.highlevel import AnyReader

@@ -1,8 +1,10 @@
-"""Arguments shared by several verbs, and their conversion to options of the core."""
+"""Registry of the verbs, and arguments of several verbs with their options of the core."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
     from gravity_comp_ros.recordings.bag import ReadOptions
 
 
-DRAWN = 'robot description for the three-dimensional drawing of the arm'
+DRAWN = 'robot description for the three-dimensional drawing of the arm (default: ' \
+    '/robot_description in the recording, if any)'
 # Copy of the formulations of `estimation.fit`, the default first, so that --help does not import
 # it; a test compares both.
 FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
@@ -38,6 +41,30 @@ _HINTS = {
 def message_of(error: GravityCompError) -> str:
     """Return the message of an error, with its remedy."""
     return error.message if error.hint is None else f'{error.message}: {_HINTS[error.hint]}'
+
+
+AddArguments = Callable[[argparse.ArgumentParser], None]
+
+
+@dataclass(frozen=True)
+class Verb:
+    """Description in one line, text after the options, and the function that adds these."""
+
+    text: str
+    epilog: str
+    add_arguments: AddArguments
+
+
+# All verbs by name, in the order of the overview.
+VERBS: dict[str, Verb] = {}
+
+
+def verb(text: str, epilog: str) -> Callable[[AddArguments], AddArguments]:
+    """Return a decorator that registers the verb whose arguments a function of its name adds."""
+    def register(add_arguments: AddArguments) -> AddArguments:
+        VERBS[add_arguments.__name__] = Verb(text, epilog, add_arguments)
+        return add_arguments
+    return register
 
 
 class _Merge(argparse.Action):
@@ -168,16 +195,21 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
                        help=f'{use}; its masses are not used (default: /robot_description in '
                        'the recording, if it matches; none: no description)')
-    add_fixed(group)
+    _add_fixed(group)
 
 
-def add_description(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf and --fixed, for `described.arm_of`; `use` is the help text of --urdf."""
+def add_description(parser: argparse._ActionsContainer, use: str, fixed: bool = True) -> None:
+    """
+    Add --urdf, the file of a description; `use` is its help text.
+
+    :param fixed: whether to add --fixed, for `reading.described_arm_of`.
+    """
     parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, help=use)
-    add_fixed(parser)
+    if fixed:
+        _add_fixed(parser)
 
 
-def add_fixed(parser: argparse._ActionsContainer) -> None:
+def _add_fixed(parser: argparse._ActionsContainer) -> None:
     """Add --fixed, the positions of joints that are not learned."""
     parser.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action=_Merge,
                         default={}, help='position of a joint of the description that is not '
@@ -196,22 +228,10 @@ def axes_options(args: argparse.Namespace) -> AxesOptions:
     return AxesOptions(args.urdf, args.fixed)
 
 
-def add_html(parser: argparse.ArgumentParser, description: str = DRAWN) -> None:
-    """Add --html FILE and --urdf; `description` is the help text of --urdf."""
-    add_page(parser, 'a report with plots')
-    add_drawn_arm(parser, description)
-
-
-def add_page(parser: argparse.ArgumentParser, what: str) -> None:
+def add_page(parser: argparse.ArgumentParser, what: str = 'a report with plots') -> None:
     """Add --html FILE; `what` is on the page."""
     parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
                         help=f'write {what}, one self-contained file')
-
-
-def add_drawn_arm(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf for verbs that draw the arm."""
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help=f'{use} (default: /robot_description in the recording, if any)')
 
 
 def _html_file(text: str) -> Path:

@@ -81,13 +81,6 @@ class Fact:
                 'action': self.action.value, 'done': self.done, 'option': self.otherwise,
                 'values': dict(self.values)}
 
-    @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Fact:
-        """Return the fact of an object of `to_json`."""
-        return cls(Kind(document['kind']), tuple(document['joints']), document['evidence'],
-                   Action(document['action']), document['done'], document['option'],
-                   document['values'])
-
 
 def accepted_kinds(names: Collection[str]) -> frozenset[Kind]:
     """

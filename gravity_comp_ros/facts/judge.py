@@ -7,7 +7,7 @@ Each step sees the signals that the steps before it corrected. A fact that the r
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate
@@ -38,50 +38,6 @@ class Judgement:
     differentiated: BoolArray
 
 
-class _Judge:
-    def __init__(self, accept: frozenset[Kind], options: FactOptions) -> None:
-        self.accept, self.options = accept, options
-        self.facts: list[Fact] = []
-        self.left_out: dict[str, int] = {}
-
-    def add(self, fact: Fact) -> bool:
-        """Add a fact; return whether its action is to be taken."""
-        accepted = fact.kind in self.accept
-        self.facts.append(as_noted(fact) if accepted else fact)
-        return not accepted
-
-    def joints(self, signals: Signals, chosen: bool) -> Signals:
-        for fact in joints.by_position(signals, self.options):
-            if fact.action is Action.LEFT_OUT and chosen:
-                fact = replace(fact, action=Action.NOTED, done='kept, as it is named',
-                               otherwise='')
-            if self.add(fact) and fact.action is Action.LEFT_OUT:
-                signals = signals.without(np.isin(signals.names, fact.joints))
-        return signals
-
-    def rows(self, signals: Signals) -> Signals:
-        if len(signals) < self.options.min_samples:
-            return signals
-        for step in _ROWS:
-            bad, fact = step(signals, self.options)
-            if fact is not None and self.add(fact):
-                self.left_out[fact.kind.value] = int(bad.sum())
-                signals = signals.keep(~bad)
-        return signals
-
-    def velocity(self, signals: Signals, missing: BoolArray) -> tuple[Signals, BoolArray]:
-        replaced, facts = velocity_facts(signals, missing, self.options)
-        for fact in facts:
-            self.add(fact)
-        if Kind.VELOCITY in self.accept:
-            replaced = missing
-        if replaced.any():
-            qd = signals.qd.copy()
-            qd[:, replaced] = differentiate(signals.t, signals.q[:, replaced])
-            signals = replace(signals, qd=qd)
-        return signals, replaced
-
-
 def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool = False,
           accept: frozenset[Kind] = frozenset(),
           options: FactOptions = FactOptions()) -> Judgement:
@@ -96,23 +52,50 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     :param chosen: whether the joints were named by the reader, who then keeps all of them.
     :param accept: kinds of facts to accept: they are listed, and nothing is done about them.
     """
-    judge = _Judge(accept, options)
+    facts: list[Fact] = []
+    left_out: dict[str, int] = {}
+
+    def add(fact: Fact) -> bool:
+        """Add a fact; return whether its action is to be taken."""
+        accepted = fact.kind in accept
+        facts.append(as_noted(fact) if accepted else fact)
+        return not accepted
+
+    def add_all(more: Iterable[Fact]) -> None:
+        for fact in more:
+            add(fact)
+
     everything = signals.names
-    signals = judge.joints(signals, chosen)
+    for fact in joints.by_position(signals, options):
+        if fact.action is Action.LEFT_OUT and chosen:
+            fact = replace(fact, action=Action.NOTED, done='kept, as it is named', otherwise='')
+        if add(fact) and fact.action is Action.LEFT_OUT:
+            signals = signals.without(np.isin(signals.names, fact.joints))
     here = np.isin(everything, signals.names)
     raw, missing = signals.tau, missing[here]
     signals = replace(signals, tau=raw * scale[here])
-    for fact in (*efforts.dead(signals, options), *efforts.unit(signals, raw, options)):
-        judge.add(fact)
+    add_all(efforts.dead(signals, options))
+    add_all(efforts.unit(signals, raw, options))
     q, wraps = outliers.unwrapped(signals)
-    if wraps is not None and judge.add(wraps):
+    if wraps is not None and add(wraps):
         signals = replace(signals, q=q)
-    signals = judge.rows(signals)
-    signals, replaced = judge.velocity(signals, missing)
+    for step in _ROWS if len(signals) >= options.min_samples else ():
+        bad, of_rows = step(signals, options)
+        if of_rows is not None and add(of_rows):
+            left_out[of_rows.kind.value] = int(bad.sum())
+            signals = signals.keep(~bad)
+    replaced, of_velocity = velocity_facts(signals, missing, options)
+    add_all(of_velocity)
+    if Kind.VELOCITY in accept:
+        replaced = missing
+    if replaced.any():
+        qd = signals.qd.copy()
+        qd[:, replaced] = differentiate(signals.t, signals.q[:, replaced])
+        signals = replace(signals, qd=qd)
     unfiltered, lag = filtered_effort(signals, options)
-    if lag is not None and judge.add(lag):
+    if lag is not None and add(lag):
         signals = unfiltered
     finite = signals.keep(np.asarray(np.isfinite(signals.qd).all(axis=1)))
-    for fact in (*joints.small_degrees(finite, options), *effort_facts(finite, options)):
-        judge.add(fact)
-    return Judgement(signals, tuple(judge.facts), judge.left_out, replaced)
+    add_all(joints.small_degrees(finite, options))
+    add_all(effort_facts(finite, options))
+    return Judgement(signals, tuple(facts), left_out, replaced)

@@ -20,7 +20,7 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.errors import BagError, FitError, GravityCompError
 from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.model_file import checksum, load_model, save_model
+from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.storage import data_files
 
@@ -231,7 +231,7 @@ def _stored(output: Path, key: str) -> dict[str, Any] | None:
         stored = json.loads((output / CACHE / f'{key}.json').read_text(encoding='utf-8'))
         if _digest(output, stored['entry']) == stored['digest']:
             return dict(stored)
-    except (OSError, ValueError, KeyError, TypeError, GravityCompError):
+    except (OSError, ValueError, KeyError, TypeError):
         pass  # no result, or a damaged one
     return None
 
@@ -249,6 +249,5 @@ def _save(output: Path, key: str, robot: Robot, result: RobotResult) -> None:
 
 def _digest(output: Path, entry: Mapping[str, Any]) -> str:
     """Return the digest of the file of a robot."""
-    if 'model' in entry:
-        return checksum(load_model(output / entry['model']))
-    return hashlib.sha256((output / entry['diagnosis']).read_bytes()).hexdigest()
+    name = entry['model'] if 'model' in entry else entry['diagnosis']
+    return hashlib.sha256((output / name).read_bytes()).hexdigest()

@@ -11,8 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.joint_state_cdr import ROS1
-from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.joint_state_cdr import LayoutDecoder, ROS1
 from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.recordings.message_layout import Block
+from gravity_comp_ros.recordings.joint_state_cdr import Block
 from gravity_comp_ros.recordings.messages import Batch
 import numpy as np
 

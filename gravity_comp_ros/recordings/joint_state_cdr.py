@@ -1,12 +1,21 @@
-"""sensor_msgs/JointState: names and definition of the type, and encoding in CDR."""
+"""
+sensor_msgs/JointState in CDR: names and definition of the type, encoding, vectorised decoding.
+
+A publisher usually sends the same joints in the same order, so that the numbers have the same
+offsets in all its messages. The first message of a layout gives these offsets. Messages with its
+length and its names are decoded together, by columns of bytes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
 import struct
 
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.recordings.messages import Batch, Bytes, Places
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 # Type and encoding of a topic of joint states, of ROS 2 and of ROS 1.
@@ -33,6 +42,8 @@ uint32 nanosec
 
 # Length of the CDR encapsulation header, bytes; alignment is relative to its end.
 HEADER = 4
+# Maximum number of layouts that messages are compared with.
+_MAX_LAYOUTS = 16
 
 
 def encode(stamp_ns: int, names: Sequence[str], position: ArrayLike = (),
@@ -66,3 +77,142 @@ def _put_string(out: bytearray, text: str) -> None:
     raw = text.encode('utf-8') + b'\0'
     _put_length(out, len(raw))
     out += raw
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """
+    Messages of a batch with the same names: stamps (M,) in ns and values (M, any).
+
+    `which` (M,) are their indices in the batch. Empty arrays of the messages are (M, 0).
+    """
+
+    which: Places
+    names: tuple[str, ...]
+    stamp_ns: Places
+    position: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+
+
+class _Layout:
+    """
+    Layout of a message: its names, bytes that must be equal, and offsets of its numbers.
+
+    :param ros1: a message of ROS 1, which has no padding, and a sequence number in place of the
+        encapsulation header of CDR.
+    :raises ValueError: if the bytes are not a JointState in plain CDR, or of ROS 1.
+    """
+
+    def __init__(self, data: bytes, ros1: bool) -> None:
+        if len(data) < HEADER or not ros1 and (data[0] != 0 or data[1] not in (0, 1)):
+            raise ValueError('not plain CDR')
+        self.length, self._data, self._ros1 = len(data), data, ros1
+        self._order = '<' if ros1 or data[1] == 1 else '>'
+        _, frame = self._text(HEADER + 8)
+        count, end = self._count(frame)
+        begin = end - 4
+        if count > len(data):
+            raise ValueError('more names than bytes')
+        names = []
+        for _ in range(count):
+            name, end = self._text(end)
+            names.append(name.rstrip(b'\0').decode('utf-8'))
+        self.names = tuple(names)
+        # Parts that agree in all messages of a layout: the header, the length of the frame's name,
+        # the names, and the number of values of each array.
+        fixed = [(0, 0 if ros1 else HEADER), (HEADER + 8, HEADER + 12), (begin, end)]
+        self._values = []
+        for _ in range(3):
+            count, begin = self._count(end)
+            fixed.append((begin - 4, begin))
+            begin = self._aligned(begin, 8) if count else begin  # no padding before no values
+            end = self._checked(begin + 8 * count)
+            self._values.append((begin, count))
+        whole = np.frombuffer(data, dtype=np.uint8)
+        self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
+
+    def _text(self, at: int) -> tuple[bytes, int]:
+        """Return a string and its end."""
+        length, begin = self._count(at)
+        return self._data[begin:begin + length], self._checked(begin + length)
+
+    def _count(self, at: int) -> tuple[int, int]:
+        """Return a count and its end."""
+        at = self._aligned(at, 4)
+        end = self._checked(at + 4)
+        return struct.unpack_from(self._order + 'I', self._data, at)[0], end
+
+    def _checked(self, end: int) -> int:
+        if end > self.length:
+            raise ValueError('the message ends early')
+        return end
+
+    def _aligned(self, offset: int, size: int) -> int:
+        return offset if self._ros1 else offset + -(offset - HEADER) % size
+
+    def matching(self, rows: Bytes) -> BoolArray:
+        """Return the mask (M,) of the rows (M, length) with this layout."""
+        equal = np.ones(len(rows), dtype=bool)
+        for begin, expected in self._fixed:
+            equal &= (rows[:, begin:begin + len(expected)] == expected).all(axis=1)
+        return equal
+
+    def block(self, which: Places, rows: Bytes) -> Block:
+        seconds = self._numbers(rows, HEADER, 'i4', 1)[:, 0].astype(np.int64)
+        nanoseconds = self._numbers(rows, HEADER + 4, 'u4', 1)[:, 0]
+        values = [self._numbers(rows, begin, 'f8', size).astype(np.float64, copy=False)
+                  for begin, size in self._values]
+        return Block(which, self.names, seconds * 10**9 + nanoseconds, *values)
+
+    def _numbers(self, rows: Bytes, begin: int, kind: str, size: int) -> NDArray:
+        width = size * int(kind[1])
+        part = np.ascontiguousarray(rows[:, begin:begin + width])
+        return part.view(self._order + kind).reshape(len(rows), size)
+
+
+class LayoutDecoder:
+    """Decoder for the batches of one topic, of ROS 2 or 1; all batches share layouts."""
+
+    def __init__(self, ros1: bool = False) -> None:
+        self._layouts: list[_Layout] = []
+        self._ros1 = ros1
+
+    def decode(self, batch: Batch) -> Iterator[Block]:
+        """Yield the messages of a batch; undecodable ones are in no block."""
+        remaining = np.arange(len(batch))
+        for layout in self._layouts:
+            remaining = yield from self._matched(layout, batch, remaining)
+            if not remaining.size:
+                return
+        while remaining.size:
+            first, others = remaining[:1], remaining[1:]
+            try:
+                layout = _Layout(batch.message(int(first[0])), self._ros1)
+            except ValueError:
+                remaining = others
+                continue
+            if len(self._layouts) < _MAX_LAYOUTS:
+                self._layouts.append(layout)
+                remaining = yield from self._matched(layout, batch, remaining)
+            else:
+                yield from self._matched(layout, batch, first)
+                remaining = others
+
+    @staticmethod
+    def _matched(layout: _Layout, batch: Batch,
+                 candidates: Places) -> Generator[Block, None, Places]:
+        """Yield the candidates that match a layout; return the others."""
+        same = batch.length[candidates] == layout.length
+        which = candidates if same.all() else candidates[same]
+        if not which.size:
+            return candidates
+        rows = batch.rows(which, layout.length)
+        matching = layout.matching(rows)
+        if matching.all():
+            yield layout.block(which, rows)
+            return candidates[~same]
+        if matching.any():
+            yield layout.block(which[matching], rows[matching])
+        same[same] = matching
+        return candidates[~same]

@@ -260,7 +260,6 @@ def read_parquet(path: Path) -> Table:
         raise BagError(f'{path}: its files have different columns')
     if not columns:
         raise BagError(f'{path} has no columns of numbers')
-    check_columns(path, list(columns))
     values = np.concatenate([np.column_stack(list(part.values())) for part in parts])
     if {'timestamp', 'episode_index'} <= set(columns):
         time, episode = columns.index('timestamp'), columns.index('episode_index')

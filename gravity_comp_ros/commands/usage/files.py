@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.commands.usage.verb import verb
 from gravity_comp_ros.recordings.units import (
     ANGLE_HELP, CURRENT_UNITS, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
 from gravity_comp_ros.simulation.hidden_sizes import size_table
@@ -15,7 +14,7 @@ MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
 FILES = ('.yaml', '.yml', '.csv')
 
 
-@verb('record a simulated arm with motion, payload, hidden effects and noise', f"""\
+@arguments.verb('record a simulated arm with motion, payload, hidden effects and noise', f"""\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
@@ -109,7 +108,7 @@ def _motion_name(text: str) -> str:
     return text
 
 
-@verb('convert a CSV or NPZ file with any columns, units and signs to an MCAP file', """\
+@arguments.verb('convert a CSV or NPZ file with any columns, units and signs to an MCAP file', """\
 columns (--time, --position, --velocity, --effort):
   q_{i}      all columns with a number in place of {i}, in order: q_0, q_1, ...
   a,b,c      columns by name
@@ -187,7 +186,7 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(arguments.finite(part) for part in text.split(','))
 
 
-@verb('extract a part of a recording by time and joints, or split it', """\
+@arguments.verb('extract a part of a recording by time and joints, or split it', """\
 examples:
   gravity_comp cut run1.mcap -o start.mcap --to 60            the first minute
   gravity_comp cut run1.mcap -o middle.mcap --from 20 --to 50 --joints shoulder,elbow
@@ -218,7 +217,7 @@ def times(text: str) -> tuple[float, ...]:
     return values
 
 
-@verb('list joints, speeds and coverage of a recording, and its limitations', """\
+@arguments.verb('list joints, speeds and coverage of a recording, and its limitations', """\
 columns of the table:
   range      minimum and maximum angle, in rad
   travel     distance from minimum to maximum angle, in rad

@@ -6,10 +6,9 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.commands.usage.verb import verb
 
 
-@verb('learn the gravity model of an arm from slow motion', """\
+@arguments.verb('learn the gravity model of an arm from slow motion', """\
 examples:
   gravity_comp fit run1.mcap run2.mcap -o arm.json
   gravity_comp fit run1.mcap --holdout -o arm.json      report the held-out error
@@ -49,7 +48,7 @@ def fit(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-@verb('compare the torque of a model with measured torque, for each joint', """\
+@arguments.verb('compare the torque of a model with measured torque, for each joint', """\
 examples:
   gravity_comp compare run2.mcap --model arm.json
   gravity_comp compare run1.mcap --model arm.json --holdout      only the held-out part of run1
@@ -76,13 +75,14 @@ def compare(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
-    arguments.add_html(parser)
+    arguments.add_page(parser)
+    arguments.add_description(parser, arguments.DRAWN, fixed=False)
     parser.add_argument('--previous', metavar='MODEL.json', type=Path,
                         help='earlier model of this arm: what drifted since then; the --html '
                         'report also lists its errors (default there: before the last addition)')
 
 
-@verb('identify physical effects missing from a gravity model, with their size', """\
+@arguments.verb('identify physical effects missing from a gravity model, with their size', """\
 examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json
   gravity_comp diagnose run1.mcap                         without a model file
@@ -121,10 +121,12 @@ def diagnose(parser: argparse.ArgumentParser) -> None:
                         help='compare with the expectations of `plan --json PLAN.json`')
     arguments.add_reading(parser)
     arguments.add_json(parser)
-    arguments.add_html(parser, f'{arguments.DRAWN}; without --model, also the joint axes')
+    arguments.add_page(parser)
+    arguments.add_description(parser, f'{arguments.DRAWN}; without --model, also the joint axes',
+                              fixed=False)
 
 
-@verb('add effects to a model, refit it, and compare held-out errors', """\
+@arguments.verb('add effects to a model, refit it, and compare held-out errors', """\
 examples:
   gravity_comp add coulomb_friction:elbow --model arm.json run1.mcap run2.mcap
   gravity_comp add coulomb_friction,viscous_friction --model arm.json run1.mcap
@@ -159,7 +161,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output=None, rewrites_model=True)
 
 
-@verb('update a model after a payload change, from ten seconds of slow motion', """\
+@arguments.verb('update a model after a payload change, from ten seconds of slow motion', """\
 examples:
   gravity_comp update tool.mcap --model arm.json -o with_tool.json
   gravity_comp update tool.mcap --model arm.json --urdf robot.urdf -o with_tool.json
@@ -202,7 +204,7 @@ LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
           ('max_jerk', 'RAD/S³', 10.0, 'of every joint'))
 
 
-@verb('plan the motion that resolves open findings', """\
+@arguments.verb('plan the motion that resolves open findings', """\
 examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
   gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
@@ -269,7 +271,7 @@ def _pose(text: str) -> tuple[float, ...]:
     return tuple(arguments.finite(part) for part in text.split(','))
 
 
-@verb('write measured, predicted and residual torque to an MCAP file for PlotJuggler '
+@arguments.verb('write measured, predicted and residual torque to an MCAP file for PlotJuggler '
       'or Foxglove', """\
 topics of the output, all sensor_msgs/JointState:
   /joint_states              effort = measured torque, N·m

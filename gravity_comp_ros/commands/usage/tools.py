@@ -7,10 +7,9 @@ import os
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.commands.usage.verb import verb
 
 
-@verb('check a robot description against recorded torque, for faults', """\
+@arguments.verb('check a robot description against recorded torque, for faults', """\
 Is this description that of the recorded arm? Compared are: axes reversed or turned, zero angles,
 joints exchanged, the mount of the base, factors and signs of efforts, masses, and bodies that the
 description has not. Every fault is one sentence, the worst first, with the line of the
@@ -35,7 +34,7 @@ def check(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-@verb('calibrate efforts in N·m with a known weight, or the stiffness of servos', """\
+@arguments.verb('calibrate efforts in N·m with a known weight, or the stiffness of servos', """\
 A known weight gives the torque in N·m per unit of effort of every joint that it loads, for a
 driver that publishes currents or uncalibrated torques. No mass of the arm is needed; the link
 lengths come from the URDF.
@@ -81,7 +80,7 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
 TARGETS = ('c', 'urdf', 'mjcf', 'payload')
 
 
-@verb('write a model as C source, into a URDF or MJCF, or as payload of a drive', """\
+@arguments.verb('write a model as C source, into a URDF or MJCF, or as payload of a drive', """\
 targets:
   c         one C99 header and source in the folder -o, for a controller without Python
             (docs/realtime.md)
@@ -120,7 +119,7 @@ def export(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output_is_folder=True)
 
 
-@verb('fit or diagnose every robot of a folder, locally or on a Dask cluster', """\
+@arguments.verb('fit or diagnose every robot of a folder, locally or on a Dask cluster', """\
 examples:
   gravity_comp fleet fit recordings/ -o models/          recordings/ROBOT/*.mcap
   gravity_comp fleet diagnose recordings/ --models models/ -o findings/
@@ -158,7 +157,7 @@ def fleet(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(output_is_folder=True)
 
 
-@verb('compare, diagnose, add effects and undo, in a browser', """\
+@arguments.verb('compare, diagnose, add effects and undo, in a browser', """\
 examples:
   gravity_comp workbench run1.mcap run2.mcap
   gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
@@ -189,8 +188,8 @@ def workbench(parser: argparse.ArgumentParser) -> None:
                       help='maximum joint speed of a sample')
     gate.add_argument('--all-samples', action='store_true',
                       help='use every sample, fast or slow')
-    arguments.add_drawn_arm(parser, 'robot description for the drawing of the arm and the '
-                            'joint axes of fitted models')
+    arguments.add_description(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
+                              fixed=False)
     arguments.add_reading(parser)
 
 
@@ -201,7 +200,7 @@ def _port(text: str) -> int:
     return port
 
 
-@verb('print a shell completion script for verbs, options and files', """\
+@arguments.verb('print a shell completion script for verbs, options and files', """\
 examples:
   gravity_comp completion bash > ~/.local/share/bash-completion/completions/gravity_comp
   gravity_comp completion zsh > ~/.zfunc/_gravity_comp        with ~/.zfunc in fpath

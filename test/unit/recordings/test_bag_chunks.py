@@ -2,9 +2,8 @@
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.joint_state_cdr import (
-    encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
+    _Layout, encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH, LayoutDecoder)
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
-from gravity_comp_ros.recordings.message_layout import _Layout, LayoutDecoder
 from gravity_comp_ros.recordings.messages import Batch, batched
 from hypothesis import example, given, HealthCheck, settings, strategies as st
 from mcap.records import Channel, Message
