@@ -91,8 +91,8 @@ def add_model(parser: argparse.ArgumentParser, use: str, required: bool = True) 
 
 def add_mcap_output(parser: argparse.ArgumentParser) -> None:
     """Add -o for a recording."""
-    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=_mcap_file, required=True,
-                        help='file to write; an existing file is replaced')
+    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=file_type('.mcap'),
+                        required=True, help='file to write; an existing file is replaced')
 
 
 def add_topic_and_joints(parser: argparse._ActionsContainer, joints: bool = True) -> None:
@@ -230,15 +230,17 @@ def axes_options(args: argparse.Namespace) -> AxesOptions:
 
 def add_page(parser: argparse.ArgumentParser, what: str = 'a report with plots') -> None:
     """Add --html FILE; `what` is on the page."""
-    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
+    parser.add_argument('--html', metavar='FILE.html', type=file_type('.html', '.htm'),
                         help=f'write {what}, one self-contained file')
 
 
-def _html_file(text: str) -> Path:
-    # `--html BAG` would overwrite the bag.
-    if not text.endswith(('.html', '.htm')):
-        raise argparse.ArgumentTypeError(f'{text} does not end in .html')
-    return Path(text)
+def file_type(*endings: str) -> Callable[[str], Path]:
+    """Return the type of a file with one of these endings: `--html BAG` would overwrite a bag."""
+    def checked(text: str) -> Path:
+        if Path(text).suffix not in endings:
+            raise argparse.ArgumentTypeError(f'{text} does not end in {", ".join(endings)}')
+        return Path(text)
+    return checked
 
 
 def recording(text: str) -> Path:
@@ -318,20 +320,17 @@ def finite(text: str) -> float:
     return value
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers in `1,-1,...`."""
+    return tuple(finite(part) for part in text.split(','))
+
+
 def positive(text: str) -> float:
     """Return a positive finite number."""
     value = finite(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f'{text!r} is not above 0')
     return value
-
-
-def _mcap_file(text: str) -> Path:
-    """Return the path of an MCAP file to write; reject any other file name extension."""
-    path = Path(text)
-    if path.suffix != '.mcap':
-        raise argparse.ArgumentTypeError(f'{text} does not end in .mcap')
-    return path
 
 
 def _values(text: str) -> dict[str, float]:

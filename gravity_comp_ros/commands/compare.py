@@ -11,11 +11,11 @@ from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
-from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted, printable
@@ -176,17 +176,12 @@ def _drift_table(name: str, selected: tuple[str, ...], since: Drift) -> Table:
 
 def _drift_lines(since: Drift, selected: tuple[str, ...]) -> list[str]:
     """Return a line on each coefficient that changed, and one if none did."""
-    lines = [f'{one.target} {one.symbol}: {_number(one.before)} → {_number(one.after)}'
+    lines = [f'{one.target} {one.symbol}: '
+             + ' → '.join('not found' if x is None else wording.plus_minus(x)
+                          for x in (one.before, one.after))
              for one in since.coefficients
              if one.drifted and one.target.split(':', 1)[1] in selected]
     return lines or ['no coefficient of an effect drifted']
-
-
-def _number(quantity: Quantity | None) -> str:
-    if quantity is None:
-        return 'not found'
-    half = 0.5 * (quantity.ci95[1] - quantity.ci95[0])
-    return f'{quantity.value:.4g} ± {half:.2g} {quantity.unit}'.rstrip()
 
 
 def _shares(band: Calibration | None) -> list[str]:

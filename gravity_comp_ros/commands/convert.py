@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 import shlex
 
 from gravity_comp_ros.commands import next_step, terminal
@@ -12,11 +13,7 @@ from gravity_comp_ros.recordings.table import read_table, TableOptions
 
 
 def run(args: argparse.Namespace) -> int:
-    options = TableOptions(
-        args.time, args.position, args.velocity, args.effort, args.rate, args.time_unit,
-        args.position_unit, args.effort_unit, args.effort_sign, args.torque_constant,
-        args.rated_torque, args.gear_ratio, args.joint_names, args.header, args.delimiter,
-        args.skip_bad_rows)
+    options = TableOptions(**{one.name: getattr(args, one.name) for one in fields(TableOptions)})
     converted = read_table(args.table, options, args.topic)
     write_bag(args.output, [converted.topic], converted.start_ns)
     topic = converted.topic

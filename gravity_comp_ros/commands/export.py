@@ -122,9 +122,7 @@ def _description(args: argparse.Namespace, model: GravityModel) -> Result:
             f'wrote {args.output}'], {
             'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': written_friction(_only_found(model)),
-            'links': {name: {'mass_before': x.mass_before, 'mass': x.mass,
-                             'centre_before': x.centre_before, 'centre': x.centre}
-                      for name, x in changed.links.items()},
+            'links': {name: vars(link) for name, link in changed.links.items()},
             'difference': {joint: {'before': changed.before[joint], 'after': value}
                            for joint, value in changed.after.items()}}
 

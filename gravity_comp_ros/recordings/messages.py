@@ -91,16 +91,6 @@ class Storage(ABC):
         :raises BagError: if the file is damaged.
         """
 
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """
-        Yield log time in ns and bytes of every message of a topic, in the order of the file.
-
-        :raises BagError: if the file is damaged.
-        """
-        for batch in self.batches(topic):
-            for m, stamp in enumerate(batch.log_ns):
-                yield int(stamp), batch.message(m)
-
     @property
     def notes(self) -> list[str]:
         """Return sentences about what was lost while messages were read."""

@@ -50,8 +50,8 @@ def robot_description(path: Path | str) -> RecordedDescription | None:
         if topic is None:
             return None
         latest = b''
-        for _, data in storage.messages(topic):
-            latest = data
+        for batch in storage.batches(topic):
+            latest = batch.message(-1)
     if not latest:
         return None
     try:

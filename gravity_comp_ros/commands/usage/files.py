@@ -146,7 +146,8 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--rate', metavar='HZ', type=arguments.positive,
                        help='sampling rate of a table without a time column (--time none '
                        'ignores the column)')
-    group.add_argument('--joint-names', metavar='A,B,...', type=arguments.joint_list,
+    group.add_argument('--joint-names', dest='joints', metavar='A,B,...',
+                       type=arguments.joint_list,
                        help='joint names in the output (default: joint_1, joint_2, ...)')
 
 
@@ -159,14 +160,14 @@ def _add_units(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *CURRENT_UNITS, *SHARE_UNITS),
                        default='Nm', help='A and mA require --torque-constant, percent and '
                        'permille --rated-torque (default: %(default)s)')
-    group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
+    group.add_argument('--effort-sign', metavar='1|-1,...', type=arguments.numbers, default=(1.0,),
                        help='-1 if the file lists the load torque on the drive instead of the '
                        'drive torque (for several: --effort-sign=-1,1,...)')
-    group.add_argument('--torque-constant', metavar='NM/A,...', type=numbers,
+    group.add_argument('--torque-constant', metavar='NM/A,...', type=arguments.numbers,
                        help='motor torque constant, for efforts in A or mA')
-    group.add_argument('--rated-torque', metavar='NM,...', type=numbers,
+    group.add_argument('--rated-torque', metavar='NM,...', type=arguments.numbers,
                        help='torque of the joint at 100 %%, for efforts in percent or permille')
-    group.add_argument('--gear-ratio', metavar='N,...', type=numbers, default=(1.0,),
+    group.add_argument('--gear-ratio', metavar='N,...', type=arguments.numbers, default=(1.0,),
                        help='motor revolutions per joint revolution (default: 1)')
 
 
@@ -179,11 +180,6 @@ def _add_text(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--delimiter', metavar='CHAR', help='column separator (default: detected)')
     group.add_argument('--skip-bad-rows', action='store_true',
                        help='omit rows with empty or non-finite cells or decreasing time')
-
-
-def numbers(text: str) -> tuple[float, ...]:
-    """Return the numbers in `1,-1,...`."""
-    return tuple(arguments.finite(part) for part in text.split(','))
 
 
 @arguments.verb('extract a part of a recording by time and joints, or split it', """\

@@ -225,7 +225,8 @@ def plan(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `plan`."""
     arguments.add_bags(parser)
     arguments.add_model(parser, 'gravity model of the arm (chain or potential)')
-    parser.add_argument('-o', '--output', metavar='MOTION', type=_motion_file, required=True,
+    parser.add_argument('-o', '--output', metavar='MOTION', type=arguments.file_type(*ENDINGS),
+                        required=True,
                         help=f'motion file to write ({", ".join(ENDINGS)})')
     parser.add_argument('--settle', metavar='EFFECT:JOINT,...',
                         help='effects to resolve; `gravity` for poses with a large uncertainty '
@@ -235,9 +236,9 @@ def plan(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--within', choices=('recorded', 'limits'), default='recorded',
                        help='near recorded poses, or within the position limits of --urdf '
                        '(default: recorded)')
-    group.add_argument('--urdf', metavar='FILE.urdf', type=Path,
-                       help='robot description: collision geometry for the self-collision check, '
-                       'and position limits for --within limits')
+    arguments.add_description(group, 'robot description: collision geometry for the '
+                              'self-collision check, and position limits for --within limits',
+                              fixed=False)
     group.add_argument('--reach', metavar='RAD', type=arguments.positive, default=REACH,
                        help='maximum distance of each joint from a recorded pose '
                        '(default: %(default)s)')
@@ -248,7 +249,7 @@ def plan(parser: argparse.ArgumentParser) -> None:
     for name, unit, default, what in LIMITS:
         group.add_argument('--' + name.replace('_', '-'), metavar=unit, type=arguments.positive,
                            default=default, help=f'{what} (default: %(default)s)')
-    group.add_argument('--start', metavar='RAD,...', type=_pose,
+    group.add_argument('--start', metavar='RAD,...', type=arguments.numbers,
                        help='start and end pose, one value for each joint of the model '
                        '(default: a recorded pose near the middle)')
     group = parser.add_argument_group('output')
@@ -260,19 +261,8 @@ def plan(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-def _motion_file(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in ENDINGS:
-        raise argparse.ArgumentTypeError(f'{text} does not end in {", ".join(ENDINGS)}')
-    return path
-
-
-def _pose(text: str) -> tuple[float, ...]:
-    return tuple(arguments.finite(part) for part in text.split(','))
-
-
 @arguments.verb('write measured, predicted and residual torque to an MCAP file for PlotJuggler '
-      'or Foxglove', """\
+                'or Foxglove', """\
 topics of the output, all sensor_msgs/JointState:
   /joint_states              effort = measured torque, N·m
   /gravity_comp/prediction   effort = torque of the model, gravity and effects, N·m

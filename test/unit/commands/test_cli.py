@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 from gravity_comp_ros import __version__, cli
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.commands.usage import loop, Verb
+from gravity_comp_ros.commands.arguments import Verb
+from gravity_comp_ros.commands.usage import loop
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions

@@ -34,7 +34,8 @@ def read(path):
     """Return log time and bytes of the messages of the first topic."""
     storage = McapStorage(path)
     try:
-        return list(storage.messages(TOPICS[0]))
+        return [(int(stamp), batch.message(m)) for batch in storage.batches(TOPICS[0])
+                for m, stamp in enumerate(batch.log_ns)]
     finally:
         storage.close()
 
