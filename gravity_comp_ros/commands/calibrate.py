@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
         reports = (*empty.reports, *loaded.reports)
-        text, source = reading.description_of(args, reports)
-        arm = reading.described_arm_of(args, text, source, empty.joints)
+        text, source, arm = reading.described(args, replace(empty, reports=reports))
         weight = Weight(args.link or arm.geometry.link, args.mass,
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints

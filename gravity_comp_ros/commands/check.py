@@ -7,15 +7,13 @@ import argparse
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import html, reading, terminal
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.links import DescribedArm, urdf_inertials
+from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.description_check.sentences import (
     error_rows, Finding, findings, unchecked_sentences)
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report.check_page import check_html
-from rich.table import Table
 
 EXIT_FAULTS = 3
 
@@ -25,11 +23,12 @@ def run(args: argparse.Namespace) -> int:
     """Check the description, and show its faults."""
     with terminal.progress() as report:
         recording = reading.load(args, report)
-        text, source = reading.description_of(args, recording.reports)
+        text, source, arm = reading.described(args, recording)
         report('check', 0.5)
-        arm = reading.described_arm_of(args, text, source, recording.joints)
         slow = recording.select_joints(arm.geometry.joints).slow
-        result, faults = _checked(slow, arm, text, source)
+        inertials = urdf_inertials(text, arm, source)
+        result = check_description(slow, arm, inertials)
+        faults = findings(result, arm, parse_tree(text, source), inertials)
         report('check', 1.0)
     unchecked = unchecked_sentences(result)
     if args.html is not None:
@@ -46,13 +45,6 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_FAULTS if faults else 0
 
 
-def _checked(slow: JointSamples, arm: DescribedArm, text: bytes | str,
-             source: str) -> tuple[DescriptionCheck, list[Finding]]:
-    inertials = urdf_inertials(text, arm, source)
-    result = check_description(slow, arm, inertials)
-    return result, findings(result, arm, parse_tree(text, source), inertials)
-
-
 def _show(recording: Recording, source: str, result: DescriptionCheck, faults: list[Finding],
           unchecked: list[str]) -> None:
     terminal.show(*reading.lines(recording), '')
@@ -61,9 +53,5 @@ def _show(recording: Recording, source: str, result: DescriptionCheck, faults: l
     for number, one in enumerate(faults, start=1):
         terminal.show(f'{number}. {one.sentence}', terminal.command(one.correction),
                       *(f'   or, as probable: {other}' for other in one.alternatives))
-    terminal.show('', _table(result), *unchecked)
-
-
-def _table(result: DescriptionCheck) -> Table:
-    return terminal.table('', ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected'),
-                          error_rows(result))
+    columns = ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected')
+    terminal.show('', terminal.table('', columns, error_rows(result)), *unchecked)

@@ -83,26 +83,23 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
             f'unless the driver has changed, use --effort-scale {scales}']
 
 
-def description_of(args: argparse.Namespace,
-                   reports: Sequence[ReadReport]) -> tuple[bytes | str, str]:
+def described(args: argparse.Namespace, recording: Recording
+              ) -> tuple[bytes | str, str, DescribedArm]:
     """
-    Return the text of the description and its source for messages.
+    Return text, source for messages, and recorded joints of the description; --fixed are held.
 
     :raises DataError: if there is none.
     """
+    text: bytes | str
     if args.urdf is not None:
-        return read_text(args.urdf), str(args.urdf)
-    recorded = first_description(report.path for report in reports)
-    if recorded is None:
-        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
-    return recorded.text, recorded.source
-
-
-def described_arm_of(args: argparse.Namespace, text: bytes | str, source: str,
-                     recorded: Sequence[str]) -> DescribedArm:
-    """Return the described arm among the recorded joints, with the joints of --fixed held."""
-    return described_arm(text, arm_joints(text, recorded, source).joints, source,
-                         HeldPositions(args.fixed))
+        text, source = read_text(args.urdf), str(args.urdf)
+    else:
+        recorded = first_description(report.path for report in recording.reports)
+        if recorded is None:
+            raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
+        text, source = recorded.text, recorded.source
+    joints = arm_joints(text, recording.joints, source).joints
+    return text, source, described_arm(text, joints, source, HeldPositions(args.fixed))
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

@@ -18,6 +18,7 @@ import sys
 import time
 from typing import Any
 
+from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 from rich import box
@@ -167,31 +168,23 @@ def answer(args: argparse.Namespace, document: Mapping[str, Any], show: Callable
     """
     Give the result of a verb: text and warnings, and with --json the document.
 
+    NaN and infinity become null. The first key is `schema`, the version of the document
+    (docs/json.md); it increases when a key is removed or changes its meaning. A file is written
+    atomically.
+
     :param show: prints the text; not called if the document is printed.
     """
     if args.json != '-':
         show()
     warn(*warnings)
-    if args.json:
-        emit_json(document, args.json)
-
-
-def emit_json(value: Mapping[str, Any], target: str) -> None:
-    """
-    Write `value` as JSON to the file `target` (atomically), or to standard output.
-
-    NaN and infinity become null. The first key is `schema`, the version of the document
-    (docs/json.md); it increases when a key is removed or changes its meaning.
-
-    :param target: a path, or '-' for standard output.
-    """
-    document = {'schema': SCHEMA, **value}
-    text = json.dumps(_plain(document), indent=2, ensure_ascii=target == '-', allow_nan=False)
-    if target == '-':
-        print(text, flush=True)
+    if not args.json:
         return
-    from gravity_comp_ros.atomic import write_atomically
-    write_atomically(Path(target), (text + '\n').encode(), error=GravityCompError)
+    text = json.dumps(_plain({'schema': SCHEMA, **document}), indent=2,
+                      ensure_ascii=args.json == '-', allow_nan=False)
+    if args.json == '-':
+        print(text, flush=True)
+    else:
+        write_atomically(Path(args.json), (text + '\n').encode(), error=GravityCompError)
 
 
 def _plain(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ class ReadOptions:
 
     Joints are named, or numbered from 1 in order of appearance in the first recording.
 
-    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the a unit
+    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, a unit
         or kind of fact is unknown, or `max_messages` is less than 1.
     """
 
@@ -69,8 +69,9 @@ class ReadOptions:
     def __post_init__(self) -> None:
         if self.max_messages is not None and self.max_messages < 1:
             raise OptionError(f'{self.max_messages} messages to read; it must be 1 or more')
-        for unit in units_of(self.position_unit):
-            radians_per_unit(unit)
+        unit = self.position_unit
+        for one in [unit] if isinstance(unit, str) else unit.values():
+            radians_per_unit(one)
         accepted_kinds(self.accept)
         for what, values in (('effort scale', self.effort_scale),
                              ('rated torque', self.rated_torque)):
@@ -121,11 +122,6 @@ class ReadOptions:
                 words.append('--' + name.replace('_', '-'))
                 words += [] if value is True else [_text(value)]
         return words
-
-
-def units_of(unit: str | Mapping[str, str]) -> Collection[str]:
-    """Return the units of position of an option."""
-    return (unit,) if isinstance(unit, str) else unit.values()
 
 
 def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:

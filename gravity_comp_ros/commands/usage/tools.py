@@ -77,9 +77,6 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-TARGETS = ('c', 'urdf', 'mjcf', 'payload')
-
-
 @arguments.verb('write a model as C source, into a URDF or MJCF, or as payload of a drive', """\
 targets:
   c         one C99 header and source in the folder -o, for a controller without Python
@@ -103,7 +100,8 @@ examples:
 def export(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `export`."""
     parser.add_argument('model', metavar='MODEL.json', type=Path, help='model to export')
-    parser.add_argument('--to', choices=TARGETS, required=True, help='target, see below')
+    parser.add_argument('--to', choices=('c', 'urdf', 'mjcf', 'payload'), required=True,
+                        help='target, see below')
     parser.add_argument('-o', '--output', metavar='PATH', type=Path,
                         help='folder (c, created if missing) or file (urdf, mjcf) to write')
     parser.add_argument('--prefix', metavar='NAME',
