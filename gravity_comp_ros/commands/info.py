@@ -17,7 +17,7 @@ from gravity_comp_ros.commands.terminal import (
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
-from gravity_comp_ros.facts.motion import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.facts.motion import describe, MOTION, RecordingFacts
 from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -115,9 +115,8 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
         show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
              f'{dropped}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
-    columns = ('joint', 'range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals',
-               'effort N·m')
-    show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
+    show(table('', ('joint', *MOTION), [(name, *joint.cells())
+                                        for name, joint in facts.joints.items()]))
     show(*(styled('yellow', '  •', f' {line}') for line in report.file_notes))
     _show_facts((*report.facts, *facts.motion))
     show('')
@@ -127,12 +126,3 @@ def _show_facts(facts: Iterable[Fact]) -> None:
     for fact in facts:
         word = 'refused: ' * (fact.action is Action.REFUSED)
         show(styled(_COLOURS[fact.action], '  •', f' {word}{fact.sentence}'))
-
-
-def _row(name: str, joint: JointFacts) -> tuple[str, ...]:
-    # Two digits at least of an effort of any size.
-    digits = '.2f' if max(-joint.tau_min, joint.tau_max) >= 0.1 else '.2g'
-    return (name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.travel:.2f}',
-            f'{joint.rms_speed:.3f}', f'{joint.max_speed:.3f}',
-            '–' if joint.reversals is None else str(joint.reversals),
-            f'{joint.tau_min:{digits}} … {joint.tau_max:{digits}}')

@@ -1,13 +1,202 @@
-"""A description whose masses, centres and friction are those of a model: the result."""
+"""
+A description with the masses and centres nearest to its own that give a model's gravity torque.
+
+The gravity torque is linear in the mass m and the first moment h = m c of every link, tau = Y(q) x
+with x = (m, h) of all links, and slow motion determines fewer numbers than that. The others stay
+as near as possible to the description: the sum over links of
+
+    m / m0 - ln(m / m0) - 1 + m (c - c0)' S0^-1 (c - c0)
+
+is minimal, with S0 the second moment of the link's mass about its centre. It is the entropic
+(Bregman) divergence of the pseudo-inertia matrices, minimal over the second moments as well: the
+minimum leaves those about the centre of mass unchanged. It is convex, it is infinite at m = 0, and
+it is independent of the frames (T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic
+identification: a convex programming approach, IEEE Trans. Robotics 36, 2020). So masses are
+positive, and with the inertia of the description about the new centre the links are physically
+consistent.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.export.nearest_masses import Links, NearestMasses
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.export.xml_edit import number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.printable import shown_names
+import numpy as np
+
+_MAX_STEPS, _CONVERGED = 200, 1e-10
+
+
+@dataclass(frozen=True)
+class NearestOptions:
+    """
+    Options of the search.
+
+    `poses` are drawn from the trained range. `tolerance` is the standard deviation with which the
+    torque of the masses follows the model's, as a share of the joint's largest: no torque sensor
+    is that accurate. `min_radius` in m is the smallest radius of gyration of a link, since many
+    descriptions give point masses. `max_misfit` is the largest RMS deviation from the model, as a
+    share of the joint's RMS torque, beyond the noise: a larger one is that of another arm.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    poses: int = 400
+    tolerance: float = 5e-4
+    min_radius: float = 0.01
+    max_misfit: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not min(self.poses, self.tolerance, self.min_radius, self.max_misfit) > 0.0:
+            raise OptionError('nearest masses: every option must be positive')
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """
+    The links of a description that carry mass.
+
+    `masses` (L,) in kg, `centres` (L, 3) in m and `second_moments` (L, 3, 3) in kg m^2 about the
+    centres, all in the frames of the links.
+    """
+
+    names: tuple[str, ...]
+    masses: FloatArray
+    centres: FloatArray
+    second_moments: FloatArray
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Return x (4L,): mass and first moment of every link."""
+        return np.column_stack([self.masses, self.masses[:, None] * self.centres]).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class NearestMasses:
+    """
+    `masses` (L,) in kg and `centres` (L, 3) in m of the links.
+
+    `before` and `after` are, by joint, the largest deviations in N·m from the model's torque in
+    the trained range, of the description as it was and of the result.
+    """
+
+    masses: FloatArray
+    centres: FloatArray
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+
+
+def trained_poses(model: GravityModel, count: int = NearestOptions().poses) -> FloatArray:
+    """Return poses (count, N) drawn from the trained range of a model."""
+    return np.random.default_rng(0).uniform(model.coverage.q_min, model.coverage.q_max,
+                                            (count, model.n_joints))
+
+
+def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, noise: FloatArray,
+                   joints: tuple[str, ...], options: NearestOptions = NearestOptions()
+                   ) -> NearestMasses:
+    """
+    Return the masses and centres that give a torque.
+
+    :param regressor: Y (M, N, 4L) at M poses, columns as `Links.parameters`.
+    :param torque: of the model (M, N) in N·m at these poses.
+    :param noise: of the model (N,) in N·m; a deviation of that size is no misfit.
+    :raises ModelMismatchError: if no masses give this torque.
+    """
+    m, n = torque.shape
+    scale = options.tolerance * np.maximum(np.abs(torque).max(axis=0),
+                                           0.01 * np.abs(torque).max(initial=1e-6))
+    rows = (regressor / scale[:, None]).reshape(m * n, -1)
+    x = _minimum(links, rows, (torque / scale).ravel(), options)
+    result = x.reshape(-1, 4)
+    residual = regressor @ x - torque
+    _check_misfit(residual, torque, noise, joints, options)
+    before, after = (dict(zip(joints, np.abs(deviation).max(axis=0).tolist()))
+                     for deviation in (regressor @ links.parameters - torque, residual))
+    return NearestMasses(result[:, 0], result[:, 1:] / result[:, :1], before, after)
+
+
+def _minimum(links: Links, rows: FloatArray, target: FloatArray,
+             options: NearestOptions) -> FloatArray:
+    """Return x of the least divergence plus half the squared deviation, by Newton's method."""
+    distance = _Divergence(links, options.min_radius)
+    square, linear = rows.T @ rows, rows.T @ target
+    x = links.parameters
+
+    def cost(x: FloatArray) -> float:
+        return distance.value(x) + 0.5 * float(x @ square @ x) - float(linear @ x)
+
+    for _ in range(_MAX_STEPS):
+        gradient, hessian = distance.derivatives(x)
+        gradient, hessian = gradient + square @ x - linear, hessian + square
+        # Scaled by its diagonal: masses and moments, and stiff and free directions, differ.
+        size = 1.0 / np.sqrt(np.diag(hessian))
+        step = -size * np.linalg.solve(size[:, None] * hessian * size, size * gradient)
+        decrease = -float(gradient @ step)
+        if decrease < _CONVERGED:
+            return x
+        share, before = 1.0, cost(x)
+        while share > 1e-12 and not cost(x + share * step) <= before - 0.1 * share * decrease:
+            share *= 0.5
+        if share <= 1e-12:
+            return x  # rounding of the cost
+        x = x + share * step
+    raise FitError('the masses nearest to the description did not converge')
+
+
+class _Divergence:
+    """Sum of the divergences of all links, and its derivatives by x."""
+
+    def __init__(self, links: Links, min_radius: float) -> None:
+        self.masses = links.masses
+        floor = (links.masses * min_radius ** 2)[:, None, None] * np.eye(3)
+        self.weight = np.linalg.inv(links.second_moments + floor)
+        self.pull = np.einsum('lij,lj->li', self.weight, links.centres)
+        self.constant = np.einsum('li,li->l', self.pull, links.centres)
+
+    def value(self, x: FloatArray) -> float:
+        m, h = x.reshape(-1, 4)[:, 0], x.reshape(-1, 4)[:, 1:]
+        if (m <= 0.0).any():
+            return float('inf')
+        ratio = m / self.masses
+        moment = np.einsum('li,lij,lj->l', h, self.weight, h) / m
+        return float((ratio - np.log(ratio) - 1.0 + moment - 2.0 * (self.pull * h).sum(axis=1)
+                      + m * self.constant).sum())
+
+    def derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        m, h = x.reshape(-1, 4)[:, 0], x.reshape(-1, 4)[:, 1:]
+        count = len(m)
+        wh = np.einsum('lij,lj->li', self.weight, h)
+        hwh = (wh * h).sum(axis=1)
+        gradient = np.empty((count, 4))
+        gradient[:, 0] = 1.0 / self.masses - 1.0 / m - hwh / m ** 2 + self.constant
+        gradient[:, 1:] = 2.0 * (wh / m[:, None] - self.pull)
+        hessian = np.zeros((count, 4, count, 4))
+        each = np.arange(count)
+        block = np.empty((count, 4, 4))
+        block[:, 0, 0] = 1.0 / m ** 2 + 2.0 * hwh / m ** 3
+        block[:, 0, 1:] = block[:, 1:, 0] = -2.0 * wh / (m ** 2)[:, None]
+        block[:, 1:, 1:] = 2.0 * self.weight / m[:, None, None]
+        hessian[each, :, each, :] = block
+        return gradient.ravel(), hessian.reshape(4 * count, 4 * count)
+
+
+def _check_misfit(residual: FloatArray, torque: FloatArray, noise: FloatArray,
+                  joints: tuple[str, ...], options: NearestOptions) -> None:
+    rms = np.sqrt((residual ** 2).mean(axis=0))
+    limit = options.max_misfit * np.sqrt((torque ** 2).mean(axis=0)) + noise
+    wrong = [joint for joint, is_wrong in zip(joints, rms > limit) if is_wrong]
+    if wrong:
+        worst = int(np.argmax(rms - limit))
+        raise ModelMismatchError(
+            f'no masses on the axes of the description give the torque of the model on '
+            f'{shown_names(wrong)}: it differs by {rms[worst]:.2g} N·m on {joints[worst]}. '
+            f'`gravity_comp check --urdf` names what differs: axis, zero angle, mount; a '
+            f'per_joint model may be of no arm: fit a chain')
 
 
 @dataclass(frozen=True)
@@ -39,24 +228,21 @@ class ChangedDescription:
 
 
 def changed_description(edit: XmlEdit, model: GravityModel, links: Links, result: NearestMasses,
-                        effects: tuple[str, ...], reason: str, notes: Sequence[str],
-                        joints: Sequence[str] = ()) -> ChangedDescription:
+                        effects: tuple[str, ...], reason: str,
+                        notes: Sequence[str] = ()) -> ChangedDescription:
     """
     Return the result of an edit.
 
     :param reason: why the other effects of the model are left out.
-    :param joints: in the order of the result (default: that of the model).
     """
-    names = tuple(joints) or model.joints
     changes = {name: LinkChange(float(mass_before), float(mass), tuple(before.tolist()),
                                 tuple(centre.tolist()))
                for name, mass_before, before, mass, centre in zip(
                    links.names, links.masses, links.centres, result.masses, result.centres)}
     left_out = {effect.target: reason for effect in model.applied.effects
                 if effect.target not in effects}
-    return ChangedDescription(edit.result(), changes, dict(zip(names, result.before.tolist())),
-                              dict(zip(names, result.after.tolist())), effects, left_out,
-                              tuple(notes))
+    return ChangedDescription(edit.result(), changes, result.before, result.after, effects,
+                              left_out, tuple(notes))
 
 
 def written_friction(model: GravityModel) -> tuple[str, ...]:

@@ -15,9 +15,8 @@ from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
-    changed_description, ChangedDescription, friction_numbers)
-from gravity_comp_ros.export.nearest_masses import (
-    Links, nearest_masses, trained_poses)
+    changed_description, ChangedDescription, friction_numbers, Links, nearest_masses,
+    trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable, shown_names
@@ -42,7 +41,7 @@ def changed_mjcf(path: Path, data: bytes, model: GravityModel) -> ChangedDescrip
         _write(edit, elements[body], arm, body, float(mass), centre)
     effects = _write_friction(edit, model)
     return changed_description(edit, model, links, result, effects,
-                               'an MJCF has no such effect', [])
+                               'an MJCF has no such effect')
 
 
 def _edit(data: bytes, source: str) -> XmlEdit:

@@ -10,9 +10,8 @@ from gravity_comp_ros.description.links import (
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
-    changed_description, ChangedDescription, friction_numbers)
-from gravity_comp_ros.export.nearest_masses import (
-    Links, nearest_masses, trained_poses)
+    changed_description, ChangedDescription, friction_numbers, Links, nearest_masses,
+    trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
@@ -49,7 +48,7 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
         _write(edit, elements[name], float(mass), centre)
     notes = _repaired(edit, elements, inertials)
     return changed_description(edit, model, links, result, _write_friction(edit, model),
-                               'a URDF has no such effect', notes, arm.geometry.joints)
+                               'a URDF has no such effect', notes)
 
 
 def _elements(edit: XmlEdit, arm: DescribedArm) -> dict[str, Element]:

@@ -29,10 +29,10 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     joint, both behind a filter. If the driver filters, the residual of the joints is much smaller
     than with friction that builds up after a reversal (geometric mean).
     """
-    step = max(1, int(np.ceil(_MIN_INTERVAL / max(_interval(signals), 1e-9))))
+    step = max(1, int(np.ceil(_MIN_INTERVAL / max(signals.interval, 1e-9))))
     part = signals.keep(np.arange(len(signals)) % step == 0)
     part = part.keep(np.arange(len(part)) < _MAX_SAMPLES)
-    if len(part) < options.min_samples or _interval(part) > min(_CONSTANTS[-1], 0.5):
+    if len(part) < options.min_samples or part.interval > min(_CONSTANTS[-1], 0.5):
         return signals, None
     poses, friction, joints = _columns(part, options)
     if len(joints) < 2:
@@ -47,7 +47,7 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
         return float(np.log(residuals(constant)).sum())
 
     constant = min(_CONSTANTS, key=cost)
-    if constant < 2 * _interval(signals):
+    if constant < 2 * signals.interval:
         return signals, None
     for factors in _FACTORS:
         constant = _minimum({constant * factor: cost(constant * factor) for factor in factors})
@@ -129,7 +129,3 @@ def _minimum(costs: dict[float, float]) -> float:
     if a <= 0.0:
         return float(min(costs, key=costs.__getitem__))
     return float(np.exp(np.clip(-b / (2 * a), np.log(t.min()), np.log(t.max()))))
-
-
-def _interval(signals: Signals) -> float:
-    return float(np.median(np.diff(signals.t))) if len(signals) > 1 else 0.0

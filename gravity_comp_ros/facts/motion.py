@@ -20,6 +20,8 @@ _MIN_SLOW_SHARE, _MIN_SLOW_TRAVEL = 0.1, 0.3
 # Minimum motion in the opposite direction, in rad, that counts as a reversal.
 _MIN_REVERSAL = 0.01
 _TRAVEL = FactOptions()
+# Columns of a table of joints; see `JointFacts.cells`.
+MOTION = ('range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,15 @@ class JointFacts:
     @property
     def travel(self) -> float:
         return self.q_max - self.q_min
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the columns `MOTION` as text."""
+        # Two digits at least of a torque of any size.
+        digits = '.2f' if max(-self.tau_min, self.tau_max) >= 0.1 else '.2g'
+        return (f'{self.q_min:.2f} … {self.q_max:.2f}', f'{self.travel:.2f}',
+                f'{self.rms_speed:.3f}', f'{self.max_speed:.3f}',
+                '–' if self.reversals is None else str(self.reversals),
+                f'{self.tau_min:{digits}} … {self.tau_max:{digits}}')
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,7 @@ def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | 
     """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
     bad = np.zeros_like(signals.q, dtype=bool)
     # Deviation from both neighbours at a reversal, with the largest acceleration of an arm.
-    step = float(np.median(np.diff(signals.t))) if len(signals) > 1 else 0.0
-    reversal = 0.5 * options.max_acceleration * step ** 2
+    reversal = 0.5 * options.max_acceleration * signals.interval ** 2
     for n, column in enumerate(signals.q.T):
         deviation = _deviation(column)
         limit = max(options.min_glitch, reversal, options.spike_spread * _spread(deviation))

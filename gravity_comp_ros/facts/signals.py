@@ -31,6 +31,11 @@ class Signals:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def interval(self) -> float:
+        """Return the median interval in s, 0 for a single sample."""
+        return float(np.median(np.diff(self.t))) if len(self) > 1 else 0.0
+
     def keep(self, mask: BoolArray) -> Signals:
         """Return the samples of a mask (M,)."""
         if mask.all():

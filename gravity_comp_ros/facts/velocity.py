@@ -68,7 +68,7 @@ def velocity_facts(signals: Signals, missing: BoolArray,
 
 def _is_stream(signals: Signals, joints: BoolArray) -> bool:
     """Return whether positions are those of a motion, at the rate of a driver."""
-    if len(signals) < 20 or np.median(np.diff(signals.t)) > _STREAM:
+    if len(signals) < 20 or signals.interval > _STREAM:
         return False
     q = signals.q[:, joints]
     return bool((np.diff(q, axis=0).var(axis=0) < _SMOOTH * q.var(axis=0)).all())

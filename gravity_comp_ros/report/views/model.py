@@ -8,6 +8,8 @@ from bokeh.models import BasicTickFormatter, ColumnDataSource
 from bokeh.plotting import figure
 from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import percent
+from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
@@ -105,16 +107,9 @@ def quality(contents: Contents) -> Section:
     html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
                          'velocity', 'dropped'], recordings, left=('topic', 'velocity', 'dropped'))
     html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)
-    rows = []
-    for name in contents.joints:
-        joint = facts.joints[name]
-        rows.append([name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
-                     f'{joint.rms_speed:.3f}',
-                     'at rest' if joint.reversals is None else joint.reversals,
-                     f'{joint.tau_min:.2f} … {joint.tau_max:.2f}',
-                     '–' if joint.pose_share is None else f'{100 * joint.pose_share:.0f} %'])
-    html += markup.table(['joint', 'range rad', 'fastest rad/s', 'RMS rad/s', 'reversals',
-                          'torque N·m', 'torque variance explained by pose'], rows)
+    joints = {name: facts.joints[name] for name in contents.joints}
+    html += markup.table(['joint', *MOTION, 'torque variance explained by pose'], [
+        (name, *joint.cells(), percent(joint.pose_share)) for name, joint in joints.items()])
     html += markup.paragraph(
         f'{100 * facts.slow_share:.0f} % of the samples are slow motion.')
     html += markup.bullets(facts.remarks)

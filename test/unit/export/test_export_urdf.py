@@ -13,7 +13,7 @@ from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.export.nearest_masses import Links, nearest_masses, NearestOptions
+from gravity_comp_ros.export.changed_description import Links, nearest_masses, NearestOptions
 from gravity_comp_ros.export.urdf_file import changed_urdf
 from gravity_comp_ros.export.xml_edit import number, XmlEdit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
