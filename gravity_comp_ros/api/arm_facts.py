@@ -13,7 +13,7 @@ from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation.joint_gains import GainOptions
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
-from gravity_comp_ros.facts.fact import as_noted, Fact, refused
+from gravity_comp_ros.facts.fact import accepted_kinds, Fact, refused, unless_accepted
 from gravity_comp_ros.models.gravity_model import GravityModel
 
 
@@ -34,8 +34,8 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
         by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
                          limits)
-    options = recording.reports[0].options
-    return [as_noted(fact) if fact.kind.value in options.accept else fact for fact in facts]
+    accept = accepted_kinds(recording.reports[0].options.accept)
+    return [unless_accepted(fact, accept) for fact in facts]
 
 
 def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gravity_comp_ros.errors import DataError, GravityCompError, Hint, OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+import numpy as np
 
 if TYPE_CHECKING:
     from gravity_comp_ros.description.urdf import HeldPositions
@@ -145,15 +146,15 @@ def _held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
     if not names:
         return HeldPositions(fixed)
     from gravity_comp_ros.recordings.bag import joint_positions
-    ranges = [joint_positions(report.path, names, report.topic) for report in reports]
+    recordings = [joint_positions(report.path, names, report.topic) for report in reports]
     recorded = {}
     for name in names:
-        own = [of_joint[name] for of_joint in ranges if name in of_joint]
+        own = [positions[name] for positions in recordings if name in positions]
         if not own:
             continue
-        span = max(r.high for r in own) - min(r.low for r in own)
+        span = np.ptp(np.concatenate(own))
         if span > _AT_REST:
             raise DataError(f'joint {name} moves by {span:.3g} during the recordings, and it '
                             f'carries the arm', Hint.HELD_JOINT_MOVES)
-        recorded[name] = own[0].median
+        recorded[name] = float(np.median(own[0]))
     return HeldPositions(fixed, recorded)

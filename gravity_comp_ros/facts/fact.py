@@ -101,9 +101,10 @@ def refused(facts: Sequence[Fact]) -> list[Fact]:
     return [fact for fact in facts if fact.action is Action.REFUSED]
 
 
-def as_noted(fact: Fact) -> Fact:
-    """Return an accepted fact: the recording is read as it is."""
-    return replace(fact, action=Action.NOTED, done='accepted', otherwise='')
+def unless_accepted(fact: Fact, accept: Collection[Kind]) -> Fact:
+    """Return a fact; of an accepted kind it is noted, and the recording is read as it is."""
+    return fact if fact.kind not in accept else replace(
+        fact, action=Action.NOTED, done='accepted', otherwise='')
 
 
 def rows_left_out(kind: Kind, joints: Sequence[str], evidence: str, rows: NDArray,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.facts import efforts, joints, outliers
-from gravity_comp_ros.facts.fact import Action, as_noted, Fact, Kind
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, unless_accepted
 from gravity_comp_ros.facts.friction import effort_facts
 from gravity_comp_ros.facts.lag import filtered_effort
 from gravity_comp_ros.facts.options import FactOptions
@@ -57,9 +57,8 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
 
     def add(fact: Fact) -> bool:
         """Add a fact; return whether its action is to be taken."""
-        accepted = fact.kind in accept
-        facts.append(as_noted(fact) if accepted else fact)
-        return not accepted
+        facts.append(unless_accepted(fact, accept))
+        return fact.kind not in accept
 
     def add_all(more: Iterable[Fact]) -> None:
         for fact in more:

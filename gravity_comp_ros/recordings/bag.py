@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,6 @@ import numpy as np
 # Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
 _GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
 __all__ = ['joint_goals', 'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
-
-
-@dataclass(frozen=True)
-class PositionRange:
-    """Median and range of the recorded positions of a joint, in rad or m."""
-
-    median: float
-    low: float
-    high: float
 
 
 def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recording:
@@ -73,9 +64,9 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
 
 
 def joint_positions(path: Path | str, joints: Collection[str],
-                    topic: str | None = None) -> dict[str, PositionRange]:
+                    topic: str | None = None) -> dict[str, FloatArray]:
     """
-    Return the recorded positions of those `joints` that the recording contains.
+    Return the finite recorded positions, in rad or m, of those `joints` that have any.
 
     :param topic: JointState topic; None as in `choose_topic`.
     :raises BagError: if the recording cannot be read, or has no such topic.
@@ -84,13 +75,9 @@ def joint_positions(path: Path | str, joints: Collection[str],
     with open_storage(path) as storage:
         columns = _read_columns(storage, choose_topic(path, storage, topic)[0])
     names = [name for name in columns.names if name in joints]
-    ranges = {}
-    for name, values in zip(names, columns.values(names)[0].T):
-        finite = values[np.isfinite(values)]
-        if finite.size:
-            ranges[name] = PositionRange(float(np.median(finite)), float(finite.min()),
-                                         float(finite.max()))
-    return ranges
+    finite = {name: values[np.isfinite(values)]
+              for name, values in zip(names, columns.values(names)[0].T)}
+    return {name: values for name, values in finite.items() if values.size}
 
 
 def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],

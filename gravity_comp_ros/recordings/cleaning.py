@@ -13,7 +13,8 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact, Kind, refused
+from gravity_comp_ros.facts.fact import (
+    accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
@@ -80,9 +81,8 @@ class Cleaning:
             self.tau = sign * self.tau
         second, fact = _second_publisher(columns, joints, self.q, self.tau)
         if fact is not None:
-            accepted = fact.kind in self.accept
-            self.facts.append(as_noted(fact) if accepted else fact)
-            second &= not accepted
+            self.facts.append(unless_accepted(fact, self.accept))
+            second &= fact.kind not in self.accept
         self._keep(~second, NOT_FINITE if fact is None else fact.kind.value)
         present = present[~second]
         self._keep(present.any(axis=1), OTHER_JOINTS)

@@ -8,7 +8,7 @@ import re
 
 from gravity_comp_ros.data.joint_names import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
-from gravity_comp_ros.facts.fact import accepted_kinds, Action, as_noted, Fact
+from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, unless_accepted
 from gravity_comp_ros.facts.joints import named_facts
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import CDR, ROS1
@@ -89,9 +89,8 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     :raises BagError: if the joints are of several arms, or one is missing in at least half of the
         messages.
     """
-    facts = [] if options.joints else [
-        as_noted(fact) if fact.kind in accepted_kinds(options.accept) else fact
-        for fact in named_facts(columns.names)]
+    facts = [] if options.joints else [unless_accepted(fact, accepted_kinds(options.accept))
+                                       for fact in named_facts(columns.names)]
     left_out = {joint for fact in facts if fact.action is Action.LEFT_OUT
                 for joint in fact.joints}
     joints = options.joints or tuple(name for name in columns.names if name not in left_out)

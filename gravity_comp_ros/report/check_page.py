@@ -11,9 +11,8 @@ from gravity_comp_ros.description_check.check import DescriptionCheck
 from gravity_comp_ros.description_check.sentences import error_rows, Finding
 from gravity_comp_ros.models.kinematic.chain import about_z
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.printable import printable
+from gravity_comp_ros.printable import counted, printable
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.markup import html_page
 import numpy as np
 
 # View of the drawing: azimuth and elevation in rad.
@@ -35,9 +34,7 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
     :param title: name of the description.
     :param pose: angles (N,) in rad of the drawing, a recorded pose.
     """
-    count = len(faults)
-    headline = (f'{title}: no fault found' if not count else
-                f'{title}: {count} fault{"s" if count > 1 else ""} found')
+    headline = f'{title}: {counted(len(faults), "fault") if faults else "no fault"} found'
     places = [_joints_of(fault, arm) for fault in faults]
     items = ''.join(_fault(number, fault) for number, fault in enumerate(faults, start=1))
     table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
@@ -46,7 +43,7 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
             f'{_drawing(arm.geometry, pose, places)}'
             f'{markup.paragraph(_LEAD, "quiet")}'
             f'<h2>Error by joint</h2>{table}{markup.bullets(unchecked)}')
-    return html_page(f'gravity_comp check: {title}', body, [markup.COPY])
+    return markup.html_page(f'gravity_comp check: {title}', body, [markup.COPY])
 
 
 _LEAD = ('The arm as described, in a recorded pose. A line through a joint is its axis. Numbers '

@@ -8,6 +8,7 @@ from bokeh.layouts import column
 from bokeh.models import CustomJS, DataRange1d, Div, HoverTool, Label, LinearColorMapper, Span
 from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import JointSelector, Section
@@ -58,7 +59,7 @@ def time_section(contents: Contents, table: Table, selector: JointSelector) -> S
 
     runs = contents.samples.n_runs
     more = ', one after another' if runs > 1 else ''
-    text = (f'{contents.samples.n_samples} samples of {runs} run{"s" if runs > 1 else ""}{more}. '
+    text = (f'{contents.samples.n_samples} samples of {counted(runs, "run")}{more}. '
             'Drag to select samples; they are marked in every plot of this page.')
     if len(table.drawn) < contents.samples.n_samples:
         text += (f' {len(table.drawn)} samples are drawn, including the minimum and maximum of '
