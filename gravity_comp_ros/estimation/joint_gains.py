@@ -90,8 +90,10 @@ class JointGains:
         Joints without an identified gain have that of their friction and inertia in the model.
         """
         known = (self.std < np.log(GainOptions.min_ratio)) & (self.residual < options.max_residual)
-        change, rest = _changes(model, samples)
-        best = int(np.argmin(np.where(known, np.abs(change), np.inf)))
+        change, rest = friction_gains(model, samples)
+        agrees = known & (rest < options.max_residual)
+        best = int(np.argmin(np.where(agrees, np.abs(change), np.inf))
+                   ) if agrees.any() else self.reference
         own = self.log - _log_gains(model)
         std = np.where(known, np.hypot(self.std, self.std[best]), options.friction)
         std[best] = 0.0
@@ -145,49 +147,33 @@ def _log_gains(model: GravityModel) -> FloatArray:
     return log
 
 
-def _changes(model: GravityModel, samples: JointSamples) -> tuple[FloatArray, FloatArray]:
+def friction_gains(model: GravityModel, samples: JointSamples) -> tuple[FloatArray, FloatArray]:
     """
-    Return the logarithms (N,) of the gains of the efforts relative to the torque of a model.
+    Return the logarithms (N,) of the gains of the efforts relative to an earlier model.
 
-    Also the share (N,) of a joint's effort that this gain does not explain.
-    """
-    before = predict_torque(model, samples) + fitted_torque(model, samples)
-    slope, rest = _proportional(before, samples.tau)
-    return np.log(np.maximum(slope, 1e-9)), rest / _spread(samples.tau)
-
-
-def _proportional(torque: FloatArray, effort: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return slopes (N,) of efforts (M, N) over torques, and the deviation (N,) that remains."""
-    torque, effort = torque - torque.mean(axis=0), effort - effort.mean(axis=0)
-    slope = (torque * effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-18)
-    return slope, (effort - slope * torque).std(axis=0)
-
-
-def _spread(effort: FloatArray) -> FloatArray:
-    return np.maximum(effort.std(axis=0), 1e-18)
-
-
-def common_gain(model: GravityModel, samples: JointSamples,
-                options: GainOptions = GainOptions()) -> list[Fact]:
-    """
-    Return the fact that the efforts of all joints have one other gain than in an earlier model.
-
-    It is that of friction, while gravity is free: a body changes gravity alone.
+    They are those of friction and inertia, while gravity is free: a body changes gravity alone.
+    Also the share (N,) of a joint's effort without gravity that they do not explain.
     """
     samples = samples.select(evenly_picked(len(samples), _SAMPLES))
     gravity = model.predict(samples.q)
     friction = predict_torque(model, samples) + fitted_torque(model, samples) - gravity
     columns = gravity.T[None] if model.chain is None else ForwardKinematics(
         model.chain.axes, samples.q).moment_columns()
-    effort = samples.tau.copy()
+    slope, rest = np.zeros((2, samples.n_joints))
     for n in range(samples.n_joints):
         own = np.column_stack([np.ones(len(samples)), columns[:, n].T])
-        both = np.column_stack([friction[:, n], effort[:, n]])
-        both -= own @ lstsq(own, both)
-        friction[:, n], effort[:, n] = both.T
-    slope, rest = _proportional(friction, effort)
-    change, explained = np.log(np.maximum(slope, 1e-9)), rest < options.max_residual * _spread(
-        effort)
+        both = np.column_stack([friction[:, n], samples.tau[:, n]])
+        torque, effort = (both - own @ lstsq(own, both)).T
+        slope[n] = torque @ effort / max(float(torque @ torque), 1e-18)
+        rest[n] = (effort - slope[n] * torque).std() / max(float(effort.std()), 1e-18)
+    return np.log(np.maximum(slope, 1e-9)), rest
+
+
+def common_gain(model: GravityModel, samples: JointSamples,
+                options: GainOptions = GainOptions()) -> list[Fact]:
+    """Return the fact that the efforts of all joints have one other gain than in a model."""
+    change, rest = friction_gains(model, samples)
+    explained = rest < options.max_residual
     if 2 * explained.sum() < max(len(change), 3):
         return []
     common = float(np.median(change[explained]))
