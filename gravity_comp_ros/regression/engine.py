@@ -240,9 +240,10 @@ def _ambiguous(search: Search, term: Term) -> list[Alternative]:
 
     They include effects of its joint that this motion does not make testable.
     """
-    lowest = search.posterior.log_evidence - search.options.margin
-    others = [*alternatives(search, term), *excluded_alternatives(search, term)]
-    return [other for other in others if other.log_evidence > lowest]
+    chosen, options = search.posterior.log_evidence, search.options
+    others = [(other, options.margin) for other in alternatives(search, term)]
+    others += [(other, options.untested_margin) for other in excluded_alternatives(search, term)]
+    return [other for other, margin in others if other.log_evidence > chosen - margin]
 
 
 def _covariance(search: Search, posterior: Posterior,
