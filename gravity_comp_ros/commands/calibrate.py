@@ -53,11 +53,14 @@ def run(args: argparse.Namespace) -> int:
         'left_out': result.left_out, 'option': option, 'link': weight.link, 'mass': weight.mass,
         'centre': {axis: vars(x) for axis, x in result.centre.items()},
         'bags': [each.to_json() for each in reports]}
+    centre = [] if weight.centre is not None else [
+        f'centre of mass of the weight in the frame of {weight.link}: '
+        f'{millimetres(result.centre)}']
 
     def show() -> None:
         terminal.show(*reading.bag_lines(reports), '', _table(result, read),
-                      *_centre(result, weight), *(f'{joint} is not calibrated: {why}'
-                                                  for joint, why in result.left_out.items()),
+                      *centre, *(f'{joint} is not calibrated: {why}'
+                                 for joint, why in result.left_out.items()),
                       '', 'option for all verbs, and for the parameter effort_scale of the node:',
                       terminal.command(option))
 
@@ -109,10 +112,3 @@ def _table(result: WeightCalibration, read: dict[str, float]) -> Table:
                      f'{50.0 * (high - low) / abs(read[joint] * scale.value):.1f} %',
                      f'{result.load[joint]:.3f}'))
     return terminal.table('', ('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), rows)
-
-
-def _centre(result: WeightCalibration, weight: Weight) -> list[str]:
-    if weight.centre is not None:
-        return []
-    return [f'centre of mass of the weight in the frame of {weight.link}: '
-            f'{millimetres(result.centre)}']

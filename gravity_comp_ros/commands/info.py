@@ -87,15 +87,12 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
             recordings[0][0], inverted)})
     next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
-    if not any(report.effort_scale or _has_unit(report) for report, _ in recordings):
+    has_unit = any(fact.kind is Kind.EFFORT_UNIT for report, _ in recordings
+                   for fact in report.facts)
+    if not has_unit and not any(report.effort_scale for report, _ in recordings):
         show('The unit of effort cannot be checked by a recording alone: N·cm or mN·m of this '
              'size look like N·m of a heavier arm. To compare with the masses of a description:',
              command(next_step.command('check', args, '--urdf', str(args.urdf or 'robot.urdf'))))
-
-
-def _has_unit(report: ReadReport) -> bool:
-    """Return whether a fact names another unit of effort."""
-    return any(fact.kind is Kind.EFFORT_UNIT for fact in report.facts)
 
 
 def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:

@@ -65,7 +65,10 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
-    warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, recording)]
+    warnings = [*filter(None, [axes.problem]), *result.report.warnings,
+                *reading.scale_warnings(model, recording.reports),
+                *(f'the model was already fitted to {name}: does it contain the new payload?'
+                  for name in reading.fitted_names(model, recording.reports))]
     document = {
         'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
         'effects': [effect.target for effect in result.model.applied.effects],
@@ -74,12 +77,6 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     terminal.answer(args, document,
                     lambda: _show(args, recording, axes, result, target, flange), *warnings)
     return 0
-
-
-def _warnings(model: GravityModel, result: UpdateResult, recording: Recording) -> list[str]:
-    return [*result.report.warnings, *reading.scale_warnings(model, recording.reports),
-            *(f'the model was already fitted to {name}: does it contain the new payload?'
-              for name in reading.fitted_names(model, recording.reports))]
 
 
 def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,

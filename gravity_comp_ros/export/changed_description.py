@@ -21,8 +21,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.export.xml_edit import number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
@@ -51,8 +52,7 @@ class NearestOptions:
     max_misfit: float = 0.05
 
     def __post_init__(self) -> None:
-        if not min(self.poses, self.tolerance, self.min_radius, self.max_misfit) > 0.0:
-            raise OptionError('nearest masses: every option must be positive')
+        check_positive(self, 'nearest masses')
 
 
 @dataclass(frozen=True, eq=False)

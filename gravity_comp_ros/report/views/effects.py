@@ -151,11 +151,16 @@ def section(contents: Contents, table: Table) -> Section:
     lead = markup.paragraph(
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
         'it, relative to the range of the measured torque.', 'quiet')
-    bars = findings[:_MAX_BARS]
-    lead += findings_table(findings) + bar_key(_bars(bars))
+    strongest = findings[:_MAX_BARS]
+    bars = [Bars('without it', [100.0 * f.nrmse_before for f in strongest], BEFORE),
+            Bars('with it', [100.0 * f.nrmse_after for f in strongest], AFTER)]
+    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
+             for k, f in enumerate(strongest)]
+    lead += findings_table(findings) + bar_key(bars)
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
-    parts: list[UIElement] = [gridplot([[_bar_plot(bars)]],
-                                       sizing_mode='stretch_width', toolbar_location=None)]
+    parts: list[UIElement] = [gridplot(
+        [[bar_plot('held-out error, % of the range of the torque', names, bars, '0.00',
+                   _MAX_NAME)]], sizing_mode='stretch_width', toolbar_location=None)]
     plots = added(contents, table, range(min(len(findings), _MAX_PLOTS)))
     explanation = ''
     if plots:
@@ -189,19 +194,6 @@ def label(finding: Finding) -> str:
 def coefficients(finding: Finding, max_count: int = _MAX_COEFFICIENTS) -> str:
     """Return at most `max_count` coefficients with units and 95 % intervals in one line."""
     return markup.units(wording.coefficients(finding.coefficients, max_count))
-
-
-def _bars(findings: tuple[Finding, ...]) -> list[Bars]:
-    """Return the bars of the held-out errors without and with each finding."""
-    return [Bars('without it', [100.0 * f.nrmse_before for f in findings], BEFORE),
-            Bars('with it', [100.0 * f.nrmse_after for f in findings], AFTER)]
-
-
-def _bar_plot(findings: tuple[Finding, ...]) -> figure:
-    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
-             for k, f in enumerate(findings)]
-    return bar_plot('held-out error, % of the range of the torque', names, _bars(findings),
-                    '0.00', _MAX_NAME)
 
 
 def details(findings: tuple[Finding, ...]) -> str:
