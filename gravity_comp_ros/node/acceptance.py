@@ -28,6 +28,7 @@ class AcceptanceOptions:
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
     - `max_worse`: standard deviations by which a model of more samples may have a larger error on
       held-out samples: its expected error is smaller, and the figures of two equal ones differ.
+    - `min_noise`: smallest noise, as a fraction of the largest torque of the samples.
     - `min_explained`: share of a joint's effort variance explained by pose below which the
       effort has no gravity, judged from `min_samples` samples and a range of `min_span` rad.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
@@ -53,6 +54,7 @@ class AcceptanceOptions:
 
     max_rise: float = 1.2
     max_worse: float = 2.0
+    min_noise: float = 2e-3
     min_explained: float = 0.2
     min_samples: int = 100
     min_span: float = 0.5
@@ -74,8 +76,6 @@ class AcceptanceOptions:
 
 
 OPTIONS = AcceptanceOptions()
-# Smallest noise, as a fraction of the largest torque of the samples.
-_MIN_NOISE = 2e-3
 # Largest time between consecutive samples whose differences count as noise, s.
 _MAX_INTERVAL = 0.6
 # Ratio of the gravity of the arm to the noise from which its presence is judged.
@@ -86,6 +86,11 @@ _NO_CHAIN_NOISE, _NO_CHAIN_CHANGE = 4.0, 0.15
 _SIGNIFICANT = 3.0
 # First and last part of a window in which a body must be present, s.
 _END = 1.0
+
+
+def least_noise(samples: JointSamples) -> float:
+    """Return the smallest noise of samples that counts, N·m."""
+    return OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
 
 
 def reference_noise(expected: FloatArray, samples: JointSamples,
@@ -99,8 +104,7 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
 
     :param expected: noise of earlier epochs (N,), N·m.
     """
-    floor = _MIN_NOISE * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
-    noise = np.maximum(expected, floor)
+    noise = np.maximum(expected, least_noise(samples))
     near = (np.diff(samples.t) < _MAX_INTERVAL) & (np.diff(samples.runs) == 0)
     triples = near[1:] & near[:-1]
     if triples.sum() < 5:
@@ -165,7 +169,7 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
     table = tables[0]
     samples, names = table.samples, table.samples.names
     yield gravity_present(samples, table.before, noise)
-    body = table.explain(table.body)
+    body = table.carried
     unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
     margin = OPTIONS.max_fault_lead
@@ -188,7 +192,7 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
                 f'{noise[worst]:.3g}; most likely that of {names[joint]} is wrong, about '
                 f'{gain:.2g} times the expected one')
     yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
-    yield from _within_limits(table, body, limits)
+    yield from _within_limits(table, limits)
 
 
 def _faults(table: Hypotheses) -> Iterator[tuple[Explanation, str, bool]]:
@@ -211,10 +215,10 @@ def _faults(table: Hypotheses) -> Iterator[tuple[Explanation, str, bool]]:
                         f'{why}'), has_body
 
 
-def _within_limits(table: Hypotheses, body: Explanation, limits: Parameters) -> Iterator[Check]:
-    known = table.body_of(body)
+def _within_limits(table: Hypotheses, limits: Parameters) -> Iterator[Check]:
+    known = table.carried_body()
     if known is None:
-        change = table.moments_of(body)
+        change = table.carried_moments()
         worst = int(np.argmax(change))
         largest = limits.max_payload_moment
         yield Check(checks.WITHIN_LIMITS, float(change[worst]), largest, text=(
@@ -240,7 +244,7 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     """
     samples = table.samples
     m = len(samples)
-    body, none = table.explain(table.body), table.explain()
+    body, none = table.carried, table.explain()
     parts = table.explained(np.arange(m) * PARTS // m == np.arange(PARTS)[:, None])
     ends = table.explained([samples.t <= samples.t[0] + _END, samples.t >= samples.t[-1] - _END])
     present = [

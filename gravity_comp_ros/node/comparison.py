@@ -12,9 +12,9 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.acceptance import OPTIONS
+from gravity_comp_ros.node.acceptance import least_noise, OPTIONS
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.epoch import DELAYS, Rows
+from gravity_comp_ros.node.epoch import DELAYS, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import moving, moving_rms
 import numpy as np
 
@@ -24,8 +24,6 @@ _NEGLIGIBLE, _MIN_SENT = 0.05, 0.5
 _MIN_VARIATION = 0.02
 # Steps between two delays of the published torque.
 _SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-# Speed over which friction changes its sign, rad/s.
-_WIDTH = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     rmse_train = moving_rms(error_new[train], qd[train])
     rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
                           for error in (error_new, error_old))
-    floor = 1e-3 * max(1e-9, float(np.abs(samples.tau[train]).max()))
+    floor = least_noise(samples)
     noise = np.maximum(new.noise if old is None else np.maximum(new.noise, old.noise), floor)
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     # The share of the variance that pose explains, the smaller of both sets: in a few held-out
@@ -162,6 +160,6 @@ def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
     """Return a residual (M, N) minus its least-squares Coulomb and viscous friction."""
     result = np.empty_like(residual)
     for n in range(residual.shape[1]):
-        columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
+        columns = np.column_stack([np.tanh(qd[:, n] / REST_SPEED), qd[:, n]])
         result[:, n] = residual[:, n] - columns @ lstsq(columns, residual[:, n])
     return result

@@ -43,8 +43,6 @@ _BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
 _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
 # Largest number of linearisations of a gain, and its change at which they end.
 _MAX_STEPS, _CONVERGED = 10, 1e-3
-# Speed over which friction changes its sign where the model has no law of it by speed, rad/s.
-_WIDTH = 0.01
 
 
 def moving(qd: FloatArray) -> BoolArray:
@@ -110,18 +108,20 @@ class Hypotheses:
             return self._white(np.concatenate((
                 friction_columns, _uncertainty_columns(under, covariance, gravity.q))))
 
-        self._base = self._loaded = base(chain)
-        self.body, *self._horizontal = self._forces(chain, gravity.q)
+        self._base = base(chain)
+        self._body, *self._horizontal = self._forces(chain, gravity.q)
         # The size of the body is that of the largest evidence: a light one is as likely as a
         # heavy one.
         self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
-        fits = [self.explain(scale * self.body).log_evidence for scale in self._scales]
+        fits = [self.explain(scale * self._body).log_evidence for scale in self._scales]
         self._scale = self._scales[int(np.argmax(fits))]
-        self.body = self._scale * self.body
+        self._body = self._scale * self._body
         self._horizontal = [self._scale * columns for columns in self._horizontal]
         # The uncertainty of an axis matters as much as the moments that it carries.
-        change = self._moments(self.explain(self.body))
+        change = self._moments(self.explain(self._body))
         self._loaded = base(chain.moved(np.concatenate((np.zeros_like(change), change))))
+        # The fit of a body on the last link.
+        self.carried = self.explain(self._body, base=self._loaded)
 
     def explain(self, *columns: FloatArray, base: FloatArray | None = None,
                 r: FloatArray | None = None) -> Explanation:
@@ -132,10 +132,8 @@ class Hypotheses:
         :param r: torque (N·M,) to explain, whitened, if other than that of the window.
         """
         own = np.concatenate(columns) if columns else np.zeros((0, self._r.size))
-        if base is None:
-            base = self._loaded if columns and columns[0] is self.body else self._base
-        if r is None:
-            r = self._r
+        base = self._base if base is None else base
+        r = self._r if r is None else r
         design = np.concatenate((own, base))
         gram = np.eye(len(design)) + design @ design.T
         inverse = np.linalg.inv(gram)
@@ -150,15 +148,16 @@ class Hypotheses:
 
     def push(self) -> Explanation:
         """Return the fit of a force in any direction on the last link."""
-        return self.explain(self.body, *self._horizontal)
+        return self.explain(self._body, *self._horizontal, base=self._loaded)
 
     def varying(self) -> Explanation:
         """Return the fit of a body whose torque varies in time, as the force of a hand does."""
-        torque = self.explain(self.body).mean @ self.body
+        torque = self.carried.mean @ self._body
         t = self.samples.t - self.samples.t[0]
         knots = np.arange(0.0, t[-1] + _FORCE_TIME, _FORCE_TIME)
         hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
-        return self.explain(self.body, _FORCE_STD * np.tile(hats, self._noise.size) * torque)
+        return self.explain(self._body, _FORCE_STD * np.tile(hats, self._noise.size) * torque,
+                            base=self._loaded)
 
     def loaded_joints(self) -> list[int]:
         """Return the joints whose torque exceeds the noise; others have no gain to test."""
@@ -166,7 +165,7 @@ class Hypotheses:
 
     def gain(self, joint: int) -> Explanation:
         """Return the fit of another gain of one joint."""
-        return max(self._gains(joint, self.body[:0], self._base), key=_evidence)
+        return max(self._gains(joint, self._body[:0], self._base), key=_evidence)
 
     def factor(self) -> Explanation:
         """Return the fit of a common factor of all joints, and constant torques."""
@@ -175,7 +174,7 @@ class Hypotheses:
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
         return max((fit for scale in self._scales for fit in self._gains(
-            joint, scale / self._scale * self.body, self._loaded)), key=_evidence)
+            joint, scale / self._scale * self._body, self._loaded)), key=_evidence)
 
     def _gains(self, joint: int, body: FloatArray, base: FloatArray) -> Iterator[Explanation]:
         """
@@ -232,23 +231,23 @@ class Hypotheses:
 
     def _body_without(self, here: BoolArray) -> FloatArray:
         """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
-        design = np.concatenate((self.body, self._loaded))
+        design = np.concatenate((self._body, self._loaded))
         rest = design[:, ~here]
         return np.asarray(np.linalg.solve(
             np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here]) @ design)
 
-    def body_of(self, fit: Explanation) -> tuple[float, float, float] | None:
+    def carried_body(self) -> tuple[float, float, float] | None:
         """Return mass and its standard deviation in kg, and reach in m; None without axes."""
         if self._geometry is None:
             return None
-        scale = self._body_scale()
+        scale, fit = self._body_scale(), self.carried
         mass, moment = fit.mean[0] * scale[0], fit.mean[1:4] * scale[1:]
         reach = float(np.linalg.norm(moment)) / max(abs(float(mass)), 1e-9)
         return float(mass), float(np.sqrt(fit.covariance[0, 0]) * scale[0]), reach
 
-    def moments_of(self, fit: Explanation) -> FloatArray:
+    def carried_moments(self) -> FloatArray:
         """Return the change (N,) of the moment of each link in N·m."""
-        moments = self._moments(fit).reshape(-1, 2)
+        moments = self._moments(self.carried).reshape(-1, 2)
         return np.hypot(moments[:, 0], moments[:, 1])
 
     def _moments(self, fit: Explanation) -> FloatArray:
@@ -288,7 +287,7 @@ def _friction_columns(samples: JointSamples, friction: FloatArray, model: Gravit
     """Return columns (3N, N, M) of friction and offset that may have changed."""
     m, n = samples.q.shape
     sizes = friction_size(model)
-    laws = {effect.joint: speed_law(effect.setting, _WIDTH) for effect in (
+    laws = {effect.joint: speed_law(effect.setting, REST_SPEED) for effect in (
         *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
@@ -296,7 +295,8 @@ def _friction_columns(samples: JointSamples, friction: FloatArray, model: Gravit
         size = max(float(sizes[k]), float(np.abs(friction[:, k]).max(initial=0.0)))
         qd = samples.qd[:, k]
         columns[k, :, k] = [
-            (noise[k] + _FRICTION_STD * size) * smooth_sign(qd, laws.get(name, {'width': _WIDTH})),
+            (noise[k] + _FRICTION_STD * size) * smooth_sign(
+                qd, laws.get(name, {'width': REST_SPEED})),
             (noise[k] + _FRICTION_STD * size) * qd / TYPICAL_SPEED,
             np.full(m, noise[k] + _OFFSET_STD * size)]
     return columns.reshape(3 * n, n, m)

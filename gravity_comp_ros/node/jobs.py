@@ -122,7 +122,7 @@ def run_payload_test(job: PayloadJob) -> PayloadResult:
     figures = (f'residual of {samples.names[k]} {ratio[k] * noise[k]:.3g} N·m, noise of the '
                f'training {noise[k]:.3g}, {len(samples)} samples in '
                f'{samples.t[-1] - samples.t[0]:.1f} s')
-    body = table.body_of(table.explain(table.body))
+    body = table.carried_body()
     values = {'joint': samples.names[k], 'residual [Nm]': f'{ratio[k] * noise[k]:.3g}',
               'noise of the training [Nm]': f'{noise[k]:.3g}', 'samples': str(len(samples)),
               'from [s]': f'{samples.t[0]:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
@@ -241,7 +241,7 @@ def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
                                 None).trials
     result = [Hypotheses(gravity, friction, model, trial.chain, trial.prior, noise, limits,
                          geometry, trial.price) for trial in trials]
-    return sorted(result, key=lambda table: -table.explain(table.body).log_evidence)
+    return sorted(result, key=lambda table: -table.carried.log_evidence)
 
 
 def _converged(fit: FullFit, job: FitJob) -> Check:
