@@ -19,6 +19,8 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.estimation.residuals import (
+    held_out_ratio, is_white, samples_of_rows, torque_at_rest)
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -275,13 +277,13 @@ class _Work:
         self.report('ADMM', 0.5)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
         first = replace(self, effects=moving).regress(self.first_support(formulation))
-        shared, fits = self._support(formulation, _torque_at_rest(first))
+        shared, fits = self._support(formulation, torque_at_rest(first))
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
     def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
         """Return the same with the terms of a regression of these rows, not searched for again."""
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, _torque_at_rest(known))
+        shared, fits = self._support(formulation, torque_at_rest(known))
         return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
 
     def first_support(self, formulation: str) -> Shared:
@@ -365,52 +367,6 @@ def _dynamics_of(model: GravityModel) -> FloatArray | None:
         if effect.name == DYNAMICS:
             return np.array([each.value for each in effect.coefficients.values()])
     return None
-
-
-def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:
-    """Return the means over rows as samples, with a torque (R, N) in N·m."""
-    samples, rows = problem.samples, problem.rows
-    return JointSamples(samples.names, rows.t, rows.mean(samples.q), rows.mean(samples.qd),
-                        torque, rows.run, samples.run_labels)
-
-
-def residual_of(regression: Regression) -> FloatArray:
-    """Return the residual of all terms, (R, N) in N·m."""
-    posterior = regression.posterior
-    parts = [posterior.residual(j) / np.maximum(posterior.design.root[j], 1e-9)
-             for j in range(posterior.design.n_joints)]
-    return np.stack(parts, axis=1)
-
-
-def is_white(regression: Regression, limit: float) -> bool:
-    """Return whether every joint's residual is close to the white noise of its torque."""
-    return bool((regression.noise <= limit * regression.problem.white_noise).all())
-
-
-def held_out_ratio(regression: Regression, sigma: FloatArray) -> float:
-    """Return the RMS of the held-out residuals of all joints, in multiples of sigma (N,)."""
-    squares = np.zeros(len(sigma))
-    fold = regression.problem.rows.fold
-    for k in np.unique(fold):
-        without = regression.without(fold == k)
-        squares += [float((without.residual(j) ** 2).sum()) for j in range(len(sigma))]
-    return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
-
-
-def _torque_at_rest(regression: Regression) -> FloatArray:
-    """
-    Return the torque of the rows without dynamics and effects of motion, (R, N) in N·m.
-
-    Static effects are included: those of a wrong gravity explain what it misses.
-    """
-    problem, posterior = regression.problem, regression.posterior
-    gravity = regression.shared.gravity(problem.samples.q)
-    torque = problem.rows.mean(gravity) + residual_of(regression)
-    for term in posterior.terms:
-        if term.effect.is_static:
-            for j in term.joints(posterior.design.n_joints):
-                torque[:, j] += term.on(j) @ posterior.beta[posterior.at[term]]
-    return torque
 
 
 def _check(samples: JointSamples, use: BoolArray | None) -> None:

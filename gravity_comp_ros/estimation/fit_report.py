@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gravity_comp_ros.estimation.estimate import (
-    Estimate, FitOptions, is_white, residual_of, samples_of_rows)
+from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
+from gravity_comp_ros.estimation.residuals import is_white, residual_of, samples_of_rows
 from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
