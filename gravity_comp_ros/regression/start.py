@@ -50,16 +50,19 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     """
     few = _thinned(problem, _ROWS)
     roughs: list[ChainFit] = []
-    fits: list[Linear] = []
+    different: list[ChainFit] = []
     for seed in range(_SEARCHES):
         poses = generic_poses(problem, _POSES, _SHARES[seed % len(_SHARES)])
         rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
         if not any(_are_same(rough, other, poses[0].q) for other in roughs):
-            fits.append(with_common_terms(few, UnknownLengths.of(rough.chain), effects))
+            different.append(rough)
         roughs.append(rough)
         if sum(each.clean for each in roughs) == _CLEAN:
+            # Where others are white, a residual that is not is that of a wrong minimum.
+            different = [each for each in different if each.clean]
             break
-    best = min(fits, key=_log_noise)
+    best = min((with_common_terms(few, UnknownLengths.of(each.chain), effects)
+                for each in different), key=_log_noise)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     shared = UnknownLengths.of(_axes_of(best).chain.with_first_reversed())
     return _axes_of(min(best, with_common_terms(few, shared, effects), key=_log_noise))
