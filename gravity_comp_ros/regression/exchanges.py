@@ -42,7 +42,7 @@ def _exchange(search: Search) -> bool:
 
 def _other_common(search: Search) -> bool:
     """Change the common parameters of a joint to others that are compared."""
-    for own in search.with_common():
+    for own in search.groups():
         without = search.posterior.without(own)
         _, best = search.common.best(without, own, search.common.of_joint(own[0].joint_number))
         refined = search.common.refined(without, best, search.options.halvings)

@@ -80,13 +80,13 @@ class Search:
         for term in self.terms:
             if term in self.terms and term.key not in self.forced:
                 changed |= self._review(term)
-        for own in self.with_common():
+        for own in self.groups():
             without = self.posterior.without(own)
             refined = self.common.refined(without, own, self.options.halvings)
             self.accept(self.replaced(own, refined), 'refine', 0.0)
         return added or changed
 
-    def with_common(self) -> Iterator[Terms]:
+    def groups(self) -> Iterator[Terms]:
         """Yield the terms of each joint that have common parameters, where there are several."""
         for joint in range(self.design.n_joints):
             own = tuple(t for t in self.terms if t.joint == joint and t.common)
