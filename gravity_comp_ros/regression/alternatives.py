@@ -60,7 +60,8 @@ def _replacing(search: Search, term: Term, others: Iterable[Term]) -> list[Alter
             continue
         trial = search.solved(terms)
         if trial.log_evidence > search.posterior.log_evidence - search.options.near:
-            trial = search.solved(_with_refined(search, terms, other))
+            trial = max(trial, search.solved(_with_refined(search, terms, other)),
+                        key=lambda each: each.log_evidence)
         at = next(t for t in trial.terms if t.key == other.key)
         results.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
                                    at, trial))

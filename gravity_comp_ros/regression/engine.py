@@ -115,6 +115,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     if exact is not fit:
         fit, search = _without_turned_axes(exact, search, effects)
     fit, published = _without_weak(fit, search)
+    search.select(search.terms, published.precision)
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
@@ -238,12 +239,15 @@ def _ambiguous(search: Search, term: Term) -> list[Alternative]:
     """
     Return the terms that could replace one within the margin.
 
-    They include effects of its joint that this motion does not make testable.
+    They include effects of its joint that this motion does not make testable. Their sizes are not
+    tested either, so that the priors of these do not exclude one that fits as well.
     """
-    chosen, options = search.posterior.log_evidence, search.options
-    others = [(other, options.margin) for other in alternatives(search, term)]
-    others += [(other, options.untested_margin) for other in excluded_alternatives(search, term)]
-    return [other for other, margin in others if other.log_evidence > chosen - margin]
+    chosen, margin = search.posterior, search.options.margin
+    untested = excluded_alternatives(search, term)
+    return [*(other for other in alternatives(search, term)
+              if other.log_evidence > chosen.log_evidence - margin),
+            *(other for other in untested
+              if other.posterior.likelihood_and_odds > chosen.likelihood_and_odds - margin)]
 
 
 def _covariance(search: Search, posterior: Posterior,

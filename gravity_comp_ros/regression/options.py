@@ -44,8 +44,6 @@ class EngineOptions:
 
     - `min_gain`: gain at which a term is in the model; odds of 20 to 1.
     - `margin`: models within this of the chosen one are ambiguous with it.
-    - `untested_margin`: the same for effects that this motion does not test: they differ by the
-      priors of their sizes alone, which is no evidence against them short of odds of 20,000 to 1.
     - `near`: models within this of the chosen one are compared with their settings refined,
       which may raise the evidence by as much.
     - `significant`: gain of an exchange or a removal that counts as an improvement, against
@@ -86,7 +84,6 @@ class EngineOptions:
     outlier: float = 4.0
     min_gain: float = 3.0
     margin: float = 3.0
-    untested_margin: float = 10.0
     near: float = 30.0
     significant: float = 1.0
     min_identified: float = 0.02

@@ -88,14 +88,19 @@ class Posterior:
         return np.maximum(result, 1e-14 * self.design.square)
 
     @cached_property
+    def likelihood_and_odds(self) -> float:
+        """Return the logarithm of likelihood and prior odds at the mean, up to a constant."""
+        return float(-0.5 * (self.precision @ self.squares) + sum(t.log_odds for t in self.terms))
+
+    @cached_property
     def log_evidence(self) -> float:
         """Return the log evidence of the terms at this precision, up to a constant."""
         prior, std = self.design.prior, np.ones(len(self.beta))
         std[self.design.n_shared:] = total_std(self.terms)
         scaled = self.covariance / np.outer(std, std)
-        return float(-0.5 * (self.precision @ self.squares) - 0.5 * (self.from_prior() ** 2).sum()
+        return float(self.likelihood_and_odds - 0.5 * (self.from_prior() ** 2).sum()
                      + 0.5 * (np.linalg.slogdet(scaled)[1] + prior.log_det)
-                     + sum(t.log_odds + self._log_share_allowed(t) for t in self.terms))
+                     + sum(self._log_share_allowed(t) for t in self.terms))
 
     def from_prior(self) -> FloatArray:
         """Return the distance (K,) of the coefficients from their prior means, in its std."""

@@ -58,9 +58,9 @@ class Search:
     def keys(self) -> set[Key]:
         return {term.key for term in self.terms}
 
-    def select(self, terms: Iterable[Term]) -> None:
-        """Take these terms."""
-        self.posterior = self.solved(tuple(terms))
+    def select(self, terms: Iterable[Term], precision: FloatArray | None = None) -> None:
+        """Take these terms, and weights (N,) of the joints if given."""
+        self.posterior = self.solved(tuple(terms), precision)
 
     def renew_noise(self) -> bool:
         """Estimate the noise from the present residual; return whether it changed."""
