@@ -58,7 +58,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
             different.append(rough)
         roughs.append(rough)
         if sum(each.clean for each in roughs) == _CLEAN:
-            # Where others are white, a residual that is not is that of a wrong minimum.
+            # A minimum whose residual is not white is wrong if others have a white one.
             different = [each for each in different if each.clean]
             break
     best = min((with_common_terms(few, UnknownLengths.of(each.chain), effects)

@@ -254,6 +254,19 @@ def test_ripple_is_found_at_its_own_period():
     assert best == 80 and residual[best][1] == pytest.approx(0.1, rel=0.1)
 
 
+@given(st.floats(0.0, 1.0), st.floats(1.25, 3.0), st.sampled_from([1.0, -1.0]))
+def test_a_cable_pulls_and_stiffens_at_any_angle(hardening, order, side):
+    q = np.linspace(-6.0, 6.0, 200)[:, None]
+    samples = JointSamples.single_run(('joint',), np.arange(200.0), q, 0.0 * q, 0.0 * q)
+    motion = Motion.of(samples, 0.0 * q, lambda q: np.zeros((len(q), 1, 1)))
+    pull = EFFECTS['cable_stiffness'].columns(motion, 0, {
+        'start': 0.3, 'side': side, 'half': 0.5, 'order': order, 'hardening': hardening})[:, 0]
+    assert (side * pull >= 0.0).all() and (pull != 0.0).any()
+    stiffness = np.diff(pull)
+    assert (stiffness >= 0.0).all()
+    assert (side * np.diff(stiffness) >= -1e-12).all()
+
+
 def test_ranges_of_cables_and_end_stops():
     motion = clean_motion('six_axis')
     q = motion.samples.q[:, 2]

@@ -112,6 +112,31 @@ def test_a_term_that_corrects_the_poor_setting_of_another_is_removed(seed):
     assert terms['stribeck_friction']['distance'] == pytest.approx(3e-4, rel=0.5)
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_the_friction_effects_of_a_joint_have_one_law(seed):
+    def torque(q, qd, t):
+        z = presliding_state(q[:, 0], 6e-4)[:, None]
+        return 4.0 * np.sin(q) - np.cos(q) + z * (0.5 + 0.3 * np.exp(-(qd / 0.05) ** 2))
+
+    samples = with_torque(motion_of_joints(1, seed, rate=50.0), torque, seed)
+    terms = {term.name: term for term in pendulums(1, samples, EVERY).terms}
+    assert set(terms) == {'coulomb_friction', 'stribeck_friction'}
+    assert terms['stribeck_friction'].common == terms['coulomb_friction'].common
+    assert terms['coulomb_friction'].setting['distance'] == pytest.approx(6e-4, rel=0.3)
+
+
+def test_an_offset_of_one_way_motion_may_be_friction_of_any_size():
+    t = np.arange(0.0, 60.0, 0.05)
+    qd = 0.1 + 0.05 * np.sin(0.7 * t)
+    q = np.cumsum(qd) * 0.05
+    # As Coulomb friction so large a torque is improbable, but this motion does not test its size.
+    tau = 4.0 * np.sin(q) - np.cos(q) + 6.0 + NOISE * np.random.default_rng(0).normal(size=len(t))
+    result = pendulums(1, JointSamples.single_run(
+        ('joint_1',), t, q[:, None], qd[:, None], tau[:, None]), EVERY)
+    assert [term.key for term in result.terms] == [('torque_offset', 0)]
+    assert ('coulomb_friction', 0) in result.alternatives['torque_offset', 0]
+
+
 @pytest.mark.parametrize('seed', [0, *campaign(1)])
 def test_two_links_by_hand(seed):
     def friction(q, qd, t):
