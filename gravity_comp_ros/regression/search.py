@@ -131,15 +131,16 @@ class Search:
         :param key: the only one of interest, if not None.
         """
         minimum = self.options.min_gain if minimum is None else minimum
-        joint = pool.joints[0] if pool is not self.pools[-1] else None
-        common = common_of(terms, joint)
-        allowed = [k for k in self._allowed(pool, terms, key)
-                   if not common or not pool.terms[k].common]
-        rankings = [Ranking(posterior, pool, allowed, minimum)]
-        if common and joint is not None:
-            other = self.common.pool(joint, common)
-            rankings.append(Ranking(posterior, other, self._allowed(other, terms, key), minimum))
-        return merge(*rankings, key=lambda each: -each[0])
+        allowed = self._allowed(pool, terms, key)
+        joint = pool.joints[0]
+        common = {} if pool is self.pools[-1] else common_of(terms, joint)
+        if not common:
+            return iter(Ranking(posterior, pool, allowed, minimum))
+        others = [k for k in allowed if not pool.terms[k].common]
+        own = self.common.pool(joint, common)
+        return merge(Ranking(posterior, pool, others, minimum),
+                     Ranking(posterior, own, self._allowed(own, terms, key), minimum),
+                     key=lambda each: -each[0])
 
     def _allowed(self, pool: Pool, terms: Terms, key: Key | None) -> list[int]:
         """Return the candidates that are not among terms, and whose corrected effect is."""
