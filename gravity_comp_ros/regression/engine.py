@@ -114,8 +114,9 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     exact = _with_exact_angles(fit)
     if exact is not fit:
         fit, search = _without_turned_axes(exact, search, effects)
-    fit, published = _without_weak(fit, search)
-    search.select(search.terms, published.precision)
+    fit, published = _without_weak(fit, search.forced)
+    keys = {term.key for term in published.terms}
+    search.select([term for term in search.terms if term.key in keys], published.precision)
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
@@ -141,21 +142,18 @@ def _published(fit: Linear) -> Posterior:
         posterior, scale, options, correlation_times(posterior)))
 
 
-def _without_weak(fit: Linear, search: Search) -> tuple[Linear, Posterior]:
+def _without_weak(fit: Linear, forced: frozenset[Key]) -> tuple[Linear, Posterior]:
     """
     Return the fit without terms that its published noise does not confirm, and its `_published`.
 
-    The search, which then has the same terms, has the noise of single rows. An offset and a tilt
-    of the base that are determined by their difference alone may otherwise remain, large and with
-    opposite signs.
+    The search has the noise of single rows. An offset and a tilt of the base that are determined
+    by their difference alone may otherwise remain, large and with opposite signs.
     """
     published = _published(fit)
-    posterior = without_weak(published, lambda term: term.key not in search.forced,
+    posterior = without_weak(published, lambda term: term.key not in forced,
                              fit.problem.options.min_gain)
     if posterior is published:
         return fit, published
-    keys = {term.key for term in posterior.terms}
-    search.select([term for term in search.terms if term.key in keys])
     fit = gauss_newton(fit.selected(posterior))[0]
     return fit, _published(fit)
 

@@ -58,8 +58,8 @@ class Search:
     def keys(self) -> set[Key]:
         return {term.key for term in self.terms}
 
-    def select(self, terms: Iterable[Term], precision: FloatArray | None = None) -> None:
-        """Take these terms, and weights (N,) of the joints if given."""
+    def select(self, terms: Iterable[Term], precision: FloatArray) -> None:
+        """Take these terms, and weights (N,) of the joints."""
         self.posterior = self.solved(tuple(terms), precision)
 
     def renew_noise(self) -> bool:
