@@ -15,7 +15,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, PARTS
+from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -29,6 +29,8 @@ class AcceptanceOptions:
     - `max_worse`: standard deviations by which a model of more samples may have a larger error on
       held-out samples: its expected error is smaller, and the figures of two equal ones differ.
     - `min_noise`: smallest noise, as a fraction of the largest torque of the samples.
+    - `min_error`: smallest error and noise of a joint in a comparison of two models, as a
+      fraction of the largest torque of the training samples.
     - `min_explained`: share of a joint's effort variance explained by pose below which the
       effort has no gravity, judged from `min_samples` samples and a range of `min_span` rad.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
@@ -55,6 +57,7 @@ class AcceptanceOptions:
     max_rise: float = 1.2
     max_worse: float = 2.0
     min_noise: float = 2e-3
+    min_error: float = 1e-3
     min_explained: float = 0.2
     min_samples: int = 100
     min_span: float = 0.5
@@ -88,11 +91,6 @@ _SIGNIFICANT = 3.0
 _END = 1.0
 
 
-def least_noise(samples: JointSamples) -> float:
-    """Return the smallest noise of samples that counts, N·m."""
-    return OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
-
-
 def reference_noise(expected: FloatArray, samples: JointSamples,
                     predicted: FloatArray) -> FloatArray:
     """
@@ -104,7 +102,8 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
 
     :param expected: noise of earlier epochs (N,), N·m.
     """
-    noise = np.maximum(expected, least_noise(samples))
+    floor = OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
+    noise = np.maximum(expected, floor)
     near = (np.diff(samples.t) < _MAX_INTERVAL) & (np.diff(samples.runs) == 0)
     triples = near[1:] & near[:-1]
     if triples.sum() < 5:
@@ -185,12 +184,12 @@ def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArr
     worst = int(np.argmax(ratio))
     text = ''
     if ratio[worst] > OPTIONS.max_residual:
-        joint = table.contradicting_joint()
-        gain = 1.0 + float(table.body_and_gain(joint).mean[0])
+        fits = [table.without_joint(joint) for joint in range(len(names))]
+        joint = int(np.argmin([cost for cost, _ in fits]))
         text = (f'no payload explains the effort of {names[worst]}: residual '
                 f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs '
-                f'{noise[worst]:.3g}; most likely that of {names[joint]} is wrong, about '
-                f'{gain:.2g} times the expected one')
+                f'{noise[worst]:.3g}; most likely {names[joint]} '
+                f'{gain_of(samples.tau[:, joint], fits[joint][1])}')
     yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
     yield from _within_limits(table, limits)
 

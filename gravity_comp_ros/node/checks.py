@@ -52,11 +52,6 @@ def failed(checks: Sequence[Check]) -> Check | None:
     return next((check for check in checks if not check.passed), None)
 
 
-def has_no_gravity(checks: Sequence[Check]) -> bool:
-    """Return whether no joint's effort depends on pose."""
-    return any(check.name == POSE_EXPLAINS and not check.passed for check in checks)
-
-
 def summary(checks: Sequence[Check]) -> str:
     """Return all checks with their figures in one line."""
     return '; '.join(check.describe() for check in checks)

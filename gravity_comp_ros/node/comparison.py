@@ -12,7 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.acceptance import least_noise, OPTIONS
+from gravity_comp_ros.node.acceptance import OPTIONS
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import DELAYS, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import moving, moving_rms
@@ -44,17 +44,33 @@ class Prediction:
         return samples.tau - self.torque - self.nuisance
 
 
-def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
-            margin: float = 0.0) -> tuple[list[Check], str]:
+@dataclass(frozen=True, eq=False)
+class Comparison:
     """
-    Return the checks that `new`, fitted to the training samples, predicts the others better.
+    RMSE (N,) in N·m of a new model and of the one in use on held-out samples, and their checks.
+
+    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
+    """
+
+    checks: tuple[Check, ...]
+    figures: str
+    is_compensated: bool
+
+    @property
+    def is_better(self) -> bool:
+        return checks.failed(self.checks) is None
+
+
+def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
+            margin: float = 0.0) -> Comparison:
+    """
+    Return whether `new`, fitted to the training samples, predicts the others better than `old`.
 
     The compared figure is the RMSE relative to the smaller one of each joint, over all joints.
     With more samples `new` may be worse by `max_worse` standard deviations.
 
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
-    :return: the checks, and the errors on the held-out samples in one line.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
     names, qd, n_train, n_held_out = samples.names, samples.qd, int(train.sum()), held_out.sum()
@@ -64,7 +80,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     rmse_train = moving_rms(error_new[train], qd[train])
     rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
                           for error in (error_new, error_old))
-    floor = least_noise(samples)
+    floor = OPTIONS.min_error * max(1e-9, float(np.abs(samples.tau[train]).max()))
     noise = np.maximum(new.noise if old is None else np.maximum(new.noise, old.noise), floor)
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     # The share of the variance that pose explains, the smaller of both sets: in a few held-out
@@ -94,7 +110,8 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
         Check(checks.BETTER, float(rms(rmse_new / level) / max(float(rms(rmse_old / level)),
                                                                1e-30)),
               1.0 + tolerance - margin, text='not better')]
-    return judged, figures
+    return Comparison(tuple(judged), figures,
+                      moves and bool((explained < OPTIONS.min_explained).all()))
 
 
 def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray) -> float:

@@ -211,14 +211,18 @@ class Hypotheses:
             columns[k, joint] = np.abs(self.before[:, joint]).max()
         return self._white(columns)
 
-    def contradicting_joint(self) -> int:
-        """Return the joint without which a body explains the others best."""
-        costs = []
-        for joint in range(self._noise.size):
-            here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
-            error = (self._r - self._body_without(here))[~here]
-            costs.append(float(error @ error))
-        return int(np.argmin(costs))
+    def without_joint(self, joint: int) -> tuple[float, FloatArray]:
+        """
+        Return the fit of a body to the other joints.
+
+        :return: sum of the squared residuals of the others, and the torque (M,) in N·m of this
+            joint that the fit predicts.
+        """
+        here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
+        predicted = self._body_without(here)
+        error = (self._r - predicted)[~here]
+        return float(error @ error), np.asarray(
+            self.before[:, joint] + self._sigma[joint] * predicted[here])
 
     def explained(self, parts: Sequence[BoolArray]) -> FloatArray:
         """Return the share of the squared residual of each part (M,) that the rest predicts."""
@@ -307,3 +311,14 @@ def _uncertainty_columns(chain: Chain, covariance: FloatArray, q: FloatArray) ->
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.tensordot(root.T, chain.jacobian(q), axes=1)
+
+
+def gain_of(measured: FloatArray, expected: FloatArray) -> str:
+    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
+    power = float((expected ** 2).sum())
+    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
+    if slope < -0.5:
+        return 'has the wrong sign'
+    if measured.std() < 0.25 * expected.std():
+        return 'is dead or frozen'
+    return 'measures the torque of another joint, or has a wrong gain'

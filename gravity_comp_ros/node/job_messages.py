@@ -50,7 +50,7 @@ class FitResult:
 
     `figures` has the errors of the comparison in one line. `low` and `high` (N,) in rad are the
     range of the training samples. `outliers` has the number of samples of each joint that were
-    left out.
+    left out. `is_compensated` is true if no joint's effort depends on pose, in enough motion.
     """
 
     model: GravityModel
@@ -61,15 +61,11 @@ class FitResult:
     low: FloatArray
     high: FloatArray
     outliers: Mapping[str, int] = field(default_factory=dict)
+    is_compensated: bool = False
 
     @property
     def accepted(self) -> bool:
         return checks.failed(self.checks) is None
-
-    @property
-    def has_no_gravity(self) -> bool:
-        """True if no joint's effort depends on pose."""
-        return checks.has_no_gravity(self.checks)
 
     @property
     def fault(self) -> str:

@@ -177,18 +177,21 @@ def _compared_fit(job: FitJob) -> FitResult:
     job, left_out, first = _without_outliers(job, chain)
     tried = list(candidates(job, chain, first))
     best = _best(tried, job)
-    judged, figures = compare(
-        best.predicted, None if job.old is None else predicted(job.old, job), job.rows,
-        job.old is not None and len(job.rows.train) > job.old.coverage.n_samples)
-    if not checks.has_no_gravity(judged):
+    comparison = compare(best.predicted, None if job.old is None else predicted(job.old, job),
+                         job.rows, job.old is not None
+                         and len(job.rows.train) > job.old.coverage.n_samples)
+    judged = list(comparison.checks)
+    if not comparison.is_compensated:
         judged = [*_checks(job, chain, best), *judged]
         if checks.failed(judged) is None and best.fit is not None:
             judged.append(_converged(best.fit, job))
+    figures = comparison.figures
     if len(tried) > 1:
         figures += f'; tried: {_errors(tried, job)}'
     q = job.rows.train.q
     return FitResult(best.model, tuple(judged), figures, best.how,
-                     time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out)
+                     time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out,
+                     comparison.is_compensated)
 
 
 def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
@@ -199,8 +202,9 @@ def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterato
     if echo is not None:
         yield echo
     error = prediction.residual(samples)
-    residual = np.maximum(*(moving_rms(error[part], samples.qd[part])
-                            for part in (job.rows.held_out, ~job.rows.held_out)))
+    residual = np.maximum(*(
+        moving_rms(np.where(outliers_of_fit(error[part], samples.select(part)), 0.0, error[part]),
+                   samples.qd[part]) for part in (job.rows.held_out, ~job.rows.held_out)))
     if base is None:
         yield acceptance.joints_agree(job.rows.train, residual)
         return
@@ -311,8 +315,7 @@ def _best(tried: list[Candidate], job: FitJob) -> Candidate:
     best, *others = tried
     for other in others:
         margin = _FULL_FIT_MARGIN if best.fit is None else _SPARSE_MARGIN
-        judged, _ = compare(other.predicted, best.predicted, job.rows, margin=margin)
-        if checks.failed(judged) is None:
+        if compare(other.predicted, best.predicted, job.rows, margin=margin).is_better:
             best = other
     return best
 

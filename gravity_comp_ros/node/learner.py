@@ -204,7 +204,7 @@ class Learner:
         else:
             text = f'{self.kept}: {self.last_fit}'
             self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
-            if result.has_no_gravity:
+            if result.is_compensated:
                 self.report = self.last_fit
             elif result.fault:
                 self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
@@ -212,7 +212,7 @@ class Learner:
         self._events.log.append((not result.accepted,
                                 f'{text} [{checks.summary(result.checks)}]'))
         self._decided('model', text, result.checks)
-        if result.fault or result.has_no_gravity:
+        if result.fault or result.is_compensated:
             self._refuse(result, now)
 
     def _use(self, result: FitResult, now: float) -> None:
@@ -244,7 +244,7 @@ class Learner:
                 not self.arm.watch.is_confirmed):
             self._roll_back_automatically(why, now)
             return
-        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.has_no_gravity:
+        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.is_compensated:
             epoch.restart_after_broken_effort()
             self.report += '; its samples were dropped'
 
