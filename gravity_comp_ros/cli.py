@@ -146,7 +146,8 @@ def _run_verb(verb: str, argv: list[str]) -> int:
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
     # Numerical modules are imported only now, so that help and usage errors are fast.
-    return int(importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args) or 0)
+    answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
+    return answer if isinstance(answer, int) else int(answer.give(args.json))
 
 
 def _one_line(error: Exception) -> str:

@@ -9,6 +9,7 @@ import shlex
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
@@ -18,7 +19,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Add effects or undo the last addition; write the model."""
     _check_usage(args)
     model = load_model(args.model)
@@ -32,19 +33,18 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.parser.error('name an effect and at least one bag, or give --undo')
 
 
-def _undo(args: argparse.Namespace, model: GravityModel) -> int:
+def _undo(args: argparse.Namespace, model: GravityModel) -> Answer:
     back = refitting.undo(args, model, args.model)
     step = back.history[-1]
     remaining = [effect.target for effect in back.applied.effects]
     removed = 'would be removed from' if args.dry_run else 'removed from'
-    terminal.answer(args, {'model': str(args.model), 'removed': list(step.effects),
-                           'effects': remaining, 'written': not args.dry_run},
-                    lambda: terminal.show(f'{", ".join(step.effects)} {removed} {args.model}; '
-                                          f'remaining effects: {", ".join(remaining) or "none"}'))
-    return 0
+    return Answer({'model': str(args.model), 'removed': list(step.effects),
+                   'effects': remaining, 'written': not args.dry_run},
+                  [f'{", ".join(step.effects)} {removed} {args.model}; remaining effects: '
+                   f'{", ".join(remaining) or "none"}'])
 
 
-def _add(args: argparse.Namespace, model: GravityModel) -> int:
+def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     effects = args.effects.split(',')
     requests(effects, model.joints)  # report a misspelt name before bags are read
     refitting.check_holdout(args, model)
@@ -65,9 +65,8 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         'ties': [_tie(*tie) for tie in result.ties.items()],
         'on_holdout': holdout if args.holdout else None,
         'bags': [r.to_json() for r in reports]}
-    terminal.answer(args, document, lambda: _show(args, result, reports, holdout),
-                    *reading.scale_warnings(model, reports), *warnings)
-    return 0
+    return Answer(document, _lines(args, result, reports, holdout),
+                  [*reading.scale_warnings(model, reports), *warnings])
 
 
 def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
@@ -77,26 +76,19 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
     return {'effect': effect, 'joint': joint or None, 'rivals': others, 'settled_by': experiment}
 
 
-def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-          holdout: dict[str, dict[str, float]]) -> None:
-    terminal.show(*reading.bag_lines(reports))
-    terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
-                  *refitting.effect_lines(result))
+def _lines(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
+           holdout: dict[str, dict[str, float]]) -> list[terminal.Line]:
+    lines = [*reading.bag_lines(reports), *refitting.lines(result)]
     if holdout:
-        terminal.show('', refitting.held_out_table(holdout))
-    for name, others in result.ties.items():
-        terminal.show(
-            f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
-            f'Motion that distinguishes them: '
-            f'{_tie(name, others)["settled_by"]}')
+        lines += ['', refitting.held_out_table(holdout)]
+    lines += [f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
+              f'Motion that distinguishes them: {_tie(name, others)["settled_by"]}'
+              for name, others in result.ties.items()]
     if args.dry_run:
-        terminal.show('', 'nothing written (--dry-run)')
-        return
+        return [*lines, '', 'nothing written (--dry-run)']
     undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
-    terminal.show('', f'written to {args.model}; to undo:',
-                  terminal.command(undo))
-    if not result.helps:
-        next_step.show('undo the addition: it does not reduce the error (see the warning)', undo)
-        return
-    next_step.show('test for further missing effects',
-                   next_step.command('diagnose', args, model=args.model))
+    following = ('test for further missing effects',
+                 next_step.command('diagnose', args, model=args.model)) if result.helps else (
+        'undo the addition: it does not reduce the error (see the warning)', undo)
+    return [*lines, '', f'written to {args.model}; to undo:', terminal.command(undo),
+            *next_step.lines(*following)]

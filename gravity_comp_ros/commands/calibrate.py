@@ -11,6 +11,7 @@ from gravity_comp_ros.calibration.known_weight import (
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.payload_lines import millimetres
@@ -19,7 +20,7 @@ from gravity_comp_ros.recordings.bag import joint_goals
 from rich.table import Table
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Calibrate efforts or servos, and show the option that applies the result."""
     if args.goals is not None:
         return _stiffness(args)
@@ -56,19 +57,14 @@ def run(args: argparse.Namespace) -> int:
     centre = [] if weight.centre is not None else [
         f'centre of mass of the weight in the frame of {weight.link}: '
         f'{millimetres(result.centre)}']
-
-    def show() -> None:
-        terminal.show(*reading.bag_lines(reports), '', _table(result, read),
-                      *centre, *(f'{joint} is not calibrated: {why}'
-                                 for joint, why in result.left_out.items()),
-                      '', 'option for all verbs, and for the parameter effort_scale of the node:',
-                      terminal.command(option))
-
-    terminal.answer(args, document, show)
-    return 0
+    return Answer(document, [
+        *reading.bag_lines(reports), '', _table(result, read), *centre,
+        *(f'{joint} is not calibrated: {why}' for joint, why in result.left_out.items()),
+        '', 'option for all verbs, and for the parameter effort_scale of the node:',
+        terminal.command(option)])
 
 
-def _stiffness(args: argparse.Namespace) -> int:
+def _stiffness(args: argparse.Namespace) -> Answer:
     """Find the stiffness of servos from goals and positions."""
     if args.model is None or args.loaded is not None or args.mass is not None:
         raise OptionError('--goals needs one recording and --model, and neither LOADED nor --mass')
@@ -88,20 +84,15 @@ def _stiffness(args: argparse.Namespace) -> int:
                            'rmse': result.rmse[joint]} for joint, k in result.stiffness.items()},
         'left_out': result.left_out, 'option': parameter, 'model': args.model.name,
         'bags': [bag.to_json()]}
-
-    def show() -> None:
-        table = terminal.table(
-            '', ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
-            [(joint, f'{k.value:.4g}', f'{k.ci95[0]:.4g} … {k.ci95[1]:.4g}',
-              f'{result.sag[joint]:.4f}', f'{result.rmse[joint]:.4f}')
-             for joint, k in result.stiffness.items()])
-        terminal.show(*reading.lines(recording), '', table,
-                      *(f'{joint} gets no offset: {why}'
-                        for joint, why in result.left_out.items()),
-                      '', 'parameter of the node:', terminal.command(parameter))
-
-    terminal.answer(args, document, show)
-    return 0
+    table = terminal.table(
+        '', ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
+        [(joint, f'{k.value:.4g}', f'{k.ci95[0]:.4g} … {k.ci95[1]:.4g}',
+          f'{result.sag[joint]:.4f}', f'{result.rmse[joint]:.4f}')
+         for joint, k in result.stiffness.items()])
+    return Answer(document, [
+        *reading.lines(recording), '', table,
+        *(f'{joint} gets no offset: {why}' for joint, why in result.left_out.items()),
+        '', 'parameter of the node:', terminal.command(parameter)])
 
 
 def _table(result: WeightCalibration, read: dict[str, float]) -> Table:

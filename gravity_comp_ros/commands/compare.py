@@ -31,7 +31,7 @@ _FAIR = (0.85, 0.99)
 
 
 @html.with_error_page('page')
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> terminal.Answer:
     """Read, predict, compare and show."""
     model = load_model(args.model)
     previous = None if args.previous is None else load_model(args.previous)
@@ -60,22 +60,17 @@ def run(args: argparse.Namespace) -> int:
                  'previous': None if since is None else {
                      'model': args.previous.name, **since.to_json()},
                  **recording.to_json()}
-
-    def show() -> None:
-        changes: list[Table | Text | str] = [] if since is None else [
-            '', _drift_table(args.previous.name, selected, since), *_drift_lines(since, selected)]
-        terminal.show(*reading.lines(recording), '', _table(model, joints, samples),
-                      *_failures(joints, comparison.share_outside), *_band(comparison.band),
-                      *changes)
-        if few:
-            next_step.show('evaluate fast samples as well', f'{args.command} --all-samples')
-        next_step.show('identify missing effects', _diagnose_command(args))
-
-    terminal.answer(
-        args, document, show, *reading.scale_warnings(model, recording.reports), *few,
-        *(f'the model was fitted to {name}: its error there is too small (fit and compare with '
-          '--holdout, or compare on another run)' for name in fitted))
-    return 0
+    changes: list[terminal.Line] = [] if since is None else [
+        '', _drift_table(args.previous.name, selected, since), *_drift_lines(since, selected)]
+    faster = next_step.lines('evaluate fast samples as well', f'{args.command} --all-samples')
+    return terminal.Answer(
+        document, [*reading.lines(recording), '', _table(model, joints, samples),
+                   *_failures(joints, comparison.share_outside), *_band(comparison.band),
+                   *changes, *(faster if few else []),
+                   *next_step.lines('identify missing effects', _diagnose_command(args))],
+        [*reading.scale_warnings(model, recording.reports), *few,
+         *(f'the model was fitted to {name}: its error there is too small (fit and compare with '
+           '--holdout, or compare on another run)' for name in fitted)])
 
 
 def _few(args: argparse.Namespace, samples: JointSamples) -> list[str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-import shlex
 
-from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.commands import next_step, reading
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
@@ -26,7 +26,7 @@ class Part:
     end: float
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Read, cut and write."""
     # The parts are written as recorded.
     recording = read_bag(args.bag, ReadOptions(
@@ -35,21 +35,13 @@ def run(args: argparse.Namespace) -> int:
     _check_files(args.bag, parts)
     for part in parts:
         write_bag(part.path, [part.topic], part.start_ns)
-    terminal.answer(args, {'input': str(args.bag), 'parts': [
+    document = {'input': str(args.bag), 'parts': [
         {'output': str(part.path), 'n_samples': len(part.topic.t), 'from': part.begin,
-         'to': part.end, 'joints': list(part.topic.joints)} for part in parts]},
-        lambda: _show(recording, parts))
-    return 0
-
-
-def _show(recording: Recording, parts: list[Part]) -> None:
-    terminal.show(*reading.bag_lines([recording.report]))
-    for part in parts:
-        terminal.show(
-            f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from {part.begin:.6g} to '
-            f'{part.end:.6g} s, joints {shown_names(part.topic.joints)}')
-    next_step.show(f'check the {"recording" if len(parts) == 1 else "recordings"}',
-                   shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
+         'to': part.end, 'joints': list(part.topic.joints)} for part in parts]}
+    return Answer(document, [*reading.bag_lines([recording.report]), *(
+        f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from {part.begin:.6g} to '
+        f'{part.end:.6g} s, joints {shown_names(part.topic.joints)}' for part in parts),
+        *next_step.check_recordings(*(part.path for part in parts))])
 
 
 def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | None = None,

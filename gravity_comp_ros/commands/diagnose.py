@@ -14,6 +14,7 @@ from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, learn, LearnOptions
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED
@@ -50,7 +51,7 @@ _WHY_OPEN = {
 
 
 @html.with_error_page('page')
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Read, diagnose and show."""
     for name in args.effects or ():
         known_effect(name)
@@ -77,29 +78,25 @@ def run(args: argparse.Namespace) -> int:
     planned = None if expected is None else outcomes(expected, diagnosis)
     if args.html:
         _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
-
-    def show() -> None:
+    if args.json != '-':
         # Faults of the recording precede its findings.
         terminal.warn(*(fact.sentence for fact in facts))
-        terminal.show(terminal.styled('bold', wording.verdict(diagnosis)), '')
-        terminal.show(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
-        if recording.use is not None:
-            terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
-                          'the fit are excluded, for `compare --holdout`')
-        _show(args, diagnosis, motion, rest, model)
-        if planned is not None:
-            _show_outcomes(planned)
-        terminal.show(f'diagnosed in {seconds:.1f} s')
-
+    held = (f'{len(recording.samples) - len(samples)} samples that were held out of the fit are '
+            f'excluded, for `compare --holdout`')
+    lines = [terminal.styled('bold', wording.verdict(diagnosis)), '',
+             *reading.bag_lines(reports), *reading.fitted_lines(model, reports),
+             *([] if recording.use is None else [held]),
+             *_lines(args, diagnosis, motion, rest, model),
+             *([] if planned is None else _outcome_lines(planned)),
+             f'diagnosed in {seconds:.1f} s']
     document = {
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
         'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
         'plan': None if planned is None else [each.to_json() for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
-    terminal.answer(args, document, show, *(
-        reading.scale_warnings(model, reports) if model else []), *broken_plug_ins())
-    return 0
+    return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
+                                    *broken_plug_ins()])
 
 
 def _options(args: argparse.Namespace) -> LearnOptions:
@@ -175,30 +172,25 @@ def _data_table(diagnosis: Diagnosis, motion: RecordingFacts, rest: Mapping[str,
         'effective sample size is smaller', _DATA, rows)
 
 
-def _show(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts,
-          rest: Mapping[str, float], model: GravityModel | None) -> None:
-    if model is not None and model.applied.effects:
-        applied = ', '.join(effect.target for effect in model.applied.effects)
-        terminal.show(f'the model already includes {applied}')
-    terminal.show('', _data_table(diagnosis, motion, rest))
-    if diagnosis.findings:
-        terminal.show(_table(diagnosis))
-    show_next_steps(args, diagnosis)
-    terminal.show(*(terminal.styled('yellow', '  •', f' {line}') for line in motion.remarks))
-    untestable = wording.untestable(diagnosis)
-    if untestable:
-        terminal.show('', terminal.styled('bold', 'not identifiable from this recording'),
-                      *(f'  {line}' for line in untestable))
-    terminal.show('')
+def _lines(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts,
+           rest: Mapping[str, float], model: GravityModel | None) -> list[terminal.Line]:
+    applied = [effect.target for effect in model.applied.effects] if model is not None else []
+    untestable = [f'  {line}' for line in wording.untestable(diagnosis)]
+    heading: list[terminal.Line] = [
+        '', terminal.styled('bold', 'not identifiable from this recording')]
+    return [*([f'the model already includes {", ".join(applied)}'] if applied else []),
+            '', _data_table(diagnosis, motion, rest),
+            *([_table(diagnosis)] if diagnosis.findings else []), *next_steps(args, diagnosis),
+            *(terminal.styled('yellow', '  •', f' {line}') for line in motion.remarks),
+            *([*heading, *untestable] if untestable else []), '']
 
 
-def _show_outcomes(planned: list[Outcome]) -> None:
+def _outcome_lines(planned: list[Outcome]) -> list[terminal.Line]:
     rows = [[each.target.name, f'{100 * each.chance:.0f} %', each.verdict,
              'yes' if each.as_expected else 'no', _width(each.half_width, each.unit),
              _width(each.found_half_width, each.unit)] for each in planned]
-    terminal.show('', terminal.table('expectations of the plan', _PLANNED, rows,
-                                     left=('verdict now',)),
-                  summary(planned), '')
+    return ['', terminal.table('expectations of the plan', _PLANNED, rows, left=('verdict now',)),
+            summary(planned), '']
 
 
 def _width(value: float | None, unit: str) -> str:
@@ -214,20 +206,18 @@ def _table(diagnosis: Diagnosis) -> Table:
                           folds=('coefficient, 95 %',))
 
 
-def show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
-    """Show the next commands, with this call's file names, and the open findings."""
-    to_add = diagnosis.to_add
+def next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[terminal.Line]:
+    """Return the next commands, with this call's file names, and the open findings."""
+    to_add, lines = diagnosis.to_add, list[terminal.Line]()
     open_ = [f for f in diagnosis.findings if f.verdict not in FOUND]
     if to_add:
         effects = 'the effect' if len(to_add) == 1 else f'all {len(to_add)} effects together'
-        next_step.show(f'add {effects}', *_add_commands(args, to_add))
+        lines = next_step.lines(f'add {effects}', *_add_commands(args, to_add))
     elif not diagnosis.findings and args.model is not None:
-        next_step.show('nothing to add; plot measured and predicted torque',
-                       next_step.command('replay', args, '-o', 'replay.mcap', model=args.model,
-                                         bags=args.bags[:1]))
-    if open_:
-        _show_open(args, open_)
-    terminal.show('')
+        lines = next_step.lines('nothing to add; plot measured and predicted torque',
+                                next_step.command('replay', args, '-o', 'replay.mcap',
+                                                  model=args.model, bags=args.bags[:1]))
+    return [*lines, *(_open_lines(args, open_) if open_ else []), '']
 
 
 def _add_commands(args: argparse.Namespace, targets: Sequence[str]) -> list[str]:
@@ -235,8 +225,7 @@ def _add_commands(args: argparse.Namespace, targets: Sequence[str]) -> list[str]
     if not targets:
         return []
     model = args.model or next_step.new_name()
-    add = _add(args, targets, model)
-    return [add] if args.model is not None else [_fit_command(args, model), add]
+    return [*_fit_command(args, model), _add(args, targets, model)]
 
 
 def _add(args: argparse.Namespace, targets: Sequence[str], model: Path | str) -> str:
@@ -244,30 +233,26 @@ def _add(args: argparse.Namespace, targets: Sequence[str], model: Path | str) ->
     return next_step.command('add', args, bags=bags, model=model)
 
 
-def _fit_command(args: argparse.Namespace, model: Path | str) -> str:
-    return next_step.command('fit', args, '-o', str(model))
+def _fit_command(args: argparse.Namespace, model: Path | str) -> list[str]:
+    """Return the command that fits the model, if the user named none."""
+    return [] if args.model is not None else [next_step.command('fit', args, '-o', str(model))]
 
 
-def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
-    terminal.show('', terminal.styled('bold', 'open', f': {counted(len(findings), "finding")}'),
-                  *(f'  {line}' for finding in findings for line in _open_lines(finding)))
-    motions = [f for f in findings if f.next_step and f.effect is not None]
-    if motions:
+def _open_lines(args: argparse.Namespace, findings: Sequence[Finding]) -> list[terminal.Line]:
+    """Return lines on open findings, their alternatives and their motion."""
+    lines: list[terminal.Line] = [
+        '', terminal.styled('bold', 'open', f': {counted(len(findings), "finding")}')]
+    for finding in findings:
+        lines.append(f'  {finding.effect or "unknown"} on {wording.where(finding)}: '
+                     f'{finding.verdict}, {_WHY_OPEN[finding.verdict]}')
+        if finding.rivals:
+            lines.append(f'    alternative: {", ".join(finding.rivals)}, with similar evidence')
+        if finding.next_step:
+            lines.append(f'    to resolve it: {finding.next_step}')
+    if any(f.next_step and f.effect is not None for f in findings):
         model = args.model or next_step.new_name()
-        fit = [] if args.model is not None else [_fit_command(args, model)]
-        next_step.show('plan the motion that resolves them, record it, and diagnose all '
-                       'recordings together', *fit,
-                       next_step.command('plan', args, '-o', next_step.new_name('motion', 'yaml'),
-                                         model=model))
-
-
-def _open_lines(finding: Finding) -> list[str]:
-    """Return lines on an open finding, its alternatives and its motion."""
-    name = finding.effect or 'unknown'
-    lines = [f'{name} on {wording.where(finding)}: {finding.verdict}, '
-             f'{_WHY_OPEN[finding.verdict]}']
-    if finding.rivals:
-        lines.append(f'  alternative: {", ".join(finding.rivals)}, with similar evidence')
-    if finding.next_step:
-        lines.append(f'  to resolve it: {finding.next_step}')
+        lines += next_step.lines(
+            'plan the motion that resolves them, record it, and diagnose all recordings together',
+            *_fit_command(args, model), next_step.command(
+                'plan', args, '-o', next_step.new_name('motion', 'yaml'), model=model))
     return lines

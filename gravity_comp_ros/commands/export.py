@@ -31,7 +31,7 @@ _OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
 _NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload', 'in_motion', 'add'))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> terminal.Answer:
     """Export the model, and show the result."""
     _check_usage(args)
     model = load_model(args.model)
@@ -49,15 +49,9 @@ def run(args: argparse.Namespace) -> int:
                            if effect.target in result['not_added'])
         warnings.append(f'found in the recordings, but not exported, since it is not added to the '
                         f'model: {listed}')
-
-    def show() -> None:
-        terminal.show(*lines)
-        if add is not None:
-            next_step.show('add it, with the recordings and reading options of the fit, and '
-                           'export again', add)
-
-    terminal.answer(args, document, show, *warnings)
-    return 0
+        lines = [*lines, *next_step.lines('add it, with the recordings and reading options of the '
+                                          'fit, and export again', add)]
+    return terminal.Answer(document, lines, warnings)
 
 
 def _add_command(args: argparse.Namespace, model: GravityModel,

@@ -13,6 +13,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import (
     compare_model, known_arm, learn, Learned, LearnOptions, with_enough_motion)
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import fitted_sentence
@@ -26,7 +27,7 @@ from rich.table import Table
 _SHOWN = 8
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Fit, compare with held-out data, save and show."""
     options = LearnOptions(args.formulation, arguments.axes_options(args),
                            args.joints is not None)
@@ -56,21 +57,22 @@ def run(args: argparse.Namespace) -> int:
         document |= {**refit.to_json(), 'warnings': warnings}
     for name, error in held_out.joints.items() if held_out else ():
         document['joints'][name]['held_out'] = asdict(error)
-    terminal.answer(args, document, lambda: _show(args, learned, held_out, seconds),
-                    *([axes.problem] if axes.problem else []),
-                    *(each.sentence for each in facts), *warnings)
-    return 0
+    # In the document they are part of the report.
+    return Answer(document, _lines(args, learned, held_out, seconds),
+                  [*(result.report.warnings if args.json != '-' else ()),
+                   *([axes.problem] if axes.problem else []),
+                   *(each.sentence for each in facts), *warnings])
 
 
-def _show(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
-          seconds: float) -> None:
+def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
+           seconds: float) -> list[terminal.Line]:
     fitted, arm, result = learned.recording, learned.arm, learned.result
-    terminal.show(*reading.lines(_unthinned(fitted)), *arm.axes.notes,
-                  f'joint order: {arm.order.source}')
-    if fitted.holdout:
-        terminal.show(_holdout_sentence(fitted, fitted.holdout, result.report.n_samples))
     effects, choice = fitted_sentence(result.model), result.report.choice
-    terminal.show(
+    saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
+    return [
+        *reading.lines(_unthinned(fitted)), *arm.axes.notes, f'joint order: {arm.order.source}',
+        *([_holdout_sentence(fitted, fitted.holdout, result.report.n_samples)]
+          if fitted.holdout else []),
         '', _joint_table(result, held_out), _solver_sentence(result),
         *([f'{effects} (`gravity_comp diagnose` identifies them)'] if effects else []),
         'RMSE is the error of the prediction; the remaining error is that with all fitted terms',
@@ -79,28 +81,22 @@ def _show(args: argparse.Namespace, learned: Learned, held_out: Comparison | Non
                         'second joint)'),
         *(terminal.styled('bold', f'  {joint}',
                           f' = {shortened(result.model.equation(joint), _SHOWN)}')
-          for joint in result.model.joints))
-    terminal.warn(*result.report.warnings)
-    saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
-    terminal.show('', f'fitted in {seconds:.2f} s; {saved}')
-    _show_next_step(args)
-    if learned.refit:
-        terminal.show('', refitting.fitted_sentence(learned.refit),
-                      refitting.error_table(learned.refit), *refitting.effect_lines(learned.refit))
+          for joint in result.model.joints),
+        '', f'fitted in {seconds:.2f} s; {saved}', *_next_step(args),
+        *(['', *refitting.lines(learned.refit)] if learned.refit else [])]
 
 
-def _show_next_step(args: argparse.Namespace) -> None:
+def _next_step(args: argparse.Namespace) -> list[terminal.Line]:
     if args.output is None:
-        next_step.show('repeat the fit and save the model',
-                       f'{args.command} -o {next_step.new_name()}')
-    elif args.holdout:
-        next_step.show('compare with the held-out data, then identify missing effects',
-                       next_step.command('compare', args, '--holdout', model=args.output),
-                       next_step.command('diagnose', args, model=args.output))
-    else:
-        next_step.show('identify missing effects, with the fitted recordings and any others of '
-                       'this arm (`compare` requires other recordings)',
-                       next_step.command('diagnose', args, model=args.output))
+        return next_step.lines('repeat the fit and save the model',
+                               f'{args.command} -o {next_step.new_name()}')
+    diagnose = next_step.command('diagnose', args, model=args.output)
+    if args.holdout:
+        return next_step.lines(
+            'compare with the held-out data, then identify missing effects',
+            next_step.command('compare', args, '--holdout', model=args.output), diagnose)
+    return next_step.lines('identify missing effects, with the fitted recordings and any others '
+                           'of this arm (`compare` requires other recordings)', diagnose)
 
 
 def _unthinned(recording: Recording) -> Recording:

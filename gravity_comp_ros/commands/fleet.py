@@ -17,7 +17,7 @@ from gravity_comp_ros.fleet.run import find_robots, FleetOptions, Outcome, run_f
 from gravity_comp_ros.printable import counted
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> terminal.Answer:
     """Fit or diagnose every robot and report the result of each."""
     for name in args.effects or ():
         known_effect(name)
@@ -30,13 +30,13 @@ def run(args: argparse.Namespace) -> int:
     terminal.warn(*([cluster.warning] if cluster.warning else []))
     with terminal.progress() as report:
         outcome = run_fleet(robots, args.output, options, cluster, report)
-    terminal.answer(
-        args, vars(outcome), lambda: _show(args.what, outcome), *(
-            f'omitted: {name}: {reason}' for name, reason in (
-                *outcome.failed_bags.items(), *outcome.failed_robots.items())))
+    answer = terminal.Answer(vars(outcome), _lines(args.what, outcome), [
+        f'omitted: {name}: {reason}' for name, reason in (
+            *outcome.failed_bags.items(), *outcome.failed_robots.items())])
     if not outcome.robots:
+        answer.give(args.json)
         raise BagError(f'no robot of {args.folder} has a result')
-    return 0
+    return answer
 
 
 def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
@@ -55,7 +55,7 @@ def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
                           f'name another file')
 
 
-def _show(what: str, outcome: Outcome) -> None:
+def _lines(what: str, outcome: Outcome) -> list[terminal.Line]:
     columns, rows = ['robot', 'findings', 'file'], []
     if what == 'fit':
         columns = ['robot', 'bags', 'samples', 'worst RMSE N·m', 'model']
@@ -63,11 +63,11 @@ def _show(what: str, outcome: Outcome) -> None:
         rows.append([name, str(entry['bags']), str(entry['samples']),
                      f'{max(entry["rmse"].values()):.4f}', entry['model']] if what == 'fit'
                     else [name, _findings(entry['findings']), entry['diagnosis']])
-    terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
-                                 left=('findings', 'model', 'file')))
-    terminal.show(f'omitted: {counted(len(outcome.failed_bags), "bag")} and '
-                  f'{counted(len(outcome.failed_robots), "robot")}; '
-                  f'{counted(outcome.resumed, "result")} from an earlier run')
+    return [terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
+                           left=('findings', 'model', 'file')),
+            f'omitted: {counted(len(outcome.failed_bags), "bag")} and '
+            f'{counted(len(outcome.failed_robots), "robot")}; '
+            f'{counted(outcome.resumed, "result")} from an earlier run']
 
 
 def _findings(findings: Sequence[Mapping[str, Any]]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands.arguments import message_of
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import GravityCompError
@@ -18,7 +19,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.markup import html_page, text
 
-Run = Callable[[argparse.Namespace], int]
+Run = Callable[[argparse.Namespace], Answer]
 
 
 def with_error_page(page_module: str) -> Callable[[Run], Run]:
@@ -31,7 +32,7 @@ def with_error_page(page_module: str) -> Callable[[Run], Run]:
     """
     def decorated(verb: Run) -> Run:
         @wraps(verb)
-        def run(args: argparse.Namespace) -> int:
+        def run(args: argparse.Namespace) -> Answer:
             if args.html is None:
                 return verb(args)
             import_module(f'gravity_comp_ros.report.{page_module}')

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from dataclasses import replace
 
 from gravity_comp_ros.api.arm_facts import arm_facts
 from gravity_comp_ros.api.read import joined, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SLOW_SAMPLES
-from gravity_comp_ros.commands import next_step
+from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
-from gravity_comp_ros.commands.terminal import (
-    answer, command, progress, show, styled, table)
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -21,15 +18,16 @@ from gravity_comp_ros.facts.motion import describe, MOTION, RecordingFacts
 from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.recordings.cleaning import listed
 
 _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 'green',
             Action.REFUSED: 'red'}
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> terminal.Answer:
     options = replace(read_options(args), refuse=False)
     slow = gate(args) or GateOptions()
-    with progress() as report:
+    with terminal.progress() as report:
         recordings = read_each(args.bags, options, report)
         facts = []
         for each in recordings:
@@ -43,18 +41,13 @@ def run(args: argparse.Namespace) -> int:
         together = arm.of(joined(recordings, slow))
         refusals = [fact for each, _ in facts for fact in refused(each.facts)]
         enough = _enough(together, arm, refusals)
-
-    def show_all() -> None:
-        for each in facts:
-            _show(*each)
-        if enough is not None and (missing := enough.facts()):
-            _show_facts(missing)
-            show('')
-        _show_next_step(args, facts, refusals)
-
-    answer(args, {'recordings': [_to_json(*each) for each in facts],
-                  'motion': None if enough is None else enough.to_json()}, show_all)
-    return 0
+    missing = [] if enough is None else enough.facts()
+    return terminal.Answer(
+        {'recordings': [_to_json(*each) for each in facts],
+         'motion': None if enough is None else enough.to_json()},
+        [*(line for each in facts for line in _lines(*each)),
+         *([*map(_fact_line, missing), ''] if missing else []),
+         *_next_step(args, facts, refusals)])
 
 
 def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough | None:
@@ -72,13 +65,12 @@ def _to_json(report: ReadReport, facts: RecordingFacts) -> dict[str, object]:
     return {'path': str(report.path), **report.to_json(), **facts.to_json(), 'facts': every}
 
 
-def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, RecordingFacts]],
-                    refusals: list[Fact]) -> None:
-    """Show the command of the fit, with inverted effort where friction has the wrong sign."""
+def _next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, RecordingFacts]],
+               refusals: list[Fact]) -> list[terminal.Line]:
+    """Return the command of the fit, with inverted effort where friction has the wrong sign."""
     other = [fact for fact in refusals if fact.kind is not Kind.EFFORT_SIGN]
     if other:
-        next_step.show('correct what is refused above; `fit` refuses it too')
-        return
+        return next_step.lines('correct what is refused above; `fit` refuses it too')
     inverted = {name for fact in refusals for name in fact.joints}
     why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
     if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
@@ -86,13 +78,15 @@ def _show_next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport,
     if inverted:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
             recordings[0][0], inverted)})
-    next_step.show(why, next_step.command('fit', args, '-o', next_step.new_name()))
+    lines = next_step.lines(why, next_step.command('fit', args, '-o', next_step.new_name()))
     has_unit = any(fact.kind is Kind.EFFORT_UNIT for report, _ in recordings
                    for fact in report.facts)
     if not has_unit and not any(report.effort_scale for report, _ in recordings):
-        show('The unit of effort cannot be checked by a recording alone: N·cm or mN·m of this '
-             'size look like N·m of a heavier arm. To compare with the masses of a description:',
-             command(next_step.command('check', args, '--urdf', str(args.urdf or 'robot.urdf'))))
+        lines += ['The unit of effort cannot be checked by a recording alone: N·cm or mN·m of '
+                  'this size look like N·m of a heavier arm. To compare with the masses of a '
+                  'description:', terminal.command(next_step.command(
+                      'check', args, '--urdf', str(args.urdf or 'robot.urdf')))]
+    return lines
 
 
 def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:
@@ -103,23 +97,21 @@ def _scales(report: ReadReport, inverted: set[str]) -> dict[str, float]:
             * (-1.0 if name in inverted else 1.0) for name in names}
 
 
-def _show(report: ReadReport, facts: RecordingFacts) -> None:
-    show(styled('bold', str(report.path), f'  topic {report.topic}'),
-         f'{counted(report.n_samples, "sample")} at {report.rate_hz:.4g} Hz over '
-         f'{report.duration_s:.4g} s, velocity {report.velocity}')
-    if report.dropped:
-        dropped = ', '.join(f'{count} {reason}' for reason, count in report.dropped.items())
-        show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
-             f'{dropped}')
-    show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
-    show(table('', ('joint', *MOTION), [(name, *joint.cells())
-                                        for name, joint in facts.joints.items()]))
-    show(*(styled('yellow', '  •', f' {line}') for line in report.file_notes))
-    _show_facts((*report.facts, *facts.motion))
-    show('')
+def _lines(report: ReadReport, facts: RecordingFacts) -> list[terminal.Line]:
+    dropped = [f'dropped {sum(report.dropped.values())} of '
+               f'{counted(report.n_messages, "message")}: {listed(report.dropped)}']
+    return [
+        terminal.styled('bold', str(report.path), f'  topic {report.topic}'),
+        f'{counted(report.n_samples, "sample")} at {report.rate_hz:.4g} Hz over '
+        f'{report.duration_s:.4g} s, velocity {report.velocity}',
+        *(dropped if report.dropped else []),
+        f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}',
+        terminal.table('', ('joint', *MOTION), [(name, *joint.cells())
+                                                for name, joint in facts.joints.items()]),
+        *(terminal.styled('yellow', '  •', f' {line}') for line in report.file_notes),
+        *map(_fact_line, (*report.facts, *facts.motion)), '']
 
 
-def _show_facts(facts: Iterable[Fact]) -> None:
-    for fact in facts:
-        word = 'refused: ' * (fact.action is Action.REFUSED)
-        show(styled(_COLOURS[fact.action], '  •', f' {word}{fact.sentence}'))
+def _fact_line(fact: Fact) -> terminal.Line:
+    word = 'refused: ' * (fact.action is Action.REFUSED)
+    return terminal.styled(_COLOURS[fact.action], '  •', f' {word}{fact.sentence}')

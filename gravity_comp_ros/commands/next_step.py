@@ -27,13 +27,18 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
     return shlex.join([*line, *read_options(args).words(joints=model is None), *more])
 
 
+def check_recordings(*paths: Path) -> list[terminal.Line]:
+    """Return the next step after recordings are written."""
+    return lines(f'check the {"recording" if len(paths) == 1 else "recordings"}',
+                 shlex.join(['gravity_comp', 'info', *map(str, paths)]))
+
+
 def new_name(stem: str = 'arm', ending: str = 'json') -> str:
     """Return an unused file name: `stem.ending`, or with a number from 2."""
     names = [f'{stem}.{ending}', *(f'{stem}_{n}.{ending}' for n in range(2, 100))]
     return next((name for name in names if not Path(name).exists()), names[0])
 
 
-def show(text: str, *commands: str) -> None:
-    """Show the next step: its purpose, and its commands, one per line."""
-    terminal.show(terminal.styled('bold', 'next step', f': {text}'),
-                  *map(terminal.command, commands))
+def lines(text: str, *commands: str) -> list[terminal.Line]:
+    """Return the next step: its purpose, and its commands, one per line."""
+    return [terminal.styled('bold', 'next step', f': {text}'), *map(terminal.command, commands)]

@@ -20,7 +20,7 @@ from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> terminal.Answer:
     """Plan, write the motion, and show its expected results."""
     model = load_model(args.model)
     args.joints = model.joints
@@ -39,12 +39,11 @@ def run(args: argparse.Namespace) -> int:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
     comments = [part.sentence for part in planned.parts]
     write_trajectory(args.output, trajectory, comments, args.goal)
-    terminal.answer(args, {**planned.to_json(), 'output': str(args.output), 'links': links,
-                           'links_checked': check is not None,
-                           'bags': [r.to_json() for r in recording.reports]},
-                    lambda: _show(args, planned, links), *planned.notes,
-                    *_advice(planned, options, model))
-    return 0
+    document = {**planned.to_json(), 'output': str(args.output), 'links': links,
+                'links_checked': check is not None,
+                'bags': [r.to_json() for r in recording.reports]}
+    return terminal.Answer(document, _lines(args, planned, links),
+                           [*planned.notes, *_advice(planned, options, model)])
 
 
 def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> PlanOptions:
@@ -77,26 +76,27 @@ def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArra
     return low + 0.02 * (high - low), high - 0.02 * (high - low)
 
 
-def _show(args: argparse.Namespace, planned: MotionPlan, links: str) -> None:
+def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[terminal.Line]:
     length = f'{planned.trajectory.duration:.1f} s'
-    terminal.show(terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
-                  *(f'  {part.sentence}' for part in planned.parts))
-    rows = [each.row() for each in planned.expectations]
-    terminal.show('', terminal.table('expected results', EXPECTED, rows, EXPECTED[3:]))
-    terminal.show(*(f'  {each.sentence}' for each in planned.gravity))
     start = ', '.join(f'{value:.3f}' for value in planned.trajectory.q[0])
-    terminal.show('', f'move the arm to {start} rad first',
-                  links,
-                  'obstacles are not checked: keep the space around the arm clear',
-                  f'written to {args.output}')
     # Suggest a name for the recording of the motion.
     bags = [*args.bags, Path(args.output).with_suffix('.mcap')]
     if bags[-1] == args.output:
         bags[-1] = bags[-1].with_stem(f'{bags[-1].stem}_played')
-    next_step.show(f'play the motion on the arm (see `gravity_comp plan --help`), record it as '
-                   f'{bags[-1]}, and diagnose all recordings together',
-                   next_step.command('diagnose', args, *_expected(args), bags=bags,
-                                     model=args.model))
+    expected = ['--plan', str(args.json)] if args.json and args.json != '-' else []
+    return [
+        terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
+        *(f'  {part.sentence}' for part in planned.parts), '',
+        terminal.table('expected results', EXPECTED, [e.row() for e in planned.expectations],
+                       EXPECTED[3:]),
+        *(f'  {each.sentence}' for each in planned.gravity), '',
+        f'move the arm to {start} rad first', links,
+        'obstacles are not checked: keep the space around the arm clear',
+        f'written to {args.output}',
+        *next_step.lines(f'play the motion on the arm (see `gravity_comp plan --help`), record it '
+                         f'as {bags[-1]}, and diagnose all recordings together',
+                         next_step.command('diagnose', args, *expected, bags=bags,
+                                           model=args.model))]
 
 
 def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> list[str]:
@@ -111,7 +111,3 @@ def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> l
         lines.append(f'a gravity model with known axes is collinear with fewer effects, which may '
                      f'resolve {names}: `gravity_comp fit --urdf FILE`, then plan with that model')
     return lines
-
-
-def _expected(args: argparse.Namespace) -> list[str]:
-    return ['--plan', str(args.json)] if args.json and args.json != '-' else []

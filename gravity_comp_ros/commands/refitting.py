@@ -20,7 +20,6 @@ from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
-from rich.text import Text
 
 NOTHING_HELD_OUT = 'the model was fitted to all of these bags: none of their data was held out'
 
@@ -102,32 +101,23 @@ def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Gravity
     return back
 
 
-def fitted_sentence(result: Refit) -> str:
-    """Return a sentence with the number of fitted samples."""
+def lines(result: Refit) -> list[terminal.Line]:
+    """Return the size of the fit, the held-out errors, and added and omitted effects."""
     kind = '' if result.all_speeds else 'slow '
     hint = '' if result.all_speeds else ' (--all-samples includes fast samples)'
-    return f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}'
-
-
-def error_table(result: Refit) -> Table:
-    """Return the table of held-out errors by joint, before and after."""
     rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
              percent(e.nrmse_after), change(e.before, e.after))
             for name, e in result.errors.items()]
-    return terminal.table('held-out error: N·m, and share of the torque range',
-                          ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
-
-
-def effect_lines(result: Refit) -> list[Text | str]:
-    """Return lines on added and omitted effects."""
-    lines: list[Text | str] = []
-    for effect in result.model.applied.effects:
-        if effect.target in result.added:
-            numbers = filter(None, (wording.coefficients(effect.coefficients, 6),
-                                    wording.settings(effect)))
-            lines.append(terminal.styled('bold', f'added {effect.target}',
-                                         f': {", ".join(numbers)}'))
-    return lines + [f'omitted {name}: {why}' for name, why in result.skipped.items()]
+    added = {effect.target: ', '.join(filter(None, (
+        wording.coefficients(effect.coefficients, 6), wording.settings(effect))))
+        for effect in result.model.applied.effects if effect.target in result.added}
+    return [
+        f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}',
+        '', terminal.table('held-out error: N·m, and share of the torque range',
+                           ['joint', 'before', 'after', 'before', 'after', 'change'], rows),
+        *(terminal.styled('bold', f'added {name}', f': {numbers}')
+          for name, numbers in added.items()),
+        *(f'omitted {name}: {why}' for name, why in result.skipped.items())]
 
 
 def warnings(result: Refit) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
-from gravity_comp_ros.commands.terminal import answer, note, show, table
+from gravity_comp_ros.commands.terminal import Answer, note, table
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
@@ -21,7 +21,7 @@ PREDICTION = '/gravity_comp/prediction'
 RESIDUAL = '/gravity_comp/residual'
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     model = load_model(args.model)
     options = read_options(args)
     # The bag may contain other joints, such as a gripper.
@@ -37,20 +37,17 @@ def run(args: argparse.Namespace) -> int:
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
     errors = [(joint, float(np.sqrt(np.mean(column ** 2))), float(np.abs(column).max()))
               for joint, column in zip(samples.names, residual.T)]
-
-    def show_errors() -> None:
+    if args.json != '-':
         for line in recording.report.notes:
             note(line)
-        show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
-                   [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]),
-             f'wrote {args.output}: {counted(count, "message")} on /joint_states, '
-             f'{PREDICTION} and {RESIDUAL}',
-             'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both')
-
-    answer(args, {'output': str(args.output), 'n': len(samples),
-                  'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
-                  'outside_trained_range': outside, 'notes': recording.report.notes}, show_errors,
-           *scale_warnings(model, [recording.report]), *(
-               [f'{100 * outside:.0f} % of the samples are outside the trained range of the model']
-               if outside > 0 else []))
-    return 0
+    beyond = [f'{100 * outside:.0f} % of the samples are outside the trained range of the model']
+    return Answer(
+        {'output': str(args.output), 'n': len(samples),
+         'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
+         'outside_trained_range': outside, 'notes': recording.report.notes},
+        [table('Residual', ('joint', 'rms N·m', 'max N·m'),
+               [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]),
+         f'wrote {args.output}: {counted(count, "message")} on /joint_states, {PREDICTION} and '
+         f'{RESIDUAL}',
+         'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both'],
+        [*scale_warnings(model, [recording.report]), *beyond * (outside > 0)])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from math import radians
 from pathlib import Path
-import shlex
 
-from gravity_comp_ros.commands import next_step, terminal
+from gravity_comp_ros.commands import next_step
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.commands.usage.files import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
@@ -25,7 +25,7 @@ _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5)
 _MAX_SAMPLES = 1e6
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     arm = _arm(args)
     motion = _motion(args, arm)
     hidden_effects = [hidden(text, arm) for text in args.hidden]
@@ -34,23 +34,17 @@ def run(args: argparse.Namespace) -> int:
               'hidden': [effect.to_json() for effect in hidden_effects]}
     write_bag(args.output, [joint_states(samples, args.topic)],
               metadata={'gravity_comp_synth': origin})
-    notes = _limit_violations(arm, samples)
-
-    def show() -> None:
-        size = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
-        payload = f' with {args.payload:g} kg' if args.payload else ''
-        terminal.show(f'wrote {args.output}: {arm.name}{payload}, motion {motion.name}, {size}, '
-                      f'{samples.t[-1] - samples.t[0]:.4g} s',
-                      *(f'hidden: {effect}' for effect in hidden_effects))
-        next_step.show('check the recording',
-                       shlex.join(['gravity_comp', 'info', str(args.output)]))
-
-    terminal.answer(
-        args, {'output': str(args.output), 'joints': samples.names, 'n_samples': len(samples),
-               'duration_s': samples.t[-1] - samples.t[0], 'motion': args.motion,
-               'seed': args.seed, 'payload_kg': args.payload, 'hidden': args.hidden,
-               'notes': notes, 'hidden_sizes': origin['hidden']}, show, *notes)
-    return 0
+    notes, duration = _limit_violations(arm, samples), samples.t[-1] - samples.t[0]
+    payload = f' with {args.payload:g} kg' if args.payload else ''
+    return Answer(
+        {'output': str(args.output), 'joints': samples.names, 'n_samples': len(samples),
+         'duration_s': duration, 'motion': args.motion, 'seed': args.seed,
+         'payload_kg': args.payload, 'hidden': args.hidden, 'notes': notes,
+         'hidden_sizes': origin['hidden']},
+        [f'wrote {args.output}: {arm.name}{payload}, motion {motion.name}, '
+         f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}, '
+         f'{duration:.4g} s', *(f'hidden: {effect}' for effect in hidden_effects),
+         *next_step.check_recordings(args.output)], notes)
 
 
 def _arm(args: argparse.Namespace) -> arms.Arm:

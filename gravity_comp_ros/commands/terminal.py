@@ -7,9 +7,9 @@ file may contain, are escaped.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 import json
 import math
 import os
@@ -163,28 +163,39 @@ def progress() -> Iterator[ProgressCallback]:
     yield report
 
 
-def answer(args: argparse.Namespace, document: Mapping[str, Any], show: Callable[[], None],
-           *warnings: str) -> None:
+@dataclass(frozen=True)
+class Answer:
     """
-    Give the result of a verb: text and warnings, and with --json the document.
+    Result of a verb: the `document` of --json, the text in `lines`, `warnings`, exit `status`.
 
     NaN and infinity become null. The first key is `schema`, the version of the document
     (docs/json.md); it increases when a key is removed or changes its meaning. A file is written
     atomically.
-
-    :param show: prints the text; not called if the document is printed.
     """
-    if args.json != '-':
-        show()
-    warn(*warnings)
-    if not args.json:
-        return
-    text = json.dumps(_plain({'schema': SCHEMA, **document}), indent=2,
-                      ensure_ascii=args.json == '-', allow_nan=False)
-    if args.json == '-':
-        print(text, flush=True)
-    else:
-        write_atomically(Path(args.json), (text + '\n').encode(), error=GravityCompError)
+
+    document: Mapping[str, Any]
+    lines: Sequence[Line]
+    warnings: Sequence[str] = ()
+    status: int = 0
+
+    def give(self, json_file: str | None) -> int:
+        """
+        Print the result and return the exit status.
+
+        :param json_file: file of the document, '-' to print it instead of the text, or None.
+        """
+        is_printed = json_file == '-'
+        if not is_printed:
+            show(*self.lines)
+        warn(*self.warnings)
+        if json_file:
+            text = json.dumps(_plain({'schema': SCHEMA, **self.document}), indent=2,
+                              ensure_ascii=is_printed, allow_nan=False)
+            if is_printed:
+                print(text, flush=True)
+            else:
+                write_atomically(Path(json_file), (text + '\n').encode(), GravityCompError)
+        return self.status
 
 
 def _plain(value: Any) -> Any:

@@ -7,21 +7,21 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
-from gravity_comp_ros.api.axes import known_axes, KnownAxes, NO_DESCRIPTION
-from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.axes import known_axes, NO_DESCRIPTION
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.joint_gains import OF_UPDATE
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
-from gravity_comp_ros.export.payload_lines import in_frame, millimetres, Payload, payload_of
+from gravity_comp_ros.export.payload_lines import in_frame, millimetres, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> Answer:
     """Update the model, show what changed, and write it."""
     if args.undo == bool(args.bags):
         args.parser.error('name at least one bag with the new payload, or give --undo alone')
@@ -32,20 +32,18 @@ def run(args: argparse.Namespace) -> int:
     return _undo(args, model, target) if args.undo else _update(args, model, target)
 
 
-def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
+def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> Answer:
     last = next((s for s in reversed(model.history) if s.previous is not None), None)
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is not an update but the addition of '
                           f'{", ".join(last.effects)} (`gravity_comp add --undo`)')
     refitting.undo(args, model, target)
     undone = 'would be undone' if args.dry_run else 'undone'
-    terminal.answer(
-        args, {'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
-        lambda: terminal.show(f'last update of {target} {undone}'))
-    return 0
+    return Answer({'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
+                  [f'last update of {target} {undone}'])
 
 
-def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
+def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answer:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report)
@@ -74,26 +72,21 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         'effects': [effect.target for effect in result.model.applied.effects],
         'description': axes.to_json(), 'warnings': warnings,
         'flange': None if flange is None else flange.to_json(), **recording.to_json()}
-    terminal.answer(args, document,
-                    lambda: _show(args, recording, axes, result, target, flange), *warnings)
-    return 0
+    drive = [] if flange is None else [f'for a drive: {flange.sentence()}']
+    return Answer(document, [
+        *reading.lines(recording), *axes.notes, '', _joint_table(result),
+        *_payload_lines(result.report.payload), *drive, '', *_written(args, target)], warnings)
 
 
-def _show(args: argparse.Namespace, recording: Recording, axes: KnownAxes,
-          result: UpdateResult, target: Path, flange: Payload | None) -> None:
-    terminal.show(*reading.lines(recording), *axes.notes)
-    terminal.show('', _joint_table(result), *_payload_lines(result.report.payload))
-    if flange is not None:
-        terminal.show(f'for a drive: {flange.sentence()}')
+def _written(args: argparse.Namespace, target: Path) -> list[terminal.Line]:
+    """Return lines on the written model, and the next step."""
     if args.dry_run:
-        terminal.show('', 'nothing written (--dry-run)')
-        return
-    terminal.show('', f'written to {target}')
-    if target == args.model:
-        terminal.show('to undo:', terminal.command(shlex.join(
-            ['gravity_comp', 'update', '--undo', '--model', str(target)])))
-    next_step.show('compare with the new payload, preferably on another recording of it',
-                   next_step.command('compare', args, model=target))
+        return ['nothing written (--dry-run)']
+    undo: list[terminal.Line] = ['to undo:', terminal.command(shlex.join(
+        ['gravity_comp', 'update', '--undo', '--model', str(target)]))]
+    return [f'written to {target}', *(undo if target == args.model else []),
+            *next_step.lines('compare with the new payload, preferably on another recording of it',
+                             next_step.command('compare', args, model=target))]
 
 
 def _joint_table(result: UpdateResult) -> Table:

@@ -9,7 +9,8 @@ import shlex
 from bench.shared.command_line import refused, run_json
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.commands.diagnose import show_next_steps
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.diagnose import next_steps
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
 from gravity_comp_ros.diagnosis.wording import sentence
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
@@ -144,7 +145,7 @@ def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, m
                 finding('torque_offset', 'ambiguous', ('joint_spring',),
                         to_add=('torque_offset:shoulder', 'joint_spring:shoulder')),
                 finding('viscous_friction', 'weak'), finding(None, 'unexplained'))
-    show_next_steps(args, Diagnosis(findings, {}))
+    terminal.show(*next_steps(args, Diagnosis(findings, {})))
     output = capsys.readouterr().out
     commands = [shlex.split(line)[1:] for line in output.splitlines()
                 if line.startswith('  gravity_comp ')]
@@ -170,7 +171,7 @@ def test_a_finding_that_is_predicted_with_gravity_stays_open_unless_it_is_establ
     own = {'is_predicted': True, 'next_step': 'move it'}
     untestable, established = (replace(finding('joint_spring', verdict), **own)
                                for verdict in ('untestable', 'established'))
-    show_next_steps(args, Diagnosis((untestable, established), {}))
+    terminal.show(*next_steps(args, Diagnosis((untestable, established), {})))
     output = capsys.readouterr().out
     assert 'open: 1 finding\n' in output and 'gravity_comp add' not in output
     assert 'predicted together with gravity already' in sentence(established)
