@@ -23,7 +23,7 @@ from gravity_comp_ros.calibration.known_weight import (
     calibrate, Weight, WeightCalibration, WeightOptions)
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.links import described_arm, urdf_inertials
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.simulation.arms import Payload, with_payload
 import numpy as np
@@ -61,7 +61,7 @@ def trial(name: str, seed: int, is_known: bool,
     try:
         return calibrate(*parts, described, weight,
                          WeightOptions(same_offset=is_same),
-                         urdf_inertials(text, described, name)), constants
+                         described.inertials()), constants
     except DataError:  # no joint
         return WeightCalibration({}, {}, {}, {}, {}), constants
 

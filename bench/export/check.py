@@ -26,7 +26,7 @@ from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.description.links import described_arm, urdf_inertials
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
@@ -108,7 +108,7 @@ def _with_camera(text: str, rng: np.random.Generator) -> str:
 def checked(text: str, samples: JointSamples) -> DescriptionCheck:
     """Return the check of a description on a recording."""
     arm = described_arm(text, samples.names)
-    return check_description(slow_samples(samples).samples, arm, urdf_inertials(text, arm, 'URDF'))
+    return check_description(slow_samples(samples).samples, arm, arm.inertials())
 
 
 def trial(name: str, seed: int) -> list[Outcome]:

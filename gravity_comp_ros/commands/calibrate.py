@@ -12,7 +12,6 @@ from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiff
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import Answer
-from gravity_comp_ros.description.links import urdf_inertials
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.payload_lines import millimetres
 from gravity_comp_ros.models.model_file import load_model
@@ -35,13 +34,13 @@ def run(args: argparse.Namespace) -> Answer:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
         reports = (*empty.reports, *loaded.reports)
-        text, source, arm = reading.described(args, replace(empty, reports=reports))
+        arm = reading.described(args, replace(empty, reports=reports))
         weight = Weight(args.link or arm.geometry.link, args.mass,
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
                            arm, weight, WeightOptions(same_offset=args.same_zero),
-                           urdf_inertials(text, arm, source, required=False))
+                           arm.inertials(required=False))
     # Relative to the scales with which the recordings were read.
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
     option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'

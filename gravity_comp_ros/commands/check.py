@@ -6,8 +6,6 @@ import argparse
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import html, reading, terminal
-from gravity_comp_ros.description.links import urdf_inertials
-from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.sentences import (
     error_rows, findings, unchecked_sentences)
@@ -22,13 +20,14 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     """Check the description, and show its faults."""
     with terminal.progress() as report:
         recording = reading.load(args, report)
-        text, source, arm = reading.described(args, recording)
+        arm = reading.described(args, recording)
         report('check', 0.5)
         slow = recording.select_joints(arm.geometry.joints).slow
-        inertials = urdf_inertials(text, arm, source)
+        inertials = arm.inertials()
         result = check_description(slow, arm, inertials)
-        faults = findings(result, arm, parse_tree(text, source), inertials)
+        faults = findings(result, arm, arm.tree, inertials)
         report('check', 1.0)
+    source = arm.tree.source
     unchecked = unchecked_sentences(result)
     if args.html is not None:
         page = check_html(source, result, faults, unchecked, arm, slow.q[len(slow) // 2])

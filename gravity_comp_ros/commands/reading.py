@@ -83,10 +83,9 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
             f'unless the driver has changed, use --effort-scale {scales}']
 
 
-def described(args: argparse.Namespace, recording: Recording
-              ) -> tuple[bytes | str, str, DescribedArm]:
+def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
     """
-    Return text, source for messages, and recorded joints of the description; --fixed are held.
+    Return the arm of the recorded joints in the description; those of --fixed are held.
 
     :raises DataError: if there is none.
     """
@@ -99,7 +98,7 @@ def described(args: argparse.Namespace, recording: Recording
             raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
         text, source = recorded.text, recorded.source
     joints = arm_joints(text, recording.joints, source).joints
-    return text, source, described_arm(text, joints, source, HeldPositions(args.fixed))
+    return described_arm(text, joints, source, HeldPositions(args.fixed))
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

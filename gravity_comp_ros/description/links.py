@@ -6,14 +6,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
-from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    FREE, numbers_of, parse_tree, RobotTree, rotation_of, TreeJoint)
-from gravity_comp_ros.description.urdf import HeldPositions, parse_urdf
+    local, numbers_of, parse_tree, RobotTree, rotation_of)
+from gravity_comp_ros.description.urdf import HeldPositions, LinkPlace, Traversal
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 from gravity_comp_ros.printable import printable, shown_names
@@ -27,29 +25,16 @@ _ROUNDING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class LinkPlace:
-    """
-    A link fixed to the arm: `rotation` (3, 3) and `origin` (3,) in m in frame `joint`.
-
-    Frame number `joint` (from 0) turns with the joint of that number; its z is the axis.
-    """
-
-    joint: int
-    rotation: FloatArray
-    origin: FloatArray
-
-    def then(self, rotation: FloatArray, origin: FloatArray) -> LinkPlace:
-        """Return the place of a frame that has this place in this link."""
-        return LinkPlace(self.joint, self.rotation @ rotation,
-                         self.origin + self.rotation @ origin)
-
-
-@dataclass(frozen=True, eq=False)
 class DescribedArm:
-    """An arm with the places of all links that it carries, by name; the last joint's included."""
+    """
+    An arm with the places of all links that it carries, by name; the last joint's included.
+
+    `tree` are all joints and links of its description.
+    """
 
     geometry: Geometry
     places: Mapping[str, LinkPlace]
+    tree: RobotTree
 
     def place(self, link: str) -> LinkPlace:
         """
@@ -62,6 +47,28 @@ class DescribedArm:
                 f'{self.geometry.source}: the arm carries no link {printable(link)}; it carries '
                 f'{shown_names(list(self.places))}')
         return self.places[link]
+
+    def inertials(self, required: bool = True) -> dict[str, Inertial]:
+        """
+        Return the inertials of the links of the arm, by name.
+
+        :param required: whether some link must have a mass.
+        :raises DataError: if no link of the arm has a mass, or a number is wrong.
+        """
+        result = {}
+        for link in self.tree.root.iter():
+            name = printable(link.get('name', ''))
+            if local(link) != 'link' or name not in self.places:
+                continue
+            parts = {local(part): part for inertial in link if local(inertial) == 'inertial'
+                     for part in inertial}
+            if parts:
+                result[name] = _inertial(parts, name, self.tree.source)
+        if required and not any(inertial.mass > 0.0 for inertial in result.values()):
+            raise DataError(f'{self.tree.source} gives no mass to any link of the arm '
+                            f'({shown_names(list(self.places))}): add an <inertial> with a rough '
+                            f'mass to its links')
+        return result
 
     def to_frames(self, links: Collection[str]) -> FloatArray:
         """
@@ -101,48 +108,16 @@ def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URD
     :raises DataError: if the text is not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     """
-    geometry = parse_urdf(text, joints, source, held)
-    tree = parse_tree(text, source)
-    values = {joint.name: joint.value for joint in geometry.held}
-    places: dict[str, LinkPlace] = {}
-    for number, name in enumerate(geometry.joints):
-        joint = tree.joints[name]
-        places[joint.child] = LinkPlace(number, aligned(joint.axis()).T, np.zeros(3))
-    remaining = {joint.child: joint for joint in tree.joints.values()
-                 if joint.name not in geometry.joints}
-    # Parents first: each pass places the children of the links placed before.
-    placed = list(places)
-    while placed:
-        children = [joint for joint in remaining.values() if joint.parent in placed]
-        for joint in children:
-            places[joint.child] = _beyond(places[joint.parent], tree, joint, values)
-            del remaining[joint.child]
-        placed = [joint.child for joint in children]
-    arm = DescribedArm(geometry, places)
-    reach = float(np.linalg.norm(geometry.origins, axis=1).sum()) + _MIN_REACH
+    known = Traversal(parse_tree(text, source), joints, held)
+    arm = DescribedArm(known.geometry, known.carried(), known.tree)
+    reach = float(np.linalg.norm(known.geometry.origins, axis=1).sum()) + _MIN_REACH
     try:
-        inertials = urdf_inertials(text, arm, source, required=False)
+        inertials = arm.inertials(required=False)
     except DataError:
         # Axes are learned from without masses; what requires masses names the wrong number.
         inertials = {}
     possible = {name: each for name, each in inertials.items() if each.is_possible(reach)}
-    return replace(arm, geometry=replace(geometry, inertials=frame_parameters(arm, possible)))
-
-
-def _beyond(parent: LinkPlace, tree: RobotTree, joint: TreeJoint,
-            values: Mapping[str, float]) -> LinkPlace:
-    place = parent.then(joint.rotation(), joint.origin())
-    if not joint.moves or joint.kind in FREE:
-        return place
-    value = values.get(joint.name)
-    if value is None:
-        rule = joint.mimic
-        leader = None if rule is None else tree.joints.get(rule.joint)
-        value = joint.rest() if rule is None or leader is None \
-            else rule.multiplier * leader.rest() + rule.offset
-    if joint.revolute:
-        return place.then(about(joint.axis(), value), np.zeros(3))
-    return place.then(np.eye(3), value * joint.axis())
+    return replace(arm, geometry=replace(arm.geometry, inertials=frame_parameters(arm, possible)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,30 +164,6 @@ def frame_parameters(arm: DescribedArm, inertials: Mapping[str, Inertial]) -> Fl
     result = np.zeros((arm.geometry.n_joints, len(PARAMETERS)))
     for link, inertial in inertials.items():
         result[arm.place(link).joint] += on_frame(arm, link, inertial)
-    return result
-
-
-def urdf_inertials(text: str | bytes, arm: DescribedArm, source: str,
-                   required: bool = True) -> dict[str, Inertial]:
-    """
-    Return the inertials of the links of an arm, by name.
-
-    :param required: whether some link must have a mass.
-    :raises DataError: if no link of the arm has a mass, or a number is wrong.
-    """
-    result = {}
-    for link in fromstring(text.strip()).iter():
-        name = printable(link.get('name', ''))
-        if not str(link.tag).endswith('link') or name not in arm.places:
-            continue
-        parts = {str(part.tag).rpartition('}')[2]: part for inertial in link
-                 if str(inertial.tag).endswith('inertial') for part in inertial}
-        if parts:
-            result[name] = _inertial(parts, name, source)
-    if required and not any(inertial.mass > 0.0 for inertial in result.values()):
-        raise DataError(f'{source} gives no mass to any link of the arm '
-                        f'({shown_names(list(arm.places))}): add an <inertial> with a rough mass '
-                        f'to its links')
     return result
 
 

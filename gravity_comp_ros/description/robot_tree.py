@@ -54,6 +54,11 @@ class TreeJoint:
         return self.kind != 'fixed'
 
     @property
+    def is_single(self) -> bool:
+        """Return whether the joint has one degree of freedom."""
+        return self.moves and self.kind not in FREE
+
+    @property
     def mimic(self) -> Mimic | None:
         rule = _child(self.element, 'mimic')
         if rule is None:
@@ -98,11 +103,12 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class RobotTree:
-    """All joints of a robot, by name (`joints`) and by child link (`by_child`)."""
+    """All joints of a robot, by name (`joints`) and by child link (`by_child`), in XML `root`."""
 
     joints: dict[str, TreeJoint]
     by_child: dict[str, TreeJoint]
     source: str
+    root: Element
 
     def path(self, name: str) -> list[TreeJoint]:
         """
@@ -129,11 +135,11 @@ def parse_tree(text: str | bytes, source: str) -> RobotTree:
         root = fromstring(_trimmed(text))
     except (ParseError, DefusedXmlException, ValueError, RecursionError) as problem:
         raise DataError(f'{source} is not a URDF: {printable(str(problem))}') from problem
-    if _local(root) != 'robot':
+    if local(root) != 'robot':
         raise DataError(f'{source} is not a URDF: its root is <{printable(root.tag)}>, not '
                         f'<robot>')
     _refuse_xacro(root, source)
-    parsed = [_joint(element, source) for element in root if _local(element) == 'joint']
+    parsed = [_joint(element, source) for element in root if local(element) == 'joint']
     joints: dict[str, TreeJoint] = {}
     by_child: dict[str, TreeJoint] = {}
     for joint in parsed:
@@ -143,7 +149,7 @@ def parse_tree(text: str | bytes, source: str) -> RobotTree:
             raise DataError(f'{source}: link {joint.child} has two parents, joints '
                             f'{by_child[joint.child].name} and {joint.name}')
         joints[joint.name] = by_child[joint.child] = joint
-    return RobotTree(joints, by_child, source)
+    return RobotTree(joints, by_child, source, root)
 
 
 def position_limits(text: str | bytes, joints: Sequence[str],
@@ -169,7 +175,7 @@ def _trimmed(text: str | bytes) -> str | bytes:
 
 
 def _refuse_xacro(root: Element, source: str) -> None:
-    joints = [part for element in root if _local(element) == 'joint' for part in element.iter()]
+    joints = [part for element in root if local(element) == 'joint' for part in element.iter()]
     unexpanded = any('${' in value or '$(' in value
                      for part in joints for value in part.attrib.values())
     # The xacro namespace alone does not count: expanded files may declare it.
@@ -192,10 +198,10 @@ def _joint(element: Element, source: str) -> TreeJoint:
 
 
 def _child(element: Element, tag: str) -> Element | None:
-    return next((child for child in element if _local(child) == tag), None)
+    return next((child for child in element if local(child) == tag), None)
 
 
-def _local(element: Element) -> str:
+def local(element: Element) -> str:
     """Return the tag without its namespace, which some exporters write."""
     return str(element.tag).rpartition('}')[2]
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    arm_path, FREE, parse_tree, RobotTree, TreeJoint)
+    arm_path, parse_tree, RobotTree, TreeJoint)
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
@@ -80,10 +80,7 @@ def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF',
     :raises ModelMismatchError: if it describes another arm.
     :raises OptionError: if `held.fixed` names a joint of the arm or an unknown joint.
     """
-    tree = parse_tree(text, source)
-    path = arm_path(tree, joints)
-    _check_fixed(tree, joints, held)
-    return _Traversal(tree, set(joints), held).geometry(path)
+    return Traversal(parse_tree(text, source), joints, held).geometry
 
 
 def held_joints(text: str | bytes, joints: Collection[str],
@@ -94,76 +91,117 @@ def held_joints(text: str | bytes, joints: Collection[str],
     :raises DataError: as `parse_urdf`.
     :raises ModelMismatchError: as `parse_urdf`.
     """
-    tree = parse_tree(text, source)
-    traversal = _Traversal(tree, set(joints), HeldPositions())
-    traversal.geometry(arm_path(tree, joints))
+    known = Traversal(parse_tree(text, source), joints)
     # The position of a mimic joint is given by the joint that it mimics.
-    names = (traversal.leader(tree.joints[joint.name]).name for joint in traversal.held)
+    names = (known.leader(known.tree.joints[joint.name]).name for joint in known.geometry.held)
     return tuple(dict.fromkeys(names))
 
 
-def _check_fixed(tree: RobotTree, joints: Collection[str], held: HeldPositions) -> None:
-    for name in held.fixed:
-        if name not in tree.joints:
-            raise OptionError(f'{tree.source} has no joint {name} to hold')
-        if name in joints:
-            raise OptionError(f'joint {name} is part of the arm and cannot be held at a '
-                              f'constant position')
+@dataclass(frozen=True, eq=False)
+class LinkPlace:
+    """
+    A link fixed to the arm: `rotation` (3, 3) and `origin` (3,) in m in frame `joint`.
+
+    Frame number `joint` (from 0) turns with the joint of that number; its z is the axis. Frame -1
+    is that of the base.
+    """
+
+    joint: int
+    rotation: FloatArray
+    origin: FloatArray
+
+    def then(self, rotation: FloatArray, origin: FloatArray = np.zeros(3)) -> LinkPlace:
+        """Return the place of a frame that has this place in this link."""
+        return LinkPlace(self.joint, self.rotation @ rotation,
+                         self.origin + self.rotation @ origin)
+
+    def moved(self, joint: TreeJoint, value: float) -> LinkPlace:
+        """Return the place after a joint at a position in rad, or m if it is prismatic."""
+        if joint.revolute:
+            return self.then(about(joint.axis(), value))
+        return self.then(np.eye(3), value * joint.axis())
 
 
-class _Traversal:
-    """Traversal of a path from the root to the last joint of the arm."""
+class Traversal:
+    """
+    Traversal of the path from the root to the last joint of the arm, and of what it carries.
 
-    def __init__(self, tree: RobotTree, arm: set[str], positions: HeldPositions) -> None:
-        self._tree, self._arm, self._positions = tree, arm, positions
-        self.held: list[HeldJoint] = []
-        self._in_arm, self._upright = False, True
+    :raises ModelMismatchError: if the joints are not those of one arm.
+    :raises OptionError: if `positions.fixed` names a joint of the arm or an unknown joint.
+    """
 
-    def geometry(self, path: list[TreeJoint]) -> Geometry:
+    def __init__(self, tree: RobotTree, joints: Collection[str],
+                 positions: HeldPositions = HeldPositions()) -> None:
+        self.tree, self._arm, self._positions = tree, set(joints), positions
+        path = arm_path(tree, joints)
+        self._check_fixed()
+        self._held: list[HeldJoint] = []
+        self._upright, self._places = True, dict[str, LinkPlace]()
         names, rotations, origins = [], [], []
-        # Frame of the next link relative to the last axis.
-        rotation, origin = np.eye(3), np.zeros(3)
+        place = LinkPlace(-1, np.eye(3), np.zeros(3))
         for joint in path:
-            origin = origin + rotation @ joint.origin()
-            rotation = rotation @ joint.rotation()
+            place = place.then(joint.rotation(), joint.origin())
             if joint.name in self._arm:
                 to_axis = aligned(joint.axis())
                 names.append(joint.name)
-                rotations.append(rotation @ to_axis)
-                origins.append(origin)
-                rotation, origin = to_axis.T, np.zeros(3)
-                self._in_arm = True
-            elif joint.moves and joint.kind not in FREE:
-                rotation, origin = self._hold(joint, rotation, origin)
-        return Geometry(tuple(names), np.array(rotations), np.array(origins), path[-1].child,
-                        rotation, tuple(self.held), self._tree.source)
+                rotations.append(place.rotation @ to_axis)
+                origins.append(place.origin)
+                place = LinkPlace(len(names) - 1, to_axis.T, np.zeros(3))
+            elif joint.is_single:
+                place = self._hold(joint, place)
+            if names:
+                self._places[joint.child] = place
+        self.geometry = Geometry(tuple(names), np.array(rotations), np.array(origins),
+                                 path[-1].child, place.rotation, tuple(self._held), tree.source)
 
-    def _hold(self, joint: TreeJoint, rotation: FloatArray,
-              origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the frame after a joint outside the arm; add it to `held` if it matters."""
-        axis = joint.axis()
-        if not self._in_arm:
-            tilts = joint.revolute and abs((rotation @ axis)[2]) < 1.0 - _VERTICAL
+    def carried(self) -> dict[str, LinkPlace]:
+        """Return the places of the links that the arm carries, by name; other joints at rest."""
+        places, waiting = dict(self._places), list(self.tree.joints.values())
+        # Parents first: each pass places the children of the links placed before.
+        while children := [joint for joint in waiting
+                           if joint.parent in places and joint.child not in places]:
+            for joint in children:
+                place = places[joint.parent].then(joint.rotation(), joint.origin())
+                places[joint.child] = place.moved(joint, self._at_rest(joint)) \
+                    if joint.is_single else place
+        return places
+
+    def _at_rest(self, joint: TreeJoint) -> float:
+        rule = joint.mimic
+        leader = None if rule is None else self.tree.joints.get(rule.joint)
+        return joint.rest() if rule is None or leader is None \
+            else rule.multiplier * leader.rest() + rule.offset
+
+    def _hold(self, joint: TreeJoint, place: LinkPlace) -> LinkPlace:
+        """Return the place after a joint outside the arm; add it to `_held` if it matters."""
+        if place.joint < 0:
+            tilts = joint.revolute and abs((place.rotation @ joint.axis())[2]) < 1.0 - _VERTICAL
             # A rotation about the vertical matters only after a tilting joint.
             if not joint.revolute or (self._upright and not tilts):
-                return rotation, origin
+                return place
             self._upright = False
         value, by = self._value(joint)
-        self.held.append(HeldJoint(joint.name, value, by))
-        if joint.revolute:
-            return rotation @ about(axis, value), origin
-        return rotation, origin + value * (rotation @ axis)
+        self._held.append(HeldJoint(joint.name, value, by))
+        return place.moved(joint, value)
+
+    def _check_fixed(self) -> None:
+        for name in self._positions.fixed:
+            if name not in self.tree.joints:
+                raise OptionError(f'{self.tree.source} has no joint {name} to hold')
+            if name in self._arm:
+                raise OptionError(f'joint {name} is part of the arm and cannot be held at a '
+                                  f'constant position')
 
     def leader(self, joint: TreeJoint) -> TreeJoint:
         """Return the joint that a joint mimics, directly or indirectly; else the joint itself."""
         seen = [joint]
         while (rule := seen[-1].mimic) is not None:
-            if rule.joint not in self._tree.joints:
-                raise DataError(f'{self._tree.source}: joint {seen[-1].name} mimics '
+            if rule.joint not in self.tree.joints:
+                raise DataError(f'{self.tree.source}: joint {seen[-1].name} mimics '
                                 f'{rule.joint}, which is not there')
-            seen.append(self._tree.joints[rule.joint])
-            if len(seen) > len(self._tree.joints):
-                raise DataError(f'{self._tree.source}: joint {joint.name} mimics itself')
+            seen.append(self.tree.joints[rule.joint])
+            if len(seen) > len(self.tree.joints):
+                raise DataError(f'{self.tree.source}: joint {joint.name} mimics itself')
         return seen[-1]
 
     def _value(self, joint: TreeJoint) -> tuple[float, str]:
@@ -173,10 +211,10 @@ class _Traversal:
         leader = self.leader(joint)
         if leader.name in self._arm:
             raise ModelMismatchError(
-                f'{self._tree.source}: joint {joint.name} within the arm mimics {leader.name}: a '
+                f'{self.tree.source}: joint {joint.name} within the arm mimics {leader.name}: a '
                 f'linkage, not a serial arm')
         if joint.mimic is not None:
-            value, by = self._value(self._tree.joints[joint.mimic.joint])
+            value, by = self._value(self.tree.joints[joint.mimic.joint])
             return joint.mimic.multiplier * value + joint.mimic.offset, by
         if joint.name in self._positions.recorded:
             return float(self._positions.recorded[joint.name]), 'recording'

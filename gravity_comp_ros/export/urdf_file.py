@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import (
-    described_arm, DescribedArm, INERTIA_KEYS, Inertial, urdf_inertials)
+    described_arm, DescribedArm, INERTIA_KEYS, Inertial)
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
@@ -35,7 +35,7 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     arm = described_arm(data, model.joints, source, held)
     edit = XmlEdit(data, source)
     elements = _elements(edit, arm)
-    inertials = {name: inertial for name, inertial in urdf_inertials(data, arm, source).items()
+    inertials = {name: inertial for name, inertial in arm.inertials().items()
                  if inertial.mass > 0.0}
     links = Links(tuple(inertials), np.array([x.mass for x in inertials.values()]),
                   np.array([x.centre for x in inertials.values()]),

@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.description.links import described_arm, urdf_inertials
-from gravity_comp_ros.description.robot_tree import parse_tree
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.faults import KINDS
@@ -47,9 +46,9 @@ def edited(joint=None, link=None, **changes):
 
 def checked(text, samples):
     arm = described_arm(text, JOINTS)
-    inertials = urdf_inertials(text, arm, 'arm.urdf')
+    inertials = arm.inertials()
     result = check_description(samples, arm, inertials)
-    return result, findings(result, arm, parse_tree(text, 'arm.urdf'), inertials)
+    return result, findings(result, arm, arm.tree, inertials)
 
 
 def rpy_of(joint, turn=None, about=None):
@@ -112,9 +111,7 @@ def test_the_correction_restores_the_description(kind, faulty):
     where.find(tag).set(attribute, value)
     arms = [described_arm(description, JOINTS)
             for description in (ElementTree.tostring(root, encoding='unicode'), URDF)]
-    masses = [[one.mass for one in urdf_inertials(description, arm, 'arm.urdf').values()]
-              for description, arm in zip((ElementTree.tostring(root, encoding='unicode'), URDF),
-                                          arms)]
+    masses = [[one.mass for one in arm.inertials().values()] for arm in arms]
     np.testing.assert_allclose(*(arm.geometry.rotations for arm in arms), atol=0.01)
     np.testing.assert_allclose(*masses, rtol=0.02)
 
@@ -148,7 +145,7 @@ def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path):
 
 def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
     arm = described_arm(URDF, JOINTS)
-    inertials = urdf_inertials(URDF, arm, 'arm.urdf')
+    inertials = arm.inertials()
     x = np.concatenate([one.about_origin()[:4] for one in inertials.values()])
     bodies = (arm.to_frames(list(inertials)) @ x).reshape(-1, 4)
     state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, bodies)
@@ -164,12 +161,12 @@ def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
 
 def test_few_samples_and_descriptions_without_mass_are_refused(samples):
     arm = described_arm(URDF, JOINTS)
-    inertials = urdf_inertials(URDF, arm, 'arm.urdf')
+    inertials = arm.inertials()
     with pytest.raises(DataError, match='too few'):
         check_description(samples.select(np.arange(20)), arm, inertials)
     text = re.sub(r'<inertial>.*?</inertial>', '', URDF, flags=re.DOTALL)
     with pytest.raises(DataError, match='gives no mass'):
-        urdf_inertials(text, described_arm(text, JOINTS), 'arm.urdf')
+        described_arm(text, JOINTS).inertials()
 
 
 def test_the_command(samples, tmp_path, capsys):

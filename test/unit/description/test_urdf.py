@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bench.shared import urdf_snippets as robots
 from bench.shared.serial_arms import poses
-from gravity_comp_ros.description.links import described_arm, frame_parameters, urdf_inertials
+from gravity_comp_ros.description.links import described_arm, frame_parameters
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf, read_text
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -147,8 +147,7 @@ def test_the_geometry_has_the_inertials_of_links_that_are_possible():
     slim = TILTED.replace('ixx="1" iyy="1" izz="1"', 'ixx="0.01" iyy="0.01" izz="0.01"')
     joints = ('a', 'b', 'c')
     arm = described_arm(slim, joints)
-    np.testing.assert_allclose(arm.geometry.inertials, frame_parameters(
-        arm, urdf_inertials(slim, arm, 'arm.urdf')))
+    np.testing.assert_allclose(arm.geometry.inertials, frame_parameters(arm, arm.inertials()))
     np.testing.assert_allclose(arm.geometry.inertials[:, 0], [2.0, 1.5, 1.0])
     again = Geometry.from_json(arm.geometry.to_json())
     np.testing.assert_array_equal(again.inertials, arm.geometry.inertials)

@@ -8,7 +8,7 @@ from bench.shared import urdf_snippets as snippets
 from bench.shared.urdf_snippets import pinocchio_torque
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.description.links import described_arm, urdf_inertials
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -56,7 +56,7 @@ def without_numbers(data: bytes) -> bytes:
 def test_columns_of_the_links_agree_with_pinocchio(urdf, joints):
     data = urdf if isinstance(urdf, bytes) else urdf.encode()
     arm = described_arm(data, joints)
-    inertials = urdf_inertials(data, arm, 'r')
+    inertials = arm.inertials()
     q = np.random.default_rng(1).uniform(-2, 2, (20, len(joints)))
     torque = arm.columns(q, list(inertials)) @ np.concatenate(
         [inertial.about_origin()[:4] for inertial in inertials.values()])
