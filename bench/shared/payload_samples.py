@@ -13,8 +13,8 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.epoch import DELAYS, Epoch, SlowSample
-from gravity_comp_ros.node.job_messages import FitJob
+from gravity_comp_ros.node.epoch import DELAYS, Epoch, rows_of, SlowSample
+from gravity_comp_ros.node.job_messages import FIT, Job
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -62,13 +62,13 @@ def recorded(kind: str, seed: int, seconds: float, start: float, payload: Payloa
     return Case(label, samples, whole.q[n:], tau[n:])
 
 
-def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> FitJob:
+def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> Job:
     """Return the fit job that the node submits for these samples."""
-    epoch = Epoch(1, case.samples.names, Parameters(sample_rate=RATE), has_base=True)
+    epoch = Epoch(1, case.samples.names, Parameters(sample_rate=RATE), base)
     none = np.full((len(DELAYS), case.samples.n_joints), np.nan)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(SlowSample(CompleteReading(*row), none))
-    return FitJob(epoch.rows(), base, base, geometry=geometry)
+    return Job(FIT, rows_of(epoch.snapshot()), base, base, geometry=geometry)
 
 
 def friction(qd: FloatArray) -> FloatArray:

@@ -10,5 +10,5 @@ The way of the data, for a reader who follows it:
   them by the checks of `first_samples`, `comparison` and `acceptance`, with `hypotheses`;
 - an accepted model: `learner` → `model_history` (file, rollback) and `arm`; `watch` compares it
   with new samples, and finds unannounced payloads;
-- reports: `checks`, `diagnostics`, `outputs`, `services`.
+- reports: `checks`, `diagnostics`, `outputs`.
 """

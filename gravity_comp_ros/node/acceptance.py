@@ -15,8 +15,8 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.hypotheses import Explanation, gain_of, Hypotheses, PARTS
-from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses
+from gravity_comp_ros.node.watch import PARTS
 import numpy as np
 
 
@@ -32,7 +32,7 @@ class AcceptanceOptions:
     - `min_error`: smallest error and noise of a joint in a comparison of two models, as a
       fraction of the largest torque of the training samples.
     - `min_explained`: share of a joint's effort variance explained by pose below which the
-      effort has no gravity, judged from `min_samples` samples and a range of `min_span` rad.
+      effort has no gravity, judged from the samples of a full fit and a range of `min_span` rad.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
       variation, and of the largest one.
     - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
@@ -50,6 +50,11 @@ class AcceptanceOptions:
       5 kg 10 to 200 over a varying force in sixteen.
     - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
       its first and last second, that the rest predicts.
+    - `max_no_chain_noise`, `max_no_chain_change`: residual of a change where no chain explains
+      the arm, in units of the noise, and as a fraction of the change.
+    - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
+      judged.
+    - `limit_std`: standard deviations by which a mass or a reach may exceed its limit.
 
     :raises OptionError: if a limit is not positive.
     """
@@ -59,7 +64,6 @@ class AcceptanceOptions:
     min_noise: float = 2e-3
     min_error: float = 1e-3
     min_explained: float = 0.2
-    min_samples: int = 100
     min_span: float = 0.5
     max_own: float = 0.35
     max_largest: float = 0.1
@@ -73,32 +77,29 @@ class AcceptanceOptions:
     min_over_varying: float = 3.0
     min_part: float = 0.6
     min_end: float = 0.3
+    max_no_chain_noise: float = 4.0
+    max_no_chain_change: float = 0.15
+    min_gravity_ratio: float = 5.0
+    limit_std: float = 3.0
 
     def __post_init__(self) -> None:
         check_positive(self, 'acceptance')
 
 
 OPTIONS = AcceptanceOptions()
-# Largest time between consecutive samples whose differences count as noise, s.
-_MAX_INTERVAL = 0.6
-# Ratio of the gravity of the arm to the noise from which its presence is judged.
-_MIN_GRAVITY_RATIO = 5.0
-# Largest residual where no chain explains the arm: in units of noise, and of the change.
-_NO_CHAIN_NOISE, _NO_CHAIN_CHANGE = 4.0, 0.15
-# Standard deviations by which a mass or a reach may exceed its limit.
-_SIGNIFICANT = 3.0
-# First and last part of a window in which a body must be present, s.
-_END = 1.0
+# Largest time between consecutive samples whose differences count as noise, and the first and
+# last part of a window in which a body must be present, s.
+_MAX_INTERVAL, _END = 0.6, 1.0
 
 
 def reference_noise(expected: FloatArray, samples: JointSamples,
-                    predicted: FloatArray) -> FloatArray:
+                    residual: FloatArray) -> FloatArray:
     """
     Return the noise (N,) in N·m to compare a residual with.
 
     It is the larger of the noise of earlier epochs and the noise of `samples`, estimated from
-    second differences of their residual. Gravity hardly contributes to these, so a sensor with
-    more noise than in the training does not prevent a payload from being accepted.
+    second differences of the residual (M, N). Gravity hardly contributes to these, so a sensor
+    with more noise than in the training does not prevent a payload from being accepted.
 
     :param expected: noise of earlier epochs (N,), N·m.
     """
@@ -108,7 +109,7 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
     triples = near[1:] & near[:-1]
     if triples.sum() < 5:
         return noise
-    return np.maximum(noise, of_second_differences(samples.tau - predicted, triples))
+    return np.maximum(noise, of_second_differences(residual, triples))
 
 
 def joints_agree(samples: JointSamples, residual: FloatArray,
@@ -128,7 +129,8 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
         allowed = np.maximum(OPTIONS.max_own * spread,
                              OPTIONS.max_largest * float(spread.max(initial=0.0)))
     else:
-        allowed = np.maximum(_NO_CHAIN_NOISE * change[0], _NO_CHAIN_CHANGE * change[1])
+        allowed = np.maximum(OPTIONS.max_no_chain_noise * change[0],
+                             OPTIONS.max_no_chain_change * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
     name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'
@@ -149,88 +151,77 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
     weighted = before / noise
     power = float((weighted ** 2).sum())
     share = 1.0
-    if power > _MIN_GRAVITY_RATIO ** 2 * before.size:
+    if power > OPTIONS.min_gravity_ratio ** 2 * before.size:
         share = float((weighted * samples.tau / noise).sum()) / power
     return Check(checks.GRAVITY_PRESENT, share, OPTIONS.min_gravity, True, (
         f'the effort contains {share:.0%} of the gravity of the arm itself: drives off, gravity '
         'subtracted by the driver, or another unit or sign'))
 
 
-def body_checks(tables: Sequence[Hypotheses], noise: FloatArray, scale: FloatArray | float,
-                limits: Parameters, forces: Sequence[Explanation] = ()) -> Iterator[Check]:
+def body_checks(tables: Sequence[Hypotheses],
+                forces: Sequence[Explanation] = ()) -> Iterator[Check]:
     """
     Yield the checks of a change: a body on the last link explains it, and no fault does so better.
 
-    :param tables: for each estimate of the axes, that of the most probable body first.
-    :param noise: reference noise (N,) in N·m, `scale` its ratio to that of the tables (N,).
+    :param tables: those of a window (`Window.tables`).
     :param forces: other hypotheses that a fault must explain the change better than.
     """
-    table = tables[0]
-    samples, names = table.samples, table.samples.names
-    yield gravity_present(samples, table.before, noise)
-    body = table.carried
+    table, window = tables[0], tables[0].window
+    samples, names = window.samples, window.samples.names
+    yield gravity_present(samples, table.before, window.reference)
     unchanged = max(each.explain().log_evidence for each in tables)
-    explained = max(unchanged, *(each.log_evidence for each in (body, *forces)))
+    explained = max(unchanged, *(each.log_evidence for each in (table.carried, *forces)))
     margin = OPTIONS.max_fault_lead
     faults = [(fit.log_evidence, text, has_body) for one in tables
-              for fit, text, has_body in _faults(one) if fit.log_evidence > unchanged
-              and (fit.ratio(samples.qd) / scale).max() <= OPTIONS.max_residual]
+              for fit, text, has_body in one.faults()
+              if abs(fit.mean[0]) >= OPTIONS.min_gain_change and fit.log_evidence > unchanged
+              and one.ratio(fit).max() <= OPTIONS.max_residual]
     # A fault alone is named unless one with a body is clearly better.
     _, named, _ = max(faults, key=lambda fault: fault[0] - margin * fault[2],
                       default=(0.0, '', False))
     yield Check(checks.NO_FAULT, max((evidence for evidence, _, _ in faults), default=-np.inf)
                 - explained, margin, text=named)
-    ratio = body.ratio(samples.qd) / scale
+    ratio, noise = table.ratio(table.carried), window.reference
     worst = int(np.argmax(ratio))
     text = ''
     if ratio[worst] > OPTIONS.max_residual:
-        fits = [table.without_joint(joint) for joint in range(len(names))]
-        joint = int(np.argmin([cost for cost, _ in fits]))
+        joint, expected = table.most_faulty()
         text = (f'no payload explains the effort of {names[worst]}: residual '
                 f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs '
                 f'{noise[worst]:.3g}; most likely {names[joint]} '
-                f'{gain_of(samples.tau[:, joint], fits[joint][1])}')
+                f'{_fault_of(samples.tau[:, joint], expected)}')
     yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
-    yield from _within_limits(table, limits)
+    yield from _within_limits(table)
 
 
-def _faults(table: Hypotheses) -> Iterator[tuple[Explanation, str, bool]]:
-    """
-    Yield the gains of a joint, with and without a body, and a common factor, that differ from 1.
-
-    :return: the fit, a sentence, and whether it includes a body.
-    """
-    names = table.samples.names
-    fits = [(table.factor(), 'all joints', ': another unit or gain, no payload', False)]
-    for k in table.loaded_joints():
-        fits += [(table.gain(k), names[k], ', and that of no other joint has changed: its sensor '
-                  'or its drive is faulty', False),
-                 (table.body_and_gain(k), names[k], ', also with a body that explains the rest: '
-                  'its sensor or its drive is faulty', True)]
-    for fit, name, why, has_body in fits:
-        change = float(fit.mean[0])
-        if abs(change) >= OPTIONS.min_gain_change:
-            yield fit, (f'the effort of {name} is {1.0 + change:.3g} times the earlier one'
-                        f'{why}'), has_body
+def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
+    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
+    power = float((expected ** 2).sum())
+    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
+    if slope < -0.5:
+        return 'has the wrong sign'
+    if measured.std() < 0.25 * expected.std():
+        return 'is dead or frozen'
+    return 'measures the torque of another joint, or has a wrong gain'
 
 
-def _within_limits(table: Hypotheses, limits: Parameters) -> Iterator[Check]:
-    known = table.carried_body()
+def _within_limits(table: Hypotheses) -> Iterator[Check]:
+    limits, known, std = table.window.settings, table.body(), OPTIONS.limit_std
     if known is None:
-        change = table.carried_moments()
+        change = np.hypot(*table.moments.T)
         worst = int(np.argmax(change))
         largest = limits.max_payload_moment
         yield Check(checks.WITHIN_LIMITS, float(change[worst]), largest, text=(
-            f'the change at {table.samples.names[worst]} is {change[worst]:.3g} N·m; the limit is '
-            f'{largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at max_payload_reach '
-            f'{limits.max_payload_reach:g} m'))
+            f'the change at {table.window.samples.names[worst]} is {change[worst]:.3g} N·m; the '
+            f'limit is {largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at '
+            f'max_payload_reach {limits.max_payload_reach:g} m'))
         return
     mass, sigma, reach = known
-    yield Check(checks.WITHIN_LIMITS, abs(mass), limits.max_payload + _SIGNIFICANT * sigma, text=(
+    yield Check(checks.WITHIN_LIMITS, abs(mass), limits.max_payload + std * sigma, text=(
         f'the change is a body of {mass:.3g} kg; max_payload is {limits.max_payload:g} kg'))
     if abs(mass) > 10.0 * sigma:
         yield Check(checks.WITHIN_LIMITS, reach,
-                    limits.max_payload_reach * (1.0 + _SIGNIFICANT * sigma / abs(mass)), text=(
+                    limits.max_payload_reach * (1.0 + std * sigma / abs(mass)), text=(
                         f'the change is a body of {mass:.3g} kg at {reach:.3g} m from the last '
                         f'joint; max_payload_reach is {limits.max_payload_reach:g} m'))
 
@@ -241,19 +232,16 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
 
     :return: those that a body is present, then those that it is no other force.
     """
-    samples = table.samples
-    m = len(samples)
-    body, none = table.carried, table.explain()
-    parts = table.explained(np.arange(m) * PARTS // m == np.arange(PARTS)[:, None])
-    ends = table.explained([samples.t <= samples.t[0] + _END, samples.t >= samples.t[-1] - _END])
+    t, body = table.window.samples.t, table.carried.log_evidence
+    parts = table.explained(np.arange(len(t)) * PARTS // len(t) == np.arange(PARTS)[:, None])
+    ends = table.explained([t <= t[0] + _END, t >= t[-1] - _END])
     present = [
-        Check(checks.BODY_PRESENT, body.log_evidence - none.log_evidence, OPTIONS.min_body, True),
-        Check(checks.IN_EACH_PART, float(parts.min()), OPTIONS.min_part, True),
-        Check(checks.IN_EACH_PART, float(ends.min()), OPTIONS.min_end, True)]
+        Check(checks.BODY_PRESENT, body - table.explain().log_evidence, OPTIONS.min_body, True),
+        Check(checks.IN_EACH_PART, parts, OPTIONS.min_part, True),
+        Check(checks.IN_EACH_PART, ends, OPTIONS.min_end, True)]
     other = [
-        Check(checks.NO_PUSH, body.log_evidence - table.push().log_evidence,
-              OPTIONS.min_over_push, True,
+        Check(checks.NO_PUSH, body - table.push().log_evidence, OPTIONS.min_over_push, True,
               'something pushes or pulls the last link, not only downwards'),
-        Check(checks.NOT_VARYING, body.log_evidence - table.varying().log_evidence,
-              OPTIONS.min_over_varying, True, 'a varying force acts on the last link')]
+        Check(checks.NOT_VARYING, body - table.varying().log_evidence, OPTIONS.min_over_varying,
+              True, 'a varying force acts on the last link')]
     return present, other

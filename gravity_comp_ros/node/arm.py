@@ -78,10 +78,14 @@ SHARE_PERIOD = 0.2
 
 
 class Arm:
-    """The state that exists once the joint names are known."""
+    """
+    The state that exists once the joint names are known.
+
+    :param model: the model of the present payload, from a file; None to learn one.
+    """
 
     def __init__(self, joints: tuple[str, ...], settings: Parameters,
-                 is_open: bool, has_base: bool) -> None:
+                 model: GravityModel | None = None) -> None:
         self.joints = joints
         self.settings = settings
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
@@ -93,7 +97,7 @@ class Arm:
         self.sent = SentTorqueHistory(len(joints))
         self.delayed = DelayedSamples()
         self.feed = FeedForward(len(joints), settings)
-        self.epoch = Epoch(0, joints, settings, is_open, has_base)
+        self.epoch = Epoch(0, joints, settings, model, is_open=model is None)
         self.watch = Watch(joints, settings.suspect_after)
         self.learn_from = 0.0
         self.last_seen: float | None = None
@@ -102,6 +106,8 @@ class Arm:
         self._share_at = -np.inf
         self._drop_residuals()
         self._limit()
+        if model is not None:
+            self.use(model, None, 0)
 
     def describe(self, described: ArmDescription) -> None:
         """
@@ -256,10 +262,10 @@ class Arm:
             self.learn_from = now
         return now >= self.learn_from
 
-    def new_epoch(self, number: int, now: float, has_base: bool) -> None:
+    def new_epoch(self, number: int, now: float, base: GravityModel | None) -> None:
         """Drop all samples; collect again after `settle_time`, when old messages have passed."""
         self.learn_from = now + self.settings.settle_time
-        self.epoch = Epoch(number, self.joints, self.settings, has_base=has_base)
+        self.epoch = Epoch(number, self.joints, self.settings, base)
         self.delayed.restart()
         self.watch.forget()
         self._drop_residuals()

@@ -18,38 +18,28 @@ from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.expected_residual import residual_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.comparison import Prediction
-from gravity_comp_ros.node.job_messages import FitJob
-
-# Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
-# the change of an old model requires a fraction of them (docs/node.md).
-MIN_FULL_FIT_SAMPLES = 100
-# Kind of a fit, as in replies and diagnostics.
-CHANGE, FULL_FIT = 'change of the old model', 'full fit'
+from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES
+from gravity_comp_ros.node.job_messages import Job
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A candidate model, how it was fitted, its prediction, and its full fit if it is one."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate(Prediction):
+    """A model with its prediction at the samples of a job, and its full fit if it is one."""
 
-    how: str
     model: GravityModel
-    predicted: Prediction
+    how: str
     fit: FullFit | None = None
 
-    @classmethod
-    def full(cls, fit: FullFit, job: FitJob) -> Candidate:
-        return cls(f'{FULL_FIT}, {fit.model.formulation}', fit.model, predicted(fit.model, job),
-                   fit)
 
-
-def predicted(model: GravityModel, job: FitJob) -> Prediction:
-    """Return the torque of a model at the samples of a job, effects included."""
+def candidate(model: GravityModel, job: Job, how: str = '',
+              fit: FullFit | None = None) -> Candidate:
+    """Return a model with its torque at the samples of a job, effects included."""
     samples = job.rows.samples
-    return Prediction(predict_torque(model, samples), residual_noise(model),
-                      fitted_torque(model, samples))
+    return Candidate(predict_torque(model, samples), residual_noise(model),
+                     fitted_torque(model, samples), model=model, how=how, fit=fit)
 
 
-def candidates(job: FitJob, chain: GravityModel | None,
+def candidates(job: Job, chain: GravityModel | None,
                first: FullFit | None) -> Iterator[Candidate]:
     """Yield the candidate models; `first` is the first full fit where it exists already."""
     base, train = chain or job.base, job.rows.train
@@ -61,43 +51,44 @@ def candidates(job: FitJob, chain: GravityModel | None,
                    if base is None or not base.applied.has(request.effect.name, request.joint)]
     if job.on_request and new_effects:
         base = None
-        if len(train) < MIN_FULL_FIT_SAMPLES:
+        if len(train) < FULL_FIT_SAMPLES:
             raise FitError(f'{len(train)} training samples; a model with '
-                           f'{", ".join(effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
+                           f'{", ".join(effects)} requires {FULL_FIT_SAMPLES}: keep '
                            'moving slowly')
     if base is None:
         yield from _full_fits(job, first)
         return
     samples = replace(train, tau=train.tau - effect_torque(base, train))
     changed = update(base, samples, geometry=base.geometry).model
-    yield Candidate(CHANGE, changed, predicted(changed, job))
-    if len(train) >= MIN_FULL_FIT_SAMPLES:
+    yield candidate(changed, job, 'change of the old model')
+    if len(train) >= FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
             yield from _full_fits(job, first)
 
 
-def _full_fits(job: FitJob, first: FullFit | None) -> Iterator[Candidate]:
+def _full_fits(job: Job, first: FullFit | None) -> Iterator[Candidate]:
     """
     Yield models fitted to the samples alone, of the formulation of the job.
 
     With `auto` these are the chain and, with its effects, the sparse potential.
     """
-    first = first or full_fit(job)
-    yield Candidate.full(first, job)
+    fits = [first or full_fit(job)]
     if job.settings.formulation == 'auto':
         with suppress(FitError, DataError):
-            yield Candidate.full(fit_as('potential', first, options_of(job)), job)
+            fits.append(fit_as('potential', fits[0], options_of(job)))
+    for fit in fits:
+        yield candidate(fit.model, job, f'full fit, {fit.model.formulation}', fit)
 
 
-def options_of(job: FitJob) -> FitOptions:
+def options_of(job: Job) -> FitOptions:
     """Return the options of a full fit, with known axes if it uses them."""
     formulation = job.settings.formulation
     formulation = 'chain' if formulation == 'auto' else formulation
     return FitOptions(formulation, geometry=job.geometry if formulation == 'chain' else None)
 
 
-def full_fit(job: FitJob) -> FullFit:
+def full_fit(job: Job) -> FullFit:
     """
     Return a fit to the training samples alone, with the requested effects.
 
@@ -110,7 +101,7 @@ def full_fit(job: FitJob) -> FullFit:
     samples = job.rows.train
     # Without a request the effects of the model in use are predicted again.
     targets = job.settings.effects or (
-        tuple(e.target for e in job.old.applied.effects) if job.old else ())
+        tuple(e.target for e in job.model.applied.effects) if job.model else ())
     requested = requests(targets, samples.names)
     names = {request.effect.name for request in requested}
     tested = [effect for effect in all_effects().values()

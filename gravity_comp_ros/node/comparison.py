@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.acceptance import OPTIONS
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.epoch import DELAYS, REST_SPEED, Rows
+from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import moving, moving_rms
 import numpy as np
 
@@ -47,7 +47,7 @@ class Prediction:
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """
-    RMSE (N,) in N·m of a new model and of the one in use on held-out samples, and their checks.
+    The checks of a new model against the one in use, and its errors in one line.
 
     `is_compensated` is true if no joint's effort depends on pose, in enough motion.
     """
@@ -59,6 +59,11 @@ class Comparison:
     @property
     def is_better(self) -> bool:
         return checks.failed(self.checks) is None
+
+
+def held_out_rmse(error: FloatArray, rows: Rows) -> FloatArray:
+    """Return the RMS (N,) in N·m of an error (M, N) over the held-out samples in motion."""
+    return moving_rms(error[rows.held_out], rows.samples.qd[rows.held_out])
 
 
 def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
@@ -73,45 +78,51 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     :param margin: fraction by which the figure of `new` must be below that of `old`.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
-    names, qd, n_train, n_held_out = samples.names, samples.qd, int(train.sum()), held_out.sum()
     error_new = new.residual(samples)
     error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None \
         else old.residual(samples)
-    rmse_train = moving_rms(error_new[train], qd[train])
-    rmse_new, rmse_old = (moving_rms(error[held_out], qd[held_out])
-                          for error in (error_new, error_old))
+    rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
     floor = OPTIONS.min_error * max(1e-9, float(np.abs(samples.tau[train]).max()))
-    noise = np.maximum(new.noise if old is None else np.maximum(new.noise, old.noise), floor)
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
-    # The share of the variance that pose explains, the smaller of both sets: in a few held-out
-    # seconds it may be large by coincidence.
-    spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
-    explained = 1.0 - (np.maximum(rmse_new, rmse_train) / spread) ** 2
-    moves = n_train >= OPTIONS.min_samples and bool(
-        (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
+    judged, is_compensated = _pose_explains(
+        samples, train, new, np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train])),
+        old is None)
+    noise = np.maximum(new.noise if old is None else np.maximum(new.noise, old.noise), floor)
+    rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
     tolerance = -1e-9 if old is None or not has_more_samples else OPTIONS.max_worse * ratio_std(
-        (error_new / level)[held_out], (error_old / level)[held_out], qd[held_out], block)
-    rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
-    worst = int(np.argmax(rise))
-    reference = 'a constant torque' if old is None else 'the old model'
-    k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
-    figures = (f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
-               f'{n_held_out} samples; worst joint {names[k]} {rmse_new[k]:.3g}, '
-               f'{rmse_old[k]:.3g}')
-    no_gravity = ('the effort of no joint depends on pose: this arm seems to compensate gravity '
-                  'itself, or its axes are all vertical; nothing to learn' if moves
-                  else 'pose does not explain the effort yet')
-    judged = [Check(checks.POSE_EXPLAINS, float(explained.max()), OPTIONS.min_explained, True,
-                    no_gravity)] if old is None or moves else []
-    judged += [
-        Check(checks.NO_JOINT_WORSE, float(rise[worst]), 1.0,
-              text=f'worse on {", ".join(names[j] for j in np.flatnonzero(rise > 1.0))}'),
-        Check(checks.BETTER, float(rms(rmse_new / level) / max(float(rms(rmse_old / level)),
-                                                               1e-30)),
-              1.0 + tolerance - margin, text='not better')]
-    return Comparison(tuple(judged), figures,
-                      moves and bool((explained < OPTIONS.min_explained).all()))
+        (error_new / level)[held_out], (error_old / level)[held_out], samples.qd[held_out], block)
+    ratio = float(rms(rmse_new / level)) / max(float(rms(rmse_old / level)), 1e-30)
+    worse = ', '.join(samples.names[j] for j in np.flatnonzero(rise > 1.0))
+    judged += [Check(checks.NO_JOINT_WORSE, float(rise.max()), 1.0, text=f'worse on {worse}'),
+               Check(checks.BETTER, ratio, 1.0 + tolerance - margin, text='not better')]
+    reference, k = 'a constant torque' if old is None else 'the old model', int(
+        np.argmax(np.maximum(rmse_new, rmse_old)))
+    return Comparison(tuple(judged), (
+        f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
+        f'{held_out.sum()} samples; worst joint {samples.names[k]} {rmse_new[k]:.3g}, '
+        f'{rmse_old[k]:.3g}'), is_compensated)
+
+
+def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rmse: FloatArray,
+                   is_first: bool) -> tuple[list[Check], bool]:
+    """
+    Return the check that pose explains the effort, and whether the arm compensates gravity.
+
+    An arm that has moved enough compensates gravity if pose explains the effort of no joint.
+
+    :param rmse: of the new model (N,) in N·m, the larger of both sets: in a few held-out seconds
+        the share of the variance that pose explains may be large by coincidence.
+    """
+    spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
+    explained = float((1.0 - (rmse / spread) ** 2).max())
+    moves = int(train.sum()) >= FULL_FIT_SAMPLES and bool(
+        (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
+    text = ('the effort of no joint depends on pose: this arm seems to compensate gravity itself, '
+            'or its axes are all vertical; nothing to learn' if moves
+            else 'pose does not explain the effort yet')
+    check = Check(checks.POSE_EXPLAINS, explained, OPTIONS.min_explained, True, text)
+    return [check] * (is_first or moves), moves and not check.passed
 
 
 def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray) -> float:

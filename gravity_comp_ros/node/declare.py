@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import BY_NAME, Parameter, Parameters, TABLE
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
@@ -23,21 +24,16 @@ class DeclaredParameters:
     The declared parameters of the node; `values` is always a consistent set.
 
     :param node: node that declares them.
-    :param check: called with every new set before it is accepted; raises OptionError.
-    :param changed: called with every new set after it has been accepted.
+    :param core: returns the core that checks and uses changed values, None if there is none.
     :raises OptionError: if an override is refused.
     """
 
-    def __init__(self, node: Node, check: Callable[[Parameters], None],
-                 changed: Callable[[Parameters], None]) -> None:
+    def __init__(self, node: Node, core: Callable[[], NodeCore | None]) -> None:
+        self._core = core
         self._declared = False
-        self._extra_check = check
-        self._changed = changed
         node.add_on_set_parameters_callback(self._check)
-        given = {}
-        for row in TABLE:
-            given[row.name] = _declare(node, row)
-        self.values = Parameters(**given)  # type: ignore[arg-type]
+        self.values = Parameters(**{  # type: ignore[arg-type]
+            row.name: _declare(node, row) for row in TABLE})
         self._declared = True
         node.add_post_set_parameters_callback(self._apply)
 
@@ -45,7 +41,9 @@ class DeclaredParameters:
         try:
             ours = _parsed(parameters)
             if self._declared:
-                self._extra_check(replace(self.values, **ours))
+                values, core = replace(self.values, **ours), self._core()
+                if core is not None and core.arm is not None:
+                    values.check(core.arm.joints)
         except OptionError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
@@ -53,7 +51,8 @@ class DeclaredParameters:
     def _apply(self, parameters: list[RosParameter]) -> None:
         if ours := _parsed(parameters):
             self.values = replace(self.values, **ours)
-            self._changed(self.values)
+            if (core := self._core()) is not None:
+                core.set(self.values)
 
 
 def _parsed(parameters: list[RosParameter]) -> dict[str, Any]:

@@ -143,10 +143,9 @@ def feedforward_status(arm: Arm, now: float) -> Status:
 
 def payload_status(watch: Watch) -> Status:
     """Return whether the payload of the arm is that of the model."""
-    if watch.suspicion is not None:
-        return Status('payload', WARN, watch.suspicion.text)
-    return Status('payload', WARN if watch.other else OK,
-                  watch.other or 'no other payload is suspected')
+    if watch.finding is None:
+        return Status('payload', OK, 'no other payload is suspected')
+    return Status('payload', WARN, watch.finding.text)
 
 
 def joint_statuses(arm: Arm) -> list[Status]:

@@ -11,18 +11,20 @@ from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
 from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 # Possible delays of a driver from command to reported effort, s.
 DELAYS = (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
-# Maximum number of torques kept; at least half of them, enough for the longest delay at 2 kHz.
-_MAX_TORQUES = 2000
+# Maximum number of torques kept, enough for the longest delay at 5 kHz.
+_MAX_TORQUES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,20 +58,14 @@ class SentTorqueHistory:
     """The recently published torques."""
 
     def __init__(self, n_joints: int) -> None:
-        self._times: list[float] = []
-        self._torques: list[FloatArray] = []
+        self._sent: deque[tuple[float, FloatArray]] = deque(maxlen=_MAX_TORQUES)
         self._none = np.full(n_joints, np.nan)
 
     def published(self, now: float, tau: FloatArray) -> None:
         """Record a published torque (N,)."""
-        times, torques = self._times, self._torques
-        if times and now < times[-1]:
-            times.clear()
-            torques.clear()
-        elif len(times) >= _MAX_TORQUES:
-            del times[:_MAX_TORQUES // 2], torques[:_MAX_TORQUES // 2]
-        times.append(now)
-        torques.append(tau)
+        if self._sent and now < self._sent[-1][0]:
+            self._sent.clear()
+        self._sent.append((now, tau))
 
     def before(self, now: float) -> FloatArray:
         """
@@ -77,8 +73,8 @@ class SentTorqueHistory:
 
         The torque published at `now` is the response to the sample and is not included.
         """
-        places = [bisect_left(self._times, now - delay) - 1 for delay in DELAYS]
-        return np.array([self._torques[k] if k >= 0 else self._none for k in places])
+        places = [bisect_left(self._sent, now - delay, key=itemgetter(0)) for delay in DELAYS]
+        return np.array([self._sent[k - 1][1] if k else self._none for k in places])
 
 
 @dataclass(eq=False)
@@ -164,12 +160,21 @@ HELD_OUT_EVERY = 4
 GROWTH = 1.25
 # Maximum number of samples, five minutes at 5 Hz; then new poses replace samples at similar poses.
 CAPACITY = 1500
+# Minimum number of training samples of a full fit, and of an epoch that starts again after faulty
+# effort: samples after a repair must not be fitted together with faulty ones. With fewer a full
+# fit overfits and extrapolates badly (the change of an old model requires a fraction of them), and
+# more samples may resolve a refusal.
+FULL_FIT_SAMPLES = 100
 # Range of motion that each joint needs before the last fit, rad; joints below it are reported.
 MIN_SPAN = 0.2
 
 
 def rows_of(ring: SampleRing) -> Rows:
-    """Return the samples of a ring, whose further figures are a mark and the sent torques."""
+    """
+    Return the samples of a ring, whose further figures are a mark and the sent torques.
+
+    This takes milliseconds.
+    """
     extra, n = ring.extra(), len(ring.names)
     return Rows(ring.samples(), extra[:, 0] > 0.0, extra[:, 1:].reshape(-1, len(DELAYS), n))
 
@@ -185,15 +190,15 @@ class Epoch:
     :param number: number of the epoch, from 0.
     :param names: joint names.
     :param settings: the sizes are those of the parameters.
+    :param base: the model in use as the epoch begins, whose change may be fitted.
     :param is_open: False for an epoch that begins with a model of its payload.
-    :param has_base: whether there is a model whose change can be fitted.
     """
 
     def __init__(self, number: int, names: Sequence[str], settings: Parameters,
-                 is_open: bool = True, has_base: bool = False) -> None:
+                 base: GravityModel | None = None, is_open: bool = True) -> None:
         self.number = number
+        self.base = base
         self.is_open = is_open
-        self.has_base = has_base
         self.had_broken_effort = False
         self.settings = settings
         self._names = tuple(names)
@@ -233,10 +238,6 @@ class Epoch:
     def n_held_out(self) -> int:
         return int(self._ring.extra()[:, 0].sum())
 
-    def rows(self) -> Rows:
-        """Return the samples; this takes milliseconds."""
-        return rows_of(self._ring)
-
     def snapshot(self) -> SampleRing:
         """Return a copy of the ring for `rows_of` in another thread; it takes 0.1 ms."""
         return deepcopy(self._ring)
@@ -255,7 +256,8 @@ class Epoch:
             return 'no slow samples yet: move the arm slowly through its range'
         settings, n_held_out = self.settings, self.n_held_out
         n_train = len(self) - n_held_out
-        few_suffice = self.has_base and not self.had_broken_effort
+        can_change = self.base is not None and self.base.energy is not None
+        few_suffice = can_change and not self.had_broken_effort
         minimum = settings.min_samples if few_suffice else settings.first_samples
         if n_train < minimum or n_held_out < settings.block:
             why = ' after broken effort' if self.had_broken_effort else ''
@@ -279,10 +281,9 @@ class Epoch:
         """Record the start of a fit of all samples up to now."""
         self._fitted_at, self._was_full = self._growing(), self._is_full()
 
-    def fit_ended(self, succeeded: bool) -> None:
-        """Record the end of a fit; a failed fit does not close the epoch."""
-        if succeeded and self._was_full:
-            self.is_open = False
+    def fit_succeeded(self) -> None:
+        """Close the epoch if the last fit was one of all samples that it requires."""
+        self.is_open = self.is_open and not self._was_full
 
     def describe(self) -> str:
         """Return the state of the epoch as text."""

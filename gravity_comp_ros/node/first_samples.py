@@ -19,7 +19,7 @@ from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.job_messages import FitJob
+from gravity_comp_ros.node.job_messages import Job
 import numpy as np
 
 # Facts that the input shows before, at the full rate (kept samples are seconds apart), and
@@ -27,7 +27,7 @@ import numpy as np
 _ELSEWHERE = frozenset({Kind.VELOCITY, Kind.GLITCHES, Kind.WRAPS, Kind.SPIKES})
 
 
-def judged(job: FitJob) -> tuple[FitJob, Check]:
+def judged(job: Job) -> tuple[Job, Check]:
     """
     Return a job without samples that are no measurements, and the check that it can be learned.
 
@@ -60,7 +60,7 @@ def judged(job: FitJob) -> tuple[FitJob, Check]:
     return replace(job, rows=rows), Check(checks.NO_FACT, float(len(refusals)), 0.0, text=text)
 
 
-def _facts_of_arm(job: FitJob, samples: JointSamples) -> list[Fact]:
+def _facts_of_arm(job: Job, samples: JointSamples) -> list[Fact]:
     """Return the facts that one arm for all joints shows."""
     geometry, order = job.geometry, joint_order(samples.names)
     return list(torque_facts(

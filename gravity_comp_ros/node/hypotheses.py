@@ -18,19 +18,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+import math
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
+from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
+from gravity_comp_ros.estimation.update import payload_change_weights
+from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TYPICAL_SPEED
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
-# Number of parts of a window; a change must be present in each of them.
-PARTS = 3
 # Factor of the noise for the autocorrelated model error of consecutive slow samples.
 _CORRELATED = 2.0
 # Correlation time of the force of a hand, s, and its relative standard deviation.
@@ -76,52 +79,86 @@ class Explanation:
     mean: FloatArray
     covariance: FloatArray
 
-    def ratio(self, qd: FloatArray) -> FloatArray:
-        """Return the RMS residual (N,) in units of the noise, of joints that move at qd (M, N)."""
-        return moving_rms(self.residual, qd)
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """
+    The input of all hypotheses about a window of samples.
+
+    - `samples`: without the friction, offset and effects of the model, which are `friction`
+      (M, N) in N·m.
+    - `model`: the model in use, `chain` its gravity as a chain of the same joints.
+    - `noise`: standard deviation (N,) of the residual of the model, N·m; `reference` (N,) that
+      with the drift of friction and with the noise of the samples.
+    - `settings`: the limits of a payload.
+    - `geometry`: the axes of the arm, None if they are unknown.
+    """
+
+    samples: JointSamples
+    friction: FloatArray
+    model: GravityModel
+    chain: GravityModel
+    noise: FloatArray
+    reference: FloatArray
+    settings: Parameters
+    geometry: Geometry | None
+
+    def tables(self) -> list[Hypotheses]:
+        """
+        Return the explanations of the window, the table of the most probable body first.
+
+        The direction of an axis that carried nothing before is not identified. Each direction
+        that a sparse update finds probable has a table of its own.
+        """
+        chain, samples = self.chain, self.samples
+        assert chain.chain is not None
+        n = chain.n_joints
+        covariance = chain.uncertainty.covariance if isinstance(
+            chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
+        trials = [Trial(chain.chain, covariance)]
+        if self.geometry is None:
+            trials += changed_model(chain, NewSamples(
+                samples.q, samples.tau, self.noise, payload_change_weights(chain, samples)),
+                None).trials
+        return sorted((Hypotheses(self, trial) for trial in trials),
+                      key=lambda table: -table.carried.log_evidence)
 
 
 class Hypotheses:
-    """
-    The explanations of a window at one estimate of the axes.
+    """The explanations of a window at one estimate of the axes, the chain of `trial`."""
 
-    :param gravity: samples without the friction, offset and effects of the model.
-    :param friction: the torque (M, N) of these, N·m.
-    :param model: the model in use.
-    :param chain: its gravity as a chain of the same joints, `covariance` that of a step from it.
-    :param price: nats that every hypothesis of this table has less.
-    :param noise: standard deviation (N,) of the residual of the model, N·m.
-    :param geometry: the axes of the arm, None if they are unknown.
-    """
-
-    def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
-                 chain: Chain, covariance: FloatArray, noise: FloatArray, limits: Parameters,
-                 geometry: Geometry | None, price: float = 0.0) -> None:
-        self.samples, self._noise, self._geometry = gravity, noise, geometry
-        self.before = model.predict(gravity.q)
-        self._sigma = _CORRELATED * noise
-        self._r = self._white((gravity.tau - self.before).T[None])[0]
-        self._limits, self._scale, self._price = limits, 1.0, price
-        friction_columns = _friction_columns(gravity, friction, model, noise)
+    def __init__(self, window: Window, trial: Trial) -> None:
+        self.window, samples, geometry = window, window.samples, window.geometry
+        self.before = window.model.predict(samples.q)
+        self._n, self._price = window.noise.size, trial.price
+        self._sigma = _CORRELATED * window.noise
+        self._r = self._white((samples.tau - self.before).T[None])[0]
+        friction_columns = _friction_columns(window)
 
         def base(under: Chain) -> FloatArray:
             return self._white(np.concatenate((
-                friction_columns, _uncertainty_columns(under, covariance, gravity.q))))
+                friction_columns, _uncertainty_columns(under, trial.prior, samples.q))))
 
-        self._base = base(chain)
-        self._body, *self._horizontal = self._forces(chain, gravity.q)
+        self._base = base(trial.chain)
+        # Moments (K, 2N) in N·m of one prior standard deviation of each coefficient of a body.
+        moments = np.eye(2 * self._n) * (np.abs(samples.tau - self.before).max() + 1e-9) \
+            if geometry is None else self._units()[:, None] * geometry.tool_moments()
+        kinematics = ForwardKinematics(trial.chain.axes, samples.q)
+        # Columns of a body on the last link, then of forces along x and y of the base.
+        forces = [self._white(np.tensordot(moments, kinematics.moment_columns(along), axes=1))
+                  for along in (2, 0, 1)]
         # The size of the body is that of the largest evidence: a light one is as likely as a
         # heavy one.
         self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
-        fits = [self.explain(scale * self._body).log_evidence for scale in self._scales]
-        self._scale = self._scales[int(np.argmax(fits))]
-        self._body = self._scale * self._body
-        self._horizontal = [self._scale * columns for columns in self._horizontal]
+        self._scale = max(self._scales,
+                          key=lambda scale: self.explain(scale * forces[0]).log_evidence)
+        self._body, *self._horizontal = (self._scale * columns for columns in forces)
         # The uncertainty of an axis matters as much as the moments that it carries.
-        change = self._moments(self.explain(self._body))
-        self._loaded = base(chain.moved(np.concatenate((np.zeros_like(change), change))))
-        # The fit of a body on the last link.
+        change = self.explain(self._body).mean @ (self._scale * moments)
+        self._loaded = base(trial.chain.moved(np.concatenate((np.zeros_like(change), change))))
+        # The fit of a body on the last link, and its moments (N, 2) in N·m.
         self.carried = self.explain(self._body, base=self._loaded)
+        self.moments = (self.carried.mean @ (self._scale * moments)).reshape(-1, 2)
 
     def explain(self, *columns: FloatArray, base: FloatArray | None = None,
                 r: FloatArray | None = None) -> Explanation:
@@ -141,10 +178,14 @@ class Hypotheses:
         mean = inverse @ projection
         evidence = (-0.5 * float(r @ r - projection @ mean)
                     - 0.5 * float(np.linalg.slogdet(gram)[1])) - self._price
-        n = self._noise.size
-        residual = _CORRELATED * (r - mean @ design).reshape(n, -1).T
+        residual = _CORRELATED * (r - mean @ design).reshape(self._n, -1).T
         k = len(own)
         return Explanation(evidence, residual, mean[:k], inverse[:k, :k])
+
+    def ratio(self, fit: Explanation) -> FloatArray:
+        """Return the RMS residual (N,) of a fit in units of the reference noise, in motion."""
+        return moving_rms(fit.residual, self.window.samples.qd) * (
+            self.window.noise / self.window.reference)
 
     def push(self) -> Explanation:
         """Return the fit of a force in any direction on the last link."""
@@ -152,24 +193,32 @@ class Hypotheses:
 
     def varying(self) -> Explanation:
         """Return the fit of a body whose torque varies in time, as the force of a hand does."""
-        torque = self.carried.mean @ self._body
-        t = self.samples.t - self.samples.t[0]
-        knots = np.arange(0.0, t[-1] + _FORCE_TIME, _FORCE_TIME)
+        torque, t = self.carried.mean @ self._body, self.window.samples.t
+        knots = np.arange(t[0], t[-1] + _FORCE_TIME, _FORCE_TIME)
         hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
-        return self.explain(self._body, _FORCE_STD * np.tile(hats, self._noise.size) * torque,
+        return self.explain(self._body, _FORCE_STD * np.tile(hats, self._n) * torque,
                             base=self._loaded)
 
-    def loaded_joints(self) -> list[int]:
-        """Return the joints whose torque exceeds the noise; others have no gain to test."""
-        return np.flatnonzero(rms(self.before) > self._noise).tolist()
+    def faults(self) -> Iterator[tuple[Explanation, str, bool]]:
+        """
+        Yield the faults: a common factor, and the gain of a joint, with and without a body.
 
-    def gain(self, joint: int) -> Explanation:
-        """Return the fit of another gain of one joint."""
-        return max(self._gains(joint, self._body[:0], self._base), key=_evidence)
+        A joint whose torque does not exceed the noise has no gain to test.
 
-    def factor(self) -> Explanation:
-        """Return the fit of a common factor of all joints, and constant torques."""
-        return self.explain(self._fault(range(self._noise.size)))
+        :return: the fit, whose first coefficient is the change of the gain, a sentence, and
+            whether the fit includes a body.
+        """
+        names, why = self.window.samples.names, 'its sensor or its drive is faulty'
+        fits = [(self.explain(self._fault(range(self._n))), 'all joints',
+                 ': another unit or gain, no payload', False)]
+        for k in np.flatnonzero(rms(self.before) > self.window.noise).tolist():
+            fits += [(max(self._gains(k, self._body[:0], self._base), key=_evidence), names[k],
+                      f', and that of no other joint has changed: {why}', False),
+                     (self.body_and_gain(k), names[k],
+                      f', also with a body that explains the rest: {why}', True)]
+        for fit, name, end, has_body in fits:
+            yield fit, (f'the effort of {name} is {1.0 + fit.mean[0]:.3g} times the earlier one'
+                        f'{end}'), has_body
 
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
@@ -185,9 +234,8 @@ class Hypotheses:
         body either. The product is linearised at the last solution: the residual to explain is
         then r + g Bx, and its fit by the columns b + Bx and (1 + g) B is that of the product.
         """
-        here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
-        fault, gain = self._fault([joint]), 0.0
-        torque = np.zeros(self._r.size)
+        here, gain = self._rows_of(joint), 0.0
+        fault, torque = self._fault([joint]), np.zeros(self._r.size)
         own = fault[0].copy()
         for _ in range(_MAX_STEPS):
             fault[0] = own + torque
@@ -211,27 +259,24 @@ class Hypotheses:
             columns[k, joint] = np.abs(self.before[:, joint]).max()
         return self._white(columns)
 
-    def without_joint(self, joint: int) -> tuple[float, FloatArray]:
-        """
-        Return the fit of a body to the other joints.
+    def most_faulty(self) -> tuple[int, FloatArray]:
+        """Return the joint without which a body fits best, and its torque (M,), N·m, by that."""
+        def cost(joint: int) -> float:
+            here = self._rows_of(joint)
+            return float((((self._r - self._body_without(here)) ** 2)[~here]).sum())
 
-        :return: sum of the squared residuals of the others, and the torque (M,) in N·m of this
-            joint that the fit predicts.
-        """
-        here = np.repeat(np.arange(self._noise.size) == joint, len(self.samples))
-        predicted = self._body_without(here)
-        error = (self._r - predicted)[~here]
-        return float(error @ error), np.asarray(
-            self.before[:, joint] + self._sigma[joint] * predicted[here])
+        joint = min(range(self._n), key=cost)
+        here = self._rows_of(joint)
+        return joint, np.asarray(self.before[:, joint] + self._sigma[joint]
+                                 * self._body_without(here)[here])
 
-    def explained(self, parts: Sequence[BoolArray]) -> FloatArray:
-        """Return the share of the squared residual of each part (M,) that the rest predicts."""
-        shares = []
-        for part in parts:
-            here = np.tile(part, self._noise.size)
+    def explained(self, parts: Sequence[BoolArray]) -> float:
+        """Return the smallest share of the squared residual of a part (M,) that the rest fits."""
+        def share(here: BoolArray) -> float:
             error, r = (self._r - self._body_without(here))[here], self._r[here]
-            shares.append(1.0 - float(error @ error) / max(float(r @ r), 1e-30))
-        return np.array(shares)
+            return 1.0 - float(error @ error) / max(float(r @ r), 1e-30)
+
+        return min(share(np.tile(part, self._n)) for part in parts)
 
     def _body_without(self, here: BoolArray) -> FloatArray:
         """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
@@ -240,69 +285,47 @@ class Hypotheses:
         return np.asarray(np.linalg.solve(
             np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here]) @ design)
 
-    def carried_body(self) -> tuple[float, float, float] | None:
+    def body(self) -> tuple[float, float, float] | None:
         """Return mass and its standard deviation in kg, and reach in m; None without axes."""
-        if self._geometry is None:
+        if self.window.geometry is None:
             return None
-        scale, fit = self._body_scale(), self.carried
-        mass, moment = fit.mean[0] * scale[0], fit.mean[1:4] * scale[1:]
-        reach = float(np.linalg.norm(moment)) / max(abs(float(mass)), 1e-9)
-        return float(mass), float(np.sqrt(fit.covariance[0, 0]) * scale[0]), reach
+        fit, units = self.carried, self._scale * self._units()
+        mass, *moment = (fit.mean * units).tolist()
+        return (mass, float(np.sqrt(fit.covariance[0, 0])) * units[0],
+                math.hypot(*moment) / max(abs(mass), 1e-9))
 
-    def carried_moments(self) -> FloatArray:
-        """Return the change (N,) of the moment of each link in N·m."""
-        moments = self._moments(self.carried).reshape(-1, 2)
-        return np.hypot(moments[:, 0], moments[:, 1])
+    def _units(self) -> FloatArray:
+        """Return mass (kg) and moments (kg m) of one prior standard deviation: half the limits."""
+        limits = self.window.settings
+        return 0.5 * limits.max_payload * np.array([1.0, *3 * [limits.max_payload_reach]])
 
-    def _moments(self, fit: Explanation) -> FloatArray:
-        """Return the change (2N,) of the moments of the chain in N·m."""
-        if self._geometry is None:
-            return fit.mean * self._scale * self._moment_scale()
-        return np.asarray((fit.mean * self._body_scale()) @ self._geometry.tool_moments())
+    def _rows_of(self, joint: int) -> BoolArray:
+        """Return a mask (N·M,) of the rows of a joint."""
+        return np.repeat(np.arange(self._n) == joint, len(self.window.samples))
 
     def _white(self, columns: FloatArray) -> FloatArray:
         """Return columns (K, N, M) in N·m in units of the noise, as rows (K, N·M)."""
         return (columns / self._sigma[:, None]).reshape(len(columns), -1)
-
-    def _body_scale(self) -> FloatArray:
-        # The limit is two prior standard deviations.
-        return 0.5 * self._scale * self._limits.max_payload * np.array(
-            [1.0, *3 * [self._limits.max_payload_reach]])
-
-    def _moment_scale(self) -> float:
-        return float(np.abs(self.samples.tau - self.before).max()) + 1e-9
-
-    def _forces(self, chain: Chain, q: FloatArray) -> list[FloatArray]:
-        """Return columns of a body on the last link, then of forces along x and y of the base."""
-        kinematics = ForwardKinematics(chain.axes, q)
-        forces = [kinematics.moment_columns(along) for along in (2, 0, 1)]
-        if self._geometry is None:
-            return [self._white(self._moment_scale() * columns) for columns in forces]
-        moments = self._body_scale()[:, None] * self._geometry.tool_moments()
-        return [self._white(np.tensordot(moments, columns, axes=1)) for columns in forces]
 
 
 def _evidence(fit: Explanation) -> float:
     return fit.log_evidence
 
 
-def _friction_columns(samples: JointSamples, friction: FloatArray, model: GravityModel,
-                      noise: FloatArray) -> FloatArray:
+def _friction_columns(window: Window) -> FloatArray:
     """Return columns (3N, N, M) of friction and offset that may have changed."""
+    samples, model, noise = window.samples, window.model, window.noise
     m, n = samples.q.shape
-    sizes = friction_size(model)
+    # Includes a torque at rest.
+    sizes = np.maximum(friction_size(model), np.abs(window.friction).max(axis=0, initial=0.0))
     laws = {effect.joint: speed_law(effect.setting, REST_SPEED) for effect in (
         *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
-        # Includes a torque at rest.
-        size = max(float(sizes[k]), float(np.abs(friction[:, k]).max(initial=0.0)))
-        qd = samples.qd[:, k]
+        qd, size = samples.qd[:, k], noise[k] + _FRICTION_STD * sizes[k]
         columns[k, :, k] = [
-            (noise[k] + _FRICTION_STD * size) * smooth_sign(
-                qd, laws.get(name, {'width': REST_SPEED})),
-            (noise[k] + _FRICTION_STD * size) * qd / TYPICAL_SPEED,
-            np.full(m, noise[k] + _OFFSET_STD * size)]
+            size * smooth_sign(qd, laws.get(name, {'width': REST_SPEED})),
+            size * qd / TYPICAL_SPEED, np.full(m, noise[k] + _OFFSET_STD * sizes[k])]
     return columns.reshape(3 * n, n, m)
 
 
@@ -311,14 +334,3 @@ def _uncertainty_columns(chain: Chain, covariance: FloatArray, q: FloatArray) ->
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.tensordot(root.T, chain.jacobian(q), axes=1)
-
-
-def gain_of(measured: FloatArray, expected: FloatArray) -> str:
-    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
-    power = float((expected ** 2).sum())
-    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
-    if slope < -0.5:
-        return 'has the wrong sign'
-    if measured.std() < 0.25 * expected.std():
-        return 'is dead or frozen'
-    return 'measures the torque of another joint, or has a wrong gain'

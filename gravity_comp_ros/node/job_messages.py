@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import checks
@@ -18,26 +18,31 @@ from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.parameters import Parameters
 
+# Kinds of jobs: fit a model and compare it with the one in use on held-out samples; find the
+# effects that the model does not include; test whether the samples show another payload.
+FIT, DIAGNOSIS, PAYLOAD = 'fit', 'diagnosis', 'payload test'
 # Checks that fail where the effort is faulty.
 FAULTS = (checks.NO_FACT, checks.GRAVITY_PRESENT, checks.JOINTS_AGREE, checks.BODY_EXPLAINS,
           checks.NO_FAULT, checks.WITHIN_LIMITS)
 
 
 @dataclass(frozen=True)
-class FitJob:
+class Job:
     """
-    Fit a model to training samples, and compare it with the model in use on held-out samples.
+    The input of one job.
 
-    - `base`: model in use when the epoch began; its change may be fitted.
-    - `old`: model in use now, to compare with.
+    - `kind`: one of the kinds above.
+    - `rows`: the samples.
+    - `model`: the model in use now; `base` that when the epoch began, whose change may be fitted.
     - `settings`: formulation and effects of a full fit, limits of a payload, accepted facts.
     - `geometry`: the axes where they are known.
-    - `on_request`: whether a service call requested the fit.
+    - `on_request`: whether a service call requested the job.
     """
 
+    kind: str
     rows: Rows
-    base: GravityModel | None
-    old: GravityModel | None
+    model: GravityModel | None = None
+    base: GravityModel | None = None
     settings: Parameters = Parameters()
     geometry: Geometry | None = None
     on_request: bool = False
@@ -81,39 +86,24 @@ class FitResult:
 
 
 @dataclass(frozen=True)
-class DiagnosisJob:
-    """Find the effects that `model` does not include, in these samples; the result is a text."""
-
-    samples: JointSamples
-    model: GravityModel | None
-
-
-@dataclass(frozen=True)
-class PayloadJob:
-    """Test whether these samples show another payload than that of `model`; see `FitJob`."""
-
-    samples: JointSamples
-    model: GravityModel
-    settings: Parameters = Parameters()
-    geometry: Geometry | None = None
-
-
-@dataclass(frozen=True)
 class PayloadResult:
     """
     The result of a payload test.
 
-    `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
-    has changed in a way that no payload explains. `text` is a sentence, `values` are named
-    figures.
+    `text` is a sentence, `values` are named figures. `is_other` is true if the effort has changed
+    in a way that no payload explains.
     """
 
-    is_payload: bool
-    is_other: bool
     text: str
     checks: tuple[Check, ...] = ()
     values: Mapping[str, str] = field(default_factory=dict)
+    is_other: bool = False
+
+    @property
+    def is_payload(self) -> bool:
+        """True if a body on the last link explains the window: every check passed."""
+        return bool(self.checks) and checks.failed(self.checks) is None
 
 
-AnyJob = FitJob | DiagnosisJob | PayloadJob
-AnyResult = FitResult | PayloadResult | str
+# The result of a diagnosis is a text.
+Result = FitResult | PayloadResult | str

@@ -7,7 +7,7 @@ leaves the decision about a result to `acceptance`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 import time
 
@@ -19,30 +19,25 @@ from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predi
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
-from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
 from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights
-from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import reference_noise
 from gravity_comp_ros.node.candidates import (
-    Candidate, candidates, full_fit, options_of, predicted)
+    Candidate, candidate, candidates, full_fit, options_of)
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.comparison import compare, not_output
+from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output
 from gravity_comp_ros.node.epoch import REST_SPEED
-from gravity_comp_ros.node.hypotheses import Hypotheses, moving_rms
+from gravity_comp_ros.node.hypotheses import moving_rms, Window
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, AnyResult, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
-from gravity_comp_ros.node.parameters import Parameters
+    DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
@@ -63,38 +58,38 @@ def fitting() -> Work:
     return run_job
 
 
-def run_job(job: AnyJob, _: ProgressCallback) -> AnyResult:
+def run_job(job: Job, _: ProgressCallback) -> Result:
     """Run a job of any kind."""
-    if isinstance(job, DiagnosisJob):
-        return run_diagnosis(job)
-    return run_payload_test(job) if isinstance(job, PayloadJob) else run_fit(job)
+    runs: dict[str, Callable[[Job], Result]] = {
+        FIT: run_fit, DIAGNOSIS: run_diagnosis, PAYLOAD: run_payload_test}
+    return runs[job.kind](job)
 
 
-def run_diagnosis(job: DiagnosisJob) -> str:
+def run_diagnosis(job: Job) -> str:
     """
     Return the findings of a diagnosis, and the motion that resolves the open ones, as text.
 
     :raises DataError: if there are too few samples.
     """
-    start = time.monotonic()
-    options = FitOptions() if job.model is None else fit_options_of(job.model)
-    estimated = estimate(job.samples, options, old=job.model)
-    diagnosis = conclude(estimated, job.model)
+    start, samples, model = time.monotonic(), job.rows.samples, job.model
+    estimated = estimate(samples, FitOptions() if model is None else fit_options_of(model),
+                         old=model)
+    diagnosis = conclude(estimated, model)
     # Named as `gravity_comp add` and the parameter `effects` accept them.
     ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
                         for item in diagnosis.findings)
     motion = _next_motion(job, estimated, diagnosis)
     lines = [wording.verdict(diagnosis), *filter(None, [ranking, motion]),
-             f'{len(job.samples)} slow samples, {time.monotonic() - start:.1f} s']
+             f'{len(samples)} slow samples, {time.monotonic() - start:.1f} s']
     return ' | '.join(lines)
 
 
-def _next_motion(job: DiagnosisJob, estimated: Estimate, diagnosis: Diagnosis) -> str:
+def _next_motion(job: Job, estimated: Estimate, diagnosis: Diagnosis) -> str:
     """Return the motion that resolves open findings as text; empty if there is none."""
     if job.model is None:
         return ''
     try:
-        planned = plan(job.samples, job.model, diagnosis=diagnosis, estimated=estimated)
+        planned = plan(job.rows.samples, job.model, diagnosis=diagnosis, estimated=estimated)
     except GravityCompError:
         return ''
     parts = '; '.join(part.sentence for part in planned.parts)
@@ -102,52 +97,48 @@ def _next_motion(job: DiagnosisJob, estimated: Estimate, diagnosis: Diagnosis) -
             f'(`gravity_comp plan` on a recording writes that motion)')
 
 
-def run_payload_test(job: PayloadJob) -> PayloadResult:
+def run_payload_test(job: Job) -> PayloadResult:
     """Return whether the samples show another payload."""
-    samples, model = job.samples, job.model
+    samples, model = job.rows.samples, job.model
+    assert model is not None
     chain = _chains.of(model, job.geometry)
     if chain is None:
-        return PayloadResult(False, True, 'the effort has changed; a payload cannot '
-                             'be tested, because no serial chain explains this arm')
-    (gravity, others), noise = without_effects(model, samples), residual_noise(model)
-    every_table = tables(gravity, others, model, chain, noise, job.settings,
-                         axes_under(chain, job.geometry))
-    table = every_table[0]
-    reference = reference_noise(expected_residual(model), gravity, table.before)
-    present, other = acceptance.suspicion_checks(table)
-    other = [*acceptance.body_checks(every_table, reference, reference / noise, job.settings,
-                                     (table.push(), table.varying())), *other]
-    ratio = np.sqrt(((gravity.tau - table.before) ** 2).mean(axis=0)) / noise
-    k = int(np.argmax(ratio))
-    figures = (f'residual of {samples.names[k]} {ratio[k] * noise[k]:.3g} N·m, noise of the '
-               f'training {noise[k]:.3g}, {len(samples)} samples in '
-               f'{samples.t[-1] - samples.t[0]:.1f} s')
-    body = table.carried_body()
-    values = {'joint': samples.names[k], 'residual [Nm]': f'{ratio[k] * noise[k]:.3g}',
+        return PayloadResult('the effort has changed; a payload cannot be tested, because no '
+                             'serial chain explains this arm', is_other=True)
+    (gravity, friction), noise = without_effects(model, samples), residual_noise(model)
+    change = gravity.tau - model.predict(gravity.q)
+    tables = Window(gravity, friction, model, chain, noise,
+                    reference_noise(expected_residual(model), gravity, change), job.settings,
+                    axes_under(chain, job.geometry)).tables()
+    present, other = acceptance.suspicion_checks(tables[0])
+    other = [*acceptance.body_checks(tables, (tables[0].push(), tables[0].varying())), *other]
+    every, residual = (*present, *other), rms(change)
+    k = int(np.argmax(residual / noise))
+    figures = (f'residual of {samples.names[k]} {residual[k]:.3g} N·m, noise of the training '
+               f'{noise[k]:.3g}, {len(samples)} samples in {samples.t[-1] - samples.t[0]:.1f} s')
+    values = {'joint': samples.names[k], 'residual [Nm]': f'{residual[k]:.3g}',
               'noise of the training [Nm]': f'{noise[k]:.3g}', 'samples': str(len(samples)),
               'from [s]': f'{samples.t[0]:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
               'log evidence': f'{present[0].statistic:.1f}'}
-    if body is not None:
+    what = 'a body'
+    if (body := tables[0].body()) is not None:
+        what = f'a change of {body[0]:.3g} kg'
         values |= {'mass [kg]': f'{body[0]:.3g}',
                    'standard deviation of the mass [kg]': f'{body[1]:.2g}'}
-    what = 'a body' if body is None else f'a change of {body[0]:.3g} kg'
-    every = (*present, *other)
     # A push or a varying force that is as likely as a body is no reason for an alarm.
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                     if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
     if checks.failed(present) is not None or ambiguous:
-        return PayloadResult(False, False, f'no payload is suspected: {figures}', every, values)
+        return PayloadResult(f'no payload is suspected: {figures}', every, values)
     if (refusal := checks.failed(other)) is not None:
-        return PayloadResult(
-            False, True, 'the effort has changed in a way that no payload explains: '
-            f'{refusal.text}; {figures}', every, values)
+        return PayloadResult('the effort has changed in a way that no payload explains: '
+                             f'{refusal.text}; {figures}', every, values, is_other=True)
     return PayloadResult(
-        True, False, f'another payload is suspected: {what} on the last link explains '
-        f'at least {present[1].statistic:.0%} of each third of the samples; {figures}', every,
-        values)
+        f'another payload is suspected: {what} on the last link explains at least '
+        f'{present[1].statistic:.0%} of each third of the samples; {figures}', every, values)
 
 
-def run_fit(job: FitJob) -> FitResult:
+def run_fit(job: Job) -> FitResult:
     """
     Fit a job, compare the best candidate with the model in use, and check it.
 
@@ -171,15 +162,15 @@ def run_fit(job: FitJob) -> FitResult:
     return replace(result, checks=(check, *result.checks), figures=text + result.figures)
 
 
-def _compared_fit(job: FitJob) -> FitResult:
+def _compared_fit(job: Job) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
     tried = list(candidates(job, chain, first))
     best = _best(tried, job)
-    comparison = compare(best.predicted, None if job.old is None else predicted(job.old, job),
-                         job.rows, job.old is not None
-                         and len(job.rows.train) > job.old.coverage.n_samples)
+    comparison = compare(best, None if job.model is None else candidate(job.model, job), job.rows,
+                         job.model is not None
+                         and len(job.rows.train) > job.model.coverage.n_samples)
     judged = list(comparison.checks)
     if not comparison.is_compensated:
         judged = [*_checks(job, chain, best), *judged]
@@ -187,21 +178,23 @@ def _compared_fit(job: FitJob) -> FitResult:
             judged.append(_converged(best.fit, job))
     figures = comparison.figures
     if len(tried) > 1:
-        figures += f'; tried: {_errors(tried, job)}'
+        errors = ((each.how, rms(held_out_rmse(each.residual(job.rows.samples), job.rows)))
+                  for each in tried)
+        figures += '; tried: ' + ', '.join(f'{how} {error:.3g} N·m' for how, error in errors)
     q = job.rows.train.q
     return FitResult(best.model, tuple(judged), figures, best.how,
                      time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out,
                      comparison.is_compensated)
 
 
-def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
+def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
     """Yield the checks of the samples themselves: an echo, faulty effort, payload limits."""
-    base, samples, model, prediction = job.base, job.rows.samples, best.model, best.predicted
+    base, samples, model = job.base, job.rows.samples, best.model
     has_new_effects = base is not None and _targets(model) != _targets(base)
-    echo = not_output(job.rows, prediction, has_new_effects)
+    echo = not_output(job.rows, best, has_new_effects)
     if echo is not None:
         yield echo
-    error = prediction.residual(samples)
+    error = best.residual(samples)
     residual = np.maximum(*(
         moving_rms(np.where(outliers_of_fit(error[part], samples.select(part)), 0.0, error[part]),
                    samples.qd[part]) for part in (job.rows.held_out, ~job.rows.held_out)))
@@ -212,51 +205,26 @@ def _checks(job: FitJob, chain: GravityModel | None, best: Candidate) -> Iterato
     source, allowance = (model, NEW_EFFECTS_FACTOR) if has_new_effects else (base, 1.0)
     gravity, friction = without_effects(source, samples)
     before = base.predict(gravity.q)
-    noise = allowance * reference_noise(expected_residual(base), gravity, before)
+    noise = allowance * reference_noise(expected_residual(base), gravity, gravity.tau - before)
     if chain is None:
         yield acceptance.gravity_present(gravity, before, noise)
         yield acceptance.joints_agree(samples, residual, (
-            noise, rms(prediction.torque - predict_torque(base, samples))))
+            noise, rms(best.torque - predict_torque(base, samples))))
         return
     yield from acceptance.body_checks(
-        tables(gravity, friction, base, chain, noise, job.settings,
-               axes_under(chain, job.geometry)), noise, 1.0, job.settings)
+        Window(gravity, friction, base, chain, noise, noise, job.settings,
+               axes_under(chain, job.geometry)).tables())
 
 
-def tables(gravity: JointSamples, friction: FloatArray, model: GravityModel,
-           chain: GravityModel, noise: FloatArray, limits: Parameters,
-           geometry: Geometry | None) -> list[Hypotheses]:
-    """
-    Return the explanations of a window, the table of the most probable body first.
-
-    The direction of an axis that carried nothing before is not identified. Each direction that a
-    sparse update finds probable has a table of its own.
-
-    :param chain: the gravity of the model as a chain of the same joints.
-    """
-    assert chain.chain is not None
-    n = chain.n_joints
-    covariance = chain.uncertainty.covariance if isinstance(
-        chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
-    trials = [Trial(chain.chain, covariance)]
-    if geometry is None:
-        weights = payload_change_weights(chain, gravity)
-        trials += changed_model(chain, NewSamples(gravity.q, gravity.tau, noise, weights),
-                                None).trials
-    result = [Hypotheses(gravity, friction, model, trial.chain, trial.prior, noise, limits,
-                         geometry, trial.price) for trial in trials]
-    return sorted(result, key=lambda table: -table.carried.log_evidence)
-
-
-def _converged(fit: FullFit, job: FitJob) -> Check:
+def _converged(fit: FullFit, job: Job) -> Check:
     options = options_of(job)
     why = convergence_objection(fit.model, job.rows.train, residual_noise(fit.model),
                                 lambda part: fit_again(part, fit, options).model)
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
-def _without_outliers(job: FitJob, chain: GravityModel | None
-                      ) -> tuple[FitJob, Mapping[str, int], FullFit | None]:
+def _without_outliers(job: Job, chain: GravityModel | None
+                      ) -> tuple[Job, Mapping[str, int], FullFit | None]:
     """
     Return the job without outliers, their number per joint, and the fit that identified them.
 
@@ -273,7 +241,7 @@ def _without_outliers(job: FitJob, chain: GravityModel | None
             first = full_fit(replace(job, settings=replace(job.settings, effects=())))
         except (FitError, DataError):
             return job, {}, None
-        is_outlier = outliers_of_fit(predicted(first.model, job).residual(samples), samples)
+        is_outlier = outliers_of_fit(candidate(first.model, job).residual(samples), samples)
     first = None if job.settings.effects else first
     if not is_outlier.any():
         return job, {}, first
@@ -305,7 +273,7 @@ def _none_if_too_many(outliers: BoolArray) -> BoolArray:
     return outliers
 
 
-def _best(tried: list[Candidate], job: FitJob) -> Candidate:
+def _best(tried: list[Candidate], job: Job) -> Candidate:
     """
     Return the first candidate unless a later one has a smaller held-out error by a margin.
 
@@ -315,19 +283,9 @@ def _best(tried: list[Candidate], job: FitJob) -> Candidate:
     best, *others = tried
     for other in others:
         margin = _FULL_FIT_MARGIN if best.fit is None else _SPARSE_MARGIN
-        if compare(other.predicted, best.predicted, job.rows, margin=margin).is_better:
+        if compare(other, best, job.rows, margin=margin).is_better:
             best = other
     return best
-
-
-def _errors(tried: list[Candidate], job: FitJob) -> str:
-    """Return the held-out RMSE of each candidate over all joints as text."""
-    held_out, texts = job.rows.held_out, []
-    for candidate in tried:
-        error = candidate.predicted.residual(job.rows.samples)[held_out]
-        size = rms(moving_rms(error, job.rows.samples.qd[held_out]))
-        texts.append(f'{candidate.how} {size:.3g} N·m')
-    return ', '.join(texts)
 
 
 def without_effects(model: GravityModel, samples: JointSamples

@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 import math
 from typing import Any
 
-from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import Check
-from gravity_comp_ros.node.epoch import rows_of
+from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, Rows, rows_of
 from gravity_comp_ros.node.job_messages import (
-    AnyJob, DiagnosisJob, FitJob, FitResult, PayloadJob, PayloadResult)
+    FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.worker_process import Failed, READY, Supervised
+import numpy as np
 
-# Number of samples from which an epoch is restarted after a refusal for broken effort, so that
-# samples after a repair are not fitted together with broken ones. Below it more samples may
-# resolve the refusal.
-MIN_DROPPED = 100
-FIT, DIAGNOSIS, PAYLOAD = 'fit', 'diagnosis', 'payload test'
 # States of learning: nothing to report, a model that was not used, a fault.
 FINE, REFUSED, FAULTY = range(3)
 
 
 @dataclass
-class Job:
+class Pending:
     """
     A job that waits or runs: its kind, and the call of a service that waits for it until then, s.
 
@@ -79,11 +74,10 @@ class Learner:
         self.state, self.report = FINE, ''
         self.has_started = False
         # The job of a call that has not started.
-        self._queued: Job | None = None
-        # The model in use when the epoch began, whose change by a payload is fitted.
-        self._base = models.model
+        self._queued: Pending | None = None
 
-    def poll(self, answers: Sequence[tuple[Job | None, Any]], now: float, wall: float) -> None:
+    def poll(self, answers: Sequence[tuple[Pending | None, Any]], now: float,
+             wall: float) -> None:
         """Handle jobs of the fit process that have ended, and submit the next job."""
         for job, answer in answers:
             if job is not None:
@@ -93,65 +87,57 @@ class Learner:
         if judged and not any(check.passed for check in judged):
             self._decided('rollback', judged[0].text, tuple(judged))
             self._roll_back_automatically(judged[0].text, now)
-        if self.fits.state == READY:
-            if self._queued is not None:
-                self._start_queued(wall, self._queued)
-            elif (model := self._tested_model()) is not None and self.arm.watch.is_due():
-                window = self.arm.watch.window()
-                test = PayloadJob(window, model, self.arm.settings, self.arm.geometry)
-                self._submit(wall, Job(PAYLOAD), lambda: test)
-            elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
-                self._submit_fit(wall, Job(FIT))
+        if self.fits.state != READY:
+            return
+        if self._queued is not None:
+            job, self._queued = self._queued, None
+            if (missing := self.arm.epoch.missing_for_fit()) is None:
+                self._submit(wall, job)
+            else:
+                # The payload has changed since the call.
+                job.reply(False, missing)
+        elif self._is_tested() and self.arm.watch.is_due():
+            self._submit(wall, Pending(PAYLOAD))
+        elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
+            self._submit(wall, Pending(FIT))
 
-    def _submit(self, wall: float, job: Job, prepare: Callable[[], AnyJob]) -> None:
-        """Submit a job that another thread prepares."""
-        self.has_started = True
-        self.fits.submit(job, wall, prepare)
-
-    def _submit_fit(self, wall: float, job: Job) -> None:
-        ring, job_of = self.arm.epoch.snapshot(), partial(
-            FitJob, base=self._base, old=self.models.model, settings=self.arm.settings,
-            geometry=self.arm.geometry, on_request=job.call is not None)
-        self._submit(wall, job, lambda: job_of(rows_of(ring)))
-        self.arm.epoch.fit_started()
-
-    def _start_queued(self, wall: float, job: Job) -> None:
-        """Submit the job of a call."""
-        self._queued = None
-        if (missing := self.arm.epoch.missing_for_fit()) is not None:
-            # The payload has changed since the call.
-            job.reply(False, missing)
-        elif job.kind == DIAGNOSIS:
-            ring, model = self.arm.epoch.snapshot(), self.models.model
-            self._submit(wall, job, lambda: DiagnosisJob(ring.samples(), model))
+    def _submit(self, wall: float, pending: Pending) -> None:
+        """Submit a job; another thread prepares its samples."""
+        arm, kind = self.arm, pending.kind
+        job = partial(Job, kind, model=self.models.model, base=arm.epoch.base,
+                      settings=arm.settings, geometry=arm.geometry,
+                      on_request=pending.call is not None)
+        if kind == PAYLOAD:
+            window = arm.watch.window()
+            rows = partial(Rows, window, np.zeros(len(window), dtype=bool))
         else:
-            self._submit_fit(wall, job)
+            rows = partial(rows_of, arm.epoch.snapshot())
+        if kind == FIT:
+            arm.epoch.fit_started()
+        self.has_started = True
+        self.fits.submit(pending, wall, lambda: job(rows()))
 
-    def _tested_model(self) -> GravityModel | None:
-        """Return the model in use if it is confirmed and of the present payload."""
-        entry = self.models.entry
-        if entry is None or not self.arm.watch.is_confirmed or (
-                self.arm.epoch.is_open and entry.epoch != self.arm.epoch.number):
-            return None
-        return entry.model
+    def _is_tested(self) -> bool:
+        """Return whether the model in use is confirmed and of the present payload."""
+        entry, epoch = self.models.entry, self.arm.epoch
+        return entry is not None and self.arm.watch.is_confirmed and (
+            not epoch.is_open or entry.epoch == epoch.number)
 
-    def _ended(self, job: Job, answer: object, now: float) -> None:
+    def _ended(self, job: Pending, answer: Failed | Result, now: float) -> None:
         """Handle the result or failure of a job."""
-        if job.kind == FIT and not isinstance(answer, FitResult) or job.is_outdated:
-            self.arm.epoch.fit_ended(False)
         if isinstance(answer, Failed):
             self._failed(job, answer)
-        elif job.is_outdated and not isinstance(answer, str):
+        elif isinstance(answer, str):
+            job.reply(True, answer)
+        elif job.is_outdated:
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
                       'was discarded')
         elif isinstance(answer, FitResult):
             self._fit_ended(job, answer, now)
-        elif isinstance(answer, PayloadResult):
-            self._payload_tested(answer, now)
         else:
-            job.reply(True, str(answer))
+            self._payload_tested(answer, now)
 
-    def _failed(self, job: Job, failure: Failed) -> None:
+    def _failed(self, job: Pending, failure: Failed) -> None:
         """
         Report a job without a result.
 
@@ -186,9 +172,10 @@ class Learner:
         """Keep the checks of a decision for `~/checks`."""
         self._events.checks.append(checks.to_json(decision, result, judged))
 
-    def _fit_ended(self, job: Job, result: FitResult, now: float) -> None:
+    def _fit_ended(self, job: Pending, result: FitResult, now: float) -> None:
         """Use or refuse the model of a fit; reply, log, and publish its checks."""
-        self.arm.epoch.fit_ended(not result.fault)
+        if not result.fault:
+            self.arm.epoch.fit_succeeded()
         # Friction at the start of a motion causes a single outlier.
         outliers = ', '.join(f'{n} of {name}' for name, n in result.outliers.items() if n > 1)
         left_out = f' (without outliers: {outliers})' if outliers else ''
@@ -217,15 +204,12 @@ class Learner:
 
     def _use(self, result: FitResult, now: float) -> None:
         """Take a new model into use."""
-        epoch, base = self.arm.epoch, self._base
-        entry = self.models.use(result.model, f'{result.how} in epoch {epoch.number}', now,
-                                epoch.number)
-        before = self.models.before
+        epoch, model = self.arm.epoch, result.model
+        self.models.use(model, f'{result.how} in epoch {epoch.number}', now, epoch.number)
         # The samples of a closed epoch determine the whole change.
-        change = None if base is None or not epoch.is_open else UncertainChange(
-            result.model, base, result.low, result.high)
-        self.arm.use(entry.model, None if before is None else before.model,
-                     result.model.coverage.n_samples, change)
+        change = None if epoch.base is None or not epoch.is_open else UncertainChange(
+            model, epoch.base, result.low, result.high)
+        self.arm.use(model, self.models.before, model.coverage.n_samples, change)
         self.models.problem = ''
         self._save()
 
@@ -244,7 +228,7 @@ class Learner:
                 not self.arm.watch.is_confirmed):
             self._roll_back_automatically(why, now)
             return
-        if len(epoch) >= MIN_DROPPED and epoch.is_open and not result.is_compensated:
+        if len(epoch) >= FULL_FIT_SAMPLES and epoch.is_open and not result.is_compensated:
             epoch.restart_after_broken_effort()
             self.report += '; its samples were dropped'
 
@@ -253,7 +237,7 @@ class Learner:
         entry = self._roll_back(now)
         if entry is None:
             return
-        self._base = entry.model
+        self.arm.epoch.base = entry.model
         self.arm.epoch.restart_after_broken_effort()
         self.last_fit = f'rolled back automatically to the {entry.describe()}: {why}'
         self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
@@ -264,11 +248,11 @@ class Learner:
         entry = self.models.roll_back(now)
         if entry is not None:
             self.arm.use(entry.model, None, 0)
-            self._discard_running()
+            self._outdate_running()
             self._save()
         return entry
 
-    def _discard_running(self) -> None:
+    def _outdate_running(self) -> None:
         if self.fits.job is not None:
             self.fits.job.is_outdated = True
 
@@ -277,9 +261,8 @@ class Learner:
         dropped, was_open = len(self.arm.epoch), self.arm.epoch.is_open
         number = self.arm.epoch.number + (dropped > 0 or not was_open)
         # Also in an open epoch without samples: a sample may wait, and the payload may swing.
-        self.arm.new_epoch(number, now, can_change(self.models.model))
-        self._discard_running()
-        self._base = self.models.model
+        self.arm.new_epoch(number, now, self.models.model)
+        self._outdate_running()
         self.state, self.report = FINE, ''
         if was_open and not dropped:
             return True, f'{self.arm.epoch.describe()}; it was open already'
@@ -307,7 +290,7 @@ class Learner:
             reply(False, missing)
         else:
             self.has_started = True
-            self._queued = Job(kind, reply, wall + self.arm.settings.refit_timeout)
+            self._queued = Pending(kind, reply, wall + self.arm.settings.refit_timeout)
 
     def _expire(self, wall: float) -> None:
         """Reply to calls past their deadline."""
@@ -325,8 +308,3 @@ class Learner:
             if job is not None:
                 job.reply(False, 'the node shuts down')
         self._queued = None
-
-
-def can_change(model: GravityModel | None) -> bool:
-    """Return whether a change of this model can be fitted."""
-    return model is not None and model.energy is not None

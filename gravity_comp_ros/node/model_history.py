@@ -67,9 +67,9 @@ class ModelHistory:
         return len(self._past)
 
     @property
-    def before(self) -> Entry | None:
+    def before(self) -> GravityModel | None:
         """The last model of the previous payload."""
-        return self._past[-1] if self._past else None
+        return self._past[-1].model if self._past else None
 
     def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> Entry:
         """

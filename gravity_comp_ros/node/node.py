@@ -2,41 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 import time
+from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
+from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT
+from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import CompleteReading, Reading
+from gravity_comp_ros.node.model_history import Reply
 from gravity_comp_ros.node.node_core import NodeCore
-from gravity_comp_ros.node.outputs import Outputs
-from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.priority_executor import InputGroup
-from gravity_comp_ros.node.services import create_services
+from gravity_comp_ros.node.outputs import LATCHED, Outputs
+from gravity_comp_ros.node.priority_executor import InputGroup, MAX_MESSAGES
 from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
 # Best effort matches every publisher. The depth covers a pause of this process of 0.1 s at 1 kHz
 # for learning; only the newest message is answered.
-INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
-                       reliability=ReliabilityPolicy.BEST_EFFORT)
-# robot_state_publisher sends the description once, latched for late subscribers.
-DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
-                             reliability=ReliabilityPolicy.RELIABLE,
-                             durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# Ticks per message on `~/extrapolation`, whose standard deviation takes 0.2 ms.
-TICKS_PER_EXTRAPOLATION = 5
+INPUT_QOS = QoSProfile(depth=MAX_MESSAGES, reliability=ReliabilityPolicy.BEST_EFFORT)
+# With the default depth the eleventh of simultaneous calls is lost without a reply.
+SERVICE_QOS = QoSProfile(depth=1000)
+# Period of `~/extrapolation`, whose standard deviation takes 0.2 ms, s.
+EXTRAPOLATION_PERIOD = 0.1
 EXTERNAL_TORQUE = ('external_torque', 'external_torque_std', 'external_torque_significant')
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')
+INACTIVE = 'the node is not active: activate it first'
+NO_JOINTS = 'no joint states yet: check the topic and the driver'
+# Starts the action of a request; the reply is given once, now or later.
+Action = Callable[[Learner, Any, Reply], None]
 
 
 class GravityCompNode(LifecycleNode):
@@ -47,34 +54,63 @@ class GravityCompNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('gravity_comp')
-        self.settings = DeclaredParameters(self, self._check_settings, self._use_settings)
         self._core: NodeCore | None = None
+        self.settings = DeclaredParameters(self, lambda: self._core)
         self._outputs: Outputs | None = None
         self.subscription: Subscription | None = None
         self._description: Subscription | None = None
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
         self._active = False
-        self._ticks = 0
         self._clock_is_simulated = False
         self._input = InputGroup()
-        create_services(self, self._active_core, self.now)
+        self._create_services()
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(self.TICK, self._on_tick, clock=self._steady)
-        self.create_timer(1.0 / self.settings.values.diagnostics_rate, self._on_report,
-                          clock=self._steady)
+        for period, callback in ((self.TICK, self._on_tick),
+                                 (EXTRAPOLATION_PERIOD, self._on_extrapolation),
+                                 (1.0 / self.settings.values.diagnostics_rate, self._on_report)):
+            self.create_timer(period, callback, clock=self._steady)
         for text in unknown_parameter_warnings(self):
             self.get_logger().warning(text)
 
-    def _check_settings(self, values: Parameters) -> None:
-        core = self._core
-        if core is not None and core.arm is not None:
-            values.check(core.arm.joints)
+    def _create_services(self) -> None:
+        """Create the services for the life of the node, so that a call is always answered."""
+        actions: dict[str, Action] = {
+            'payload_changed': lambda learner, _, reply: reply(
+                *learner.payload_changed(self.now())),
+            'rollback': lambda learner, _, reply: reply(*learner.roll_back(self.now())),
+            'enable': lambda learner, request, reply: reply(*learner.arm.enable(request.data)),
+            'refit': lambda learner, _, reply: learner.request(FIT, time.monotonic(), reply),
+            'diagnose': lambda learner, _, reply: learner.request(
+                DIAGNOSIS, time.monotonic(), reply),
+            'save_model': lambda learner, _, reply: learner.models.save(reply)}
+        # Fits and disks are slow: these reply later, while joint states are handled.
+        group = ReentrantCallbackGroup()
+        for name, action in actions.items():
+            self.create_service(SetBool if name == 'enable' else Trigger, f'~/{name}',
+                                partial(self._respond, action), qos_profile=SERVICE_QOS,
+                                callback_group=group)
 
-    def _use_settings(self, values: Parameters) -> None:
-        if self._core is not None:
-            self._core.set(values)
+    async def _respond(self, action: Action, request: Any, response: Any) -> Any:
+        """Reply to a request, and log the reply."""
+        future, core = Future(executor=self.executor), self._core if self._active else None
+
+        def reply(success: bool, text: str) -> None:
+            if not future.done():
+                future.set_result((success, text))
+
+        if core is None or core.learner is None:
+            reply(False, INACTIVE if core is None else NO_JOINTS)
+        else:
+            action(core.learner, request, reply)
+        response.success, response.message = await future
+        # Throttled, because the caller has the reply.
+        if response.success:
+            self.get_logger().info(response.message, throttle_duration_sec=0.1)
+        else:
+            self.get_logger().warning(response.message, throttle_duration_sec=0.1)
+        return response
 
     def now(self) -> float:
         """Return the time for ramps and watchdog in s: simulated if in use, else monotonic."""
@@ -109,8 +145,7 @@ class GravityCompNode(LifecycleNode):
         text = self.settings.values.robot_description
         if text == 'auto':
             self._description = self.create_subscription(
-                String, 'robot_description', lambda message: core.describe(message.data),
-                DESCRIPTION_QOS)
+                String, 'robot_description', lambda message: core.describe(message.data), LATCHED)
         elif text != 'off':
             core.describe(text)
 
@@ -171,9 +206,6 @@ class GravityCompNode(LifecycleNode):
             outputs.torque(self.get_clock().now().to_msg(), tau)
         return tau is not None
 
-    def _active_core(self) -> NodeCore | None:
-        return self._core if self._active else None
-
     def on_joint_states(self, messages: Sequence[JointState]) -> None:
         """Publish the torque of the newest of all waiting messages, and learn from each."""
         core, outputs = self._core, self._outputs
@@ -227,14 +259,14 @@ class GravityCompNode(LifecycleNode):
         outputs.model(core.models.model)
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
-        self._ticks += 1
-        arm = core.arm
-        if (arm is not None and arm.in_use is not None and arm.pose is not None and self._active
-                and self._ticks % TICKS_PER_EXTRAPOLATION == 0
-                and outputs.is_read('extrapolation')):
+
+    def _on_extrapolation(self) -> None:
+        core, outputs = self._core, self._outputs
+        arm = None if core is None else core.arm
+        if (self._active and outputs is not None and arm is not None and arm.in_use is not None
+                and arm.pose is not None and outputs.is_read('extrapolation')):
             outputs.joints('extrapolation', self.get_clock().now().to_msg(),
-                           arm.in_use.distance(arm.pose),
-                           std_of(arm.in_use.model, arm.pose))
+                           arm.in_use.distance(arm.pose), std_of(arm.in_use.model, arm.pose))
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)

@@ -10,7 +10,7 @@ from gravity_comp_ros.description.joint_order import joint_order
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
-from gravity_comp_ros.node.learner import can_change, Events, Learner
+from gravity_comp_ros.node.learner import Events, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, ModelHistory
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
@@ -70,11 +70,8 @@ class NodeCore:
         self.settings.check(joints)
         # Torque that a call has disabled stays disabled where the arm replaces a gripper.
         is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
-        arm = Arm(joints, self.settings, is_open=entry is None,
-                  has_base=entry is not None and can_change(entry.model))
+        arm = Arm(joints, self.settings, None if entry is None else entry.model)
         arm.enable(is_allowed)
-        if entry is not None:
-            arm.use(entry.model, None, 0)
         self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '

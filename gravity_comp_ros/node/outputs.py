@@ -20,17 +20,14 @@ from gravity_comp_ros.node.job_messages import PayloadResult
 from gravity_comp_ros.node.parameters import Parameters as Settings
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 DEPTH = 10
-# Late subscribers receive the last events with their stamps.
-EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
-                       reliability=ReliabilityPolicy.RELIABLE,
-                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# A controller that starts later receives the last model.
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Late subscribers receive the last events with their stamps, and the last model.
+EVENTS, LATCHED = (QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+                   for depth in (DEPTH, 1))
 # Topics with one number per joint; the last one exists with a servo stiffness only.
 JOINT_TOPICS = ('gravity_torques', 'prediction', 'residual', 'extrapolation', 'external_torque',
                 'external_torque_std', 'external_torque_significant', 'position_offset')
@@ -90,24 +87,22 @@ class Outputs:
         self._node = node
         self._stiffness = np.array(settings.servo_stiffness)
         self._max_offset = settings.max_position_offset
-        topics = JOINT_TOPICS if settings.servo_stiffness else JOINT_TOPICS[:-1]
-        self._joints = {topic: node.create_lifecycle_publisher(JointState, f'~/{topic}', DEPTH)
-                        for topic in topics}
-        self._messages = {topic: JointState() for topic in topics}
+        self._messages = {topic: JointState() for topic in (
+            JOINT_TOPICS if settings.servo_stiffness else JOINT_TOPICS[:-1])}
+        self._command = Float64MultiArray()
         self._names: Sequence[str] = ()
         self._sent_model: GravityModel | None = None
         # The topics that have subscribers.
         self._read: frozenset[str] = frozenset()
-        self._commands = node.create_lifecycle_publisher(
-            Float64MultiArray, '~/commands', DEPTH)
-        self._suspected = node.create_lifecycle_publisher(
-            DiagnosticArray, '~/payload_suspected', EVENT_QOS)
-        self._checks = node.create_lifecycle_publisher(String, '~/checks', EVENT_QOS)
+        kinds = {**dict.fromkeys(self._messages, (JointState, DEPTH)),
+                 'commands': (Float64MultiArray, DEPTH), 'checks': (String, EVENTS),
+                 'payload_suspected': (DiagnosticArray, EVENTS)}
+        self._managed = {topic: node.create_lifecycle_publisher(kind, f'~/{topic}', qos)
+                         for topic, (kind, qos) in kinds.items()}
         # Not managed, so that an inactive node publishes diagnostics and its model.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._model = node.create_publisher(Float64MultiArray, '~/model', LATCHED)
         self._payload = node.create_publisher(InertiaStamped, '~/payload', LATCHED)
-        self._command = Float64MultiArray()
 
     def name_joints(self, joints: Sequence[str]) -> None:
         """Write the joint names into all messages, unless they have them."""
@@ -119,8 +114,8 @@ class Outputs:
 
     def update_subscriptions(self) -> None:
         """Find which topics have subscribers; too slow to call for each message."""
-        self._read = frozenset(topic for topic, publisher in self._joints.items()
-                               if publisher.get_subscription_count() > 0)
+        self._read = frozenset(topic for topic in self._messages
+                               if self._managed[topic].get_subscription_count() > 0)
 
     def is_read(self, *topics: str) -> bool:
         """Return whether one of these topics of joints has a subscriber."""
@@ -135,12 +130,12 @@ class Outputs:
             message.position = array('d', position.tobytes())
         if effort is not None:
             message.effort = array('d', effort.tobytes())
-        self._joints[topic].publish(message)
+        self._managed[topic].publish(message)
 
     def torque(self, stamp: Time, tau: FloatArray) -> None:
         """Publish the feed-forward (N,) in N·m, as command, joint state and position offset."""
         self._command.data = array('d', tau.tobytes())
-        self._commands.publish(self._command)
+        self._managed['commands'].publish(self._command)
         self.joints('gravity_torques', stamp, effort=tau)
         if self._stiffness.size:
             self.joints('position_offset', stamp, position_offset(
@@ -164,12 +159,12 @@ class Outputs:
 
     def checks(self, decision: str) -> None:
         """Publish the checks of a decision, as JSON."""
-        self._checks.publish(String(data=decision))
+        self._managed['checks'].publish(String(data=decision))
 
     def payload_suspected(self, found: PayloadResult) -> None:
         """Publish the suspicion of an unannounced payload, with its evidence."""
-        self._suspected.publish(self._array([
-            Status('payload_suspected', WARN, found.text, found.values)]))
+        topic = 'payload_suspected'
+        self._managed[topic].publish(self._array([Status(topic, WARN, found.text, found.values)]))
 
     def _array(self, statuses: Sequence[Status]) -> DiagnosticArray:
         message = DiagnosticArray()
@@ -185,7 +180,7 @@ class Outputs:
 
     def destroy(self) -> None:
         """Destroy all publishers."""
-        for publisher in (*self._joints.values(), self._commands, self._suspected, self._checks):
+        for publisher in self._managed.values():
             self._node.destroy_lifecycle_publisher(publisher)
         for each in (self._diagnostics, self._model, self._payload):
             self._node.destroy_publisher(each)

@@ -21,8 +21,9 @@ from gravity_comp_ros.node import checks, first_samples
 from gravity_comp_ros.node.acceptance import (
     AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.epoch import Rows
-from gravity_comp_ros.node.job_messages import FAULTS, FitJob
-from gravity_comp_ros.node.jobs import outliers_of_change, run_fit, tables
+from gravity_comp_ros.node.hypotheses import Window
+from gravity_comp_ros.node.job_messages import FAULTS, FIT, Job
+from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload
 from gravity_comp_ros.simulation.motions import multisine
@@ -108,14 +109,15 @@ def tables_of(base, change=None, scaled=(), limits=Parameters(), geometry=None, 
     tau = samples.tau.copy()
     for joint, gain in scaled:
         tau[:, joint] *= gain
-    return tables(replace(samples, tau=tau), 0.0 * tau, base, base, np.full(7, 0.1), limits,
-                  geometry)
+    noise = np.full(7, 0.1)
+    return Window(replace(samples, tau=tau), 0.0 * tau, base, base, noise, noise, limits,
+                  geometry).tables()
 
 
-def refusals(every_table, limits=Parameters()):
+def refusals(every_table):
     """Return name and text of each check that did not pass."""
     return {check.name: check.text for check in
-            body_checks(every_table, np.full(7, 0.1), 1.0, limits) if not check.passed}
+            body_checks(every_table) if not check.passed}
 
 
 LIGHT, HEAVY = {1: 10.0, 3: 9.0}, {1: 60.0, 3: 50.0}
@@ -145,7 +147,7 @@ def assert_refused(base, geometry, case, limits, reason):
     """Assert that a check refuses a case, or that all checks pass without a reason."""
     limits = Parameters(**limits)
     reasons = refusals(tables_of(as_chain(base, geometry), limits=limits, geometry=geometry,
-                                 **case), limits)
+                                 **case))
     assert not reasons if reason is None else reason[1] in reasons[reason[0]]
 
 
@@ -194,7 +196,7 @@ def test_reference_noise_is_the_larger_of_earlier_and_present_noise():
     q = np.stack([np.sin(0.1 * t), np.cos(0.1 * t)], axis=1)
     tau = 20.0 * q + np.array([0.05, 1.0]) * rng.standard_normal(q.shape)
     samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)
-    result = reference_noise(np.full(2, 0.1), samples, 19.0 * q)
+    result = reference_noise(np.full(2, 0.1), samples, tau - 19.0 * q)
     assert result[0] == 0.1 and result[1] == pytest.approx(1.0, rel=0.2)
 
 
@@ -252,7 +254,7 @@ def job():
     tau = gravity_torque(arm, motion.q) + 0.05 * np.random.default_rng(0).standard_normal(
         motion.q.shape)
     samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    return FitJob(Rows(samples, np.arange(len(samples)) // 5 % 4 == 3), None, None)
+    return Job(FIT, Rows(samples, np.arange(len(samples)) // 5 % 4 == 3))
 
 
 def test_a_gain_that_the_last_samples_do_not_show_is_no_fault_of_the_effort(monkeypatch):

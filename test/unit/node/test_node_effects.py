@@ -8,7 +8,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.learner import DIAGNOSIS
+from gravity_comp_ros.node.job_messages import DIAGNOSIS
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse
 import numpy as np

@@ -13,7 +13,7 @@ from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.epoch import Rows
-from gravity_comp_ros.node.job_messages import DiagnosisJob, FitJob, FitResult
+from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT, FitResult, Job
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.worker.worker_process import BUSY, command, Failed, READY, Supervised
@@ -34,7 +34,7 @@ def pendulum(n=80, seed=0):
 
 
 def job(train=None):
-    return FitJob(rows_of(train or pendulum(), pendulum(20, 1)), None, None, POTENTIAL)
+    return Job(FIT, rows_of(train or pendulum(), pendulum(20, 1)), settings=POTENTIAL)
 
 
 @contextmanager
@@ -64,11 +64,11 @@ def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
     rough = two_links(1, reach=WIDE)
     samples = replace(rough, tau=rough.tau * gains).select(np.arange(0, 1200, 4))
     rows = Rows(samples, np.arange(300) % 20 >= 15)
-    result = run_fit(FitJob(rows, None, None, POTENTIAL))
+    result = run_fit(Job(FIT, rows, settings=POTENTIAL))
     assert result.accepted == (not kind) and kind in result.fault
     if kind == 'effort_sign':
-        assert run_fit(FitJob(
-            rows, None, None, replace(POTENTIAL, accept=(kind,)))).checks[0].passed
+        assert run_fit(Job(
+            FIT, rows, settings=replace(POTENTIAL, accept=(kind,)))).checks[0].passed
 
 
 def test_it_fits_and_stays_running():
@@ -143,11 +143,12 @@ def test_it_does_not_inherit_real_time_priority():
 def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     # On a joint that moves in one direction only, friction and offset are collinear.
     samples = two_links(0, one_way=True)
-    result = run_diagnosis(DiagnosisJob(samples, fit(samples, FitOptions('potential')).model))
+    rows = Rows(samples, np.zeros(len(samples), dtype=bool))
+    result = run_diagnosis(Job(DIAGNOSIS, rows, fit(samples, FitOptions('potential')).model))
     assert 'torque_offset:shoulder (ambiguous)' in result
     match = re.search(r'to resolve open findings, move for (\d+) s: (.*?) \(`gravity_comp plan`',
                       result)
     assert match and 2 <= int(match[1]) <= 20, result
     assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])
     # Without a model no motion is planned.
-    assert 'to resolve' not in run_diagnosis(DiagnosisJob(samples, None))
+    assert 'to resolve' not in run_diagnosis(Job(DIAGNOSIS, rows))

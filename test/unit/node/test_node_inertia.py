@@ -5,9 +5,9 @@ from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import epoch as epoch_module
-from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, MEAN_OVER, REST_SPEED
+from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, MEAN_OVER, REST_SPEED, rows_of
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation import motions
@@ -29,7 +29,8 @@ def recorded(seed, seconds=60.0, rate=50.0):
 def test_samples_of_the_node_are_means_of_the_recording(live):
     node, samples = live(auto_fit=False, settle_time=0.0), recorded(60, 20.0)
     play(node, samples)
-    learned, whole = node.arm.epoch.rows().samples, with_accelerations(samples, samples)
+    learned = rows_of(node.arm.epoch.snapshot()).samples
+    whole = with_accelerations(samples, samples)
     # The last sample has no messages after it.
     assert len(learned) == len(slow_samples(samples).samples) - 1
     for k in range(1, len(learned)):
@@ -48,7 +49,7 @@ def test_samples_of_the_node_are_means_of_the_recording(live):
 def test_a_slow_rate_has_no_accelerations(live):
     node = live(auto_fit=False, settle_time=0.0)
     play(node, recorded(60, 20.0, 10.0))
-    assert len(node.arm.epoch) > 80 and node.arm.epoch.rows().samples.qdd is None
+    assert len(node.arm.epoch) > 80 and rows_of(node.arm.epoch.snapshot()).samples.qdd is None
 
 
 def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
@@ -106,7 +107,7 @@ def feed(epoch, n, start=0, step=0.05, still=False):
 def test_every_fourth_block_is_held_out():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 40)
-    rows, held_out = epoch.rows(), [15, 16, 17, 18, 19, 35, 36, 37, 38, 39]
+    rows, held_out = rows_of(epoch.snapshot()), [15, 16, 17, 18, 19, 35, 36, 37, 38, 39]
     np.testing.assert_array_equal(np.flatnonzero(rows.held_out), held_out)
     np.testing.assert_allclose(rows.samples.q[:, 0], 0.05 * np.arange(40))
     assert epoch.n_held_out == 10 and len(epoch) == 40 and len(rows.train) == 30
@@ -121,7 +122,7 @@ def test_a_clock_that_starts_again_begins_a_run():
     for k in range(30):
         epoch.offer(slow_sample(0.2 * k + 0.05, np.array([0.3, 0.02 * k]), np.ones(2), np.ones(2),
                                 float(k)))
-    rows = epoch.rows()
+    rows = rows_of(epoch.snapshot())
     assert len(rows) == 60 and rows.samples.n_runs == 2
     np.testing.assert_allclose(rows.samples.t[:30], 0.2 * np.arange(30))
     np.testing.assert_array_equal(rows.sent[:, 0, 0], np.tile(np.arange(30.0), 2))
@@ -139,11 +140,11 @@ def test_it_reports_what_is_missing_for_a_fit():
                                 'on a, b')
 
 
-def test_after_broken_effort_it_requires_more_samples():
+def test_after_broken_effort_it_requires_more_samples(model_file):
     options = Parameters(min_samples=15, first_samples=45, full_samples=60)
     # With ten of 55 samples held out.
     for broken, needed in ((False, 20), (True, 55)):
-        epoch = Epoch(0, ['a', 'b'], options, has_base=True)
+        epoch = Epoch(0, ['a', 'b'], options, load_model(model_file))
         if broken:
             epoch.restart_after_broken_effort()
         assert due_fits(epoch, 80, True)[0] == needed
@@ -161,7 +162,8 @@ def due_fits(epoch, n, succeed, still=False):
             due.append(k + 1)
             epoch.fit_started()
             assert not epoch.fit_is_due()
-            epoch.fit_ended(succeed)
+            if succeed:
+                epoch.fit_succeeded()
     return due
 
 

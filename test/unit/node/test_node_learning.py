@@ -13,7 +13,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.diagnostics import ERROR, OK, WARN
-from gravity_comp_ros.node.learner import DIAGNOSIS, FIT
+from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT
 import numpy as np
 import pytest
 

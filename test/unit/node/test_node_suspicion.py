@@ -11,8 +11,11 @@ from gravity_comp_ros.evaluation.expected_residual import expected_residual, res
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
+from gravity_comp_ros.node import checks
+from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.job_messages import PayloadJob, PayloadResult
+from gravity_comp_ros.node.epoch import Rows
+from gravity_comp_ros.node.job_messages import Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.parameters import Parameters
@@ -61,7 +64,8 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
 
 
 def finding(model, samples, geometry=None):
-    return run_payload_test(PayloadJob(samples, model, geometry=geometry))
+    return run_payload_test(
+        Job(PAYLOAD, Rows(samples, np.zeros(len(samples), dtype=bool)), model, geometry=geometry))
 
 
 DOWN = (0.0, 0.0, 20.0)
@@ -172,7 +176,7 @@ def test_a_test_is_due_only_for_a_lasting_residual():
 def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     """At any sample rate, although each test finds a payload."""
     watch, suspected = watching(lasting), []
-    finding = PayloadResult(True, False, 'a payload')
+    finding = PayloadResult('a payload', (Check(checks.BODY_PRESENT, 30.0, 20.0, True),))
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
         offer(watch, t, 0.1 * t, ratio)
