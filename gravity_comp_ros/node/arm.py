@@ -12,6 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
@@ -104,7 +105,8 @@ class Arm:
         self.pose: FloatArray | None = None
         self.in_use: ModelInUse | None = None
         self._share_at = -np.inf
-        self._drop_residuals()
+        # Residuals since the last report (2, N) in N·m: with and without nuisance terms.
+        self._residuals: list[FloatArray] = []
         self._limit()
         if model is not None:
             self.use(model, None, 0)
@@ -239,21 +241,18 @@ class Arm:
             return
         gravity = in_use.model.predict_one(reading.q)
         error, residual = in_use.residual(reading, gravity, sample.mean_qdd)
-        self._squares += np.square([error, residual])
-        self._n_residual += 1
+        self._residuals.append(np.array((error, residual)))
         if not in_use.distance(reading.q).any():
             self.watch.offer(reading, sample.mean_qdd, gravity, residual)
 
-    def _drop_residuals(self) -> None:
-        # Sums of squared residuals since the last report: with and without nuisance terms.
-        self._squares = np.zeros((2, len(self.joints)))
-        self._n_residual = 0
-
     def take_residual(self) -> FloatArray | None:
-        """Return the RMS residuals (2, N) in N·m since the last call, None without samples."""
-        squares, n = self._squares, self._n_residual
-        self._drop_residuals()
-        return np.sqrt(squares / n) if n else None
+        """
+        Return the RMS residuals (2, N) in N·m since the last call, None without samples.
+
+        They are with and without nuisance terms.
+        """
+        residuals, self._residuals = self._residuals, []
+        return rms(np.array(residuals)) if residuals else None
 
     def _accepts_samples(self, now: float) -> bool:
         """Return whether `settle_time` has passed since the payload changed."""
@@ -268,7 +267,7 @@ class Arm:
         self.epoch = Epoch(number, self.joints, self.settings, base)
         self.delayed.restart()
         self.watch.forget()
-        self._drop_residuals()
+        self._residuals = []
 
 
 def _gate(n_joints: int, settings: Parameters) -> Gate:

@@ -28,7 +28,7 @@ class Candidate(Prediction):
 
     model: GravityModel
     how: str
-    fit: FullFit | None = None
+    fit: FullFit | None
 
 
 def candidate(model: GravityModel, job: Job, how: str = '',
@@ -39,9 +39,12 @@ def candidate(model: GravityModel, job: Job, how: str = '',
                      fitted_torque(model, samples), model=model, how=how, fit=fit)
 
 
-def candidates(job: Job, chain: GravityModel | None,
-               first: FullFit | None) -> Iterator[Candidate]:
-    """Yield the candidate models; `first` is the first full fit where it exists already."""
+def candidates(job: Job, chain: GravityModel | None) -> Iterator[Candidate]:
+    """
+    Yield the candidate models of a job.
+
+    :param chain: the gravity of its base as a chain, None where no chain explains it.
+    """
     base, train = chain or job.base, job.rows.train
     if base is not None and base.energy is None:
         base = None
@@ -56,7 +59,7 @@ def candidates(job: Job, chain: GravityModel | None,
                            f'{", ".join(effects)} requires {FULL_FIT_SAMPLES}: keep '
                            'moving slowly')
     if base is None:
-        yield from _full_fits(job, first)
+        yield from _full_fits(job)
         return
     samples = replace(train, tau=train.tau - effect_torque(base, train))
     changed = update(base, samples, geometry=base.geometry).model
@@ -64,16 +67,16 @@ def candidates(job: Job, chain: GravityModel | None,
     if len(train) >= FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
-            yield from _full_fits(job, first)
+            yield from _full_fits(job)
 
 
-def _full_fits(job: Job, first: FullFit | None) -> Iterator[Candidate]:
+def _full_fits(job: Job) -> Iterator[Candidate]:
     """
     Yield models fitted to the samples alone, of the formulation of the job.
 
     With `auto` these are the chain and, with its effects, the sparse potential.
     """
-    fits = [first or full_fit(job)]
+    fits = [full_fit(job)]
     if job.settings.formulation == 'auto':
         with suppress(FitError, DataError):
             fits.append(fit_as('potential', fits[0], options_of(job)))

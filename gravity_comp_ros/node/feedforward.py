@@ -76,8 +76,6 @@ class FeedForward:
 
     def use(self, source: TorqueSource) -> None:
         """Change to the torque of another source."""
-        if self._source is None:
-            self._last = self._zero
         self._source = source
 
     def fail(self) -> None:
@@ -220,10 +218,9 @@ class FeedForward:
 
     def _is_fading(self, now: float) -> bool:
         options = self.options
-        if self._failed:
-            return True
-        return (options.stale_action == 'fade' and self._fresh is not None
-                and now - self._fresh > options.stale_after + options.hold_time)
+        return self._failed or (
+            options.stale_action == 'fade' and self._fresh is not None
+            and now - self._fresh > options.stale_after + options.hold_time)
 
     def _is_at_rest(self) -> bool:
         return not self.is_publishing and self._phase[:1] != ('model',)

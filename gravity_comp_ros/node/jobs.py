@@ -7,7 +7,7 @@ leaves the decision about a result to `acceptance`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import time
 
@@ -30,8 +30,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import reference_noise
-from gravity_comp_ros.node.candidates import (
-    Candidate, candidate, candidates, full_fit, options_of)
+from gravity_comp_ros.node.candidates import Candidate, candidate, candidates, options_of
 from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output
 from gravity_comp_ros.node.epoch import REST_SPEED
@@ -165,12 +164,23 @@ def run_fit(job: Job) -> FitResult:
 def _compared_fit(job: Job) -> FitResult:
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
-    job, left_out, first = _without_outliers(job, chain)
-    tried = list(candidates(job, chain, first))
+    tried, samples = list[Candidate](), job.rows.samples
+    # Outliers have a transient torque, such as that of an intermittent brake. They are those of
+    # the change of the base, which must not be fitted to them. A full fit gives them no weight.
+    base = chain or job.base
+    if job.base is not None and base is not None and base.energy is not None:
+        is_outlier = outliers_of_change(without_effects(job.base, samples)[0], base)
+    else:
+        tried = list(candidates(job, None))
+        is_outlier = outliers_of_fit(tried[0].residual(samples), samples)
+    left_out = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}
+    job = replace(job, rows=job.rows.select(~np.asarray(is_outlier.any(axis=1))))
+    tried = [candidate(each.model, job, each.how, each.fit)
+             for each in tried] or list(candidates(job, chain))
     best = _best(tried, job)
-    comparison = compare(best, None if job.model is None else candidate(job.model, job), job.rows,
-                         job.model is not None
-                         and len(job.rows.train) > job.model.coverage.n_samples)
+    old = None if job.model is None else candidate(job.model, job)
+    comparison = compare(best, old, job.rows, old is not None and len(
+        job.rows.train) > old.model.coverage.n_samples)
     judged = list(comparison.checks)
     if not comparison.is_compensated:
         judged = [*_checks(job, chain, best), *judged]
@@ -221,33 +231,6 @@ def _converged(fit: FullFit, job: Job) -> Check:
     why = convergence_objection(fit.model, job.rows.train, residual_noise(fit.model),
                                 lambda part: fit_again(part, fit, options).model)
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
-
-
-def _without_outliers(job: Job, chain: GravityModel | None
-                      ) -> tuple[Job, Mapping[str, int], FullFit | None]:
-    """
-    Return the job without outliers, their number per joint, and the fit that identified them.
-
-    Outliers are samples with a transient torque, such as that of an intermittent brake. With a
-    chain they are those of its change. Without one they are those of a full fit, which gives them
-    little weight (`huber_weights`) and is returned if it is a candidate of the job.
-    """
-    first, samples = None, job.rows.samples
-    if chain is not None:
-        gravity, _ = without_effects(job.base or chain, samples)
-        is_outlier = outliers_of_change(gravity, chain)
-    else:
-        try:
-            first = full_fit(replace(job, settings=replace(job.settings, effects=())))
-        except (FitError, DataError):
-            return job, {}, None
-        is_outlier = outliers_of_fit(candidate(first.model, job).residual(samples), samples)
-    first = None if job.settings.effects else first
-    if not is_outlier.any():
-        return job, {}, first
-    counts = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}
-    keep: BoolArray = ~np.asarray(is_outlier.any(axis=1))
-    return replace(job, rows=job.rows.select(keep)), counts, first
 
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:

@@ -216,10 +216,7 @@ class Learner:
     def _save(self) -> None:
         """Write the model in use with `auto_save`: a restart must not use another one."""
         if self.arm.settings.auto_save and self.models.path:
-            self.models.save(self._saved)
-
-    def _saved(self, success: bool, text: str) -> None:
-        self._events.log.append((not success, text))
+            self.models.save(lambda success, text: self._events.log.append((not success, text)))
 
     def _refuse(self, result: FitResult, now: float) -> None:
         """Record broken effort; roll back an unconfirmed model of it, and drop its samples."""

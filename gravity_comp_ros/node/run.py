@@ -31,30 +31,25 @@ def run(args: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
+        executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states)
+        try:
+            return _spin(node, executor)
+        finally:
+            node.close()
+            # The executor holds entities of the node, so it ends first.
+            executor.shutdown()
+            node.destroy_node()
     except (GravityCompError, InvalidParameterTypeException,
             InvalidParameterValueException) as problem:
         reason = str(problem).rpartition('Reason: ')[2]
         print(f'gravity_comp_node: {reason}', file=sys.stderr)
-        rclpy.try_shutdown()
         return 1
     except Exception:
-        # A signal during the construction of the node invalidates its context.
-        if rclpy.ok():
-            raise
-        return 0
-    executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states)
-    try:
-        return _spin(node, executor)
-    except Exception:
-        # A signal during a callback invalidates the context, and the callback fails.
+        # A signal invalidates the context; then the construction of the node or a callback fails.
         if rclpy.ok():
             raise
         return 0
     finally:
-        node.close()
-        # The executor holds entities of the node, so it ends first.
-        executor.shutdown()
-        node.destroy_node()
         rclpy.try_shutdown()
 
 
