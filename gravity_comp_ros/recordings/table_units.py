@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from gravity_comp_ros.data.differentiation import slope_ratios
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import refused
@@ -22,6 +23,8 @@ _MIN_SPEED, _MIN_SPEED_SPARSE = 5e-4, 5e-3
 _SPARSE = 0.5
 # Maximum factor between a measured velocity and the rate of change of the position.
 _TOLERANCE = 1.25
+# Time over which `slope_ratios` compares velocity and position, s.
+_WINDOW = 0.5
 _DEGREES = 180 / np.pi
 
 
@@ -67,8 +70,16 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     :param time_known: whether the unit of the time was given.
     :raises BagError: if they differ by a unit factor or in sign.
     """
-    ratio = _velocity_ratio(t, q, qd)
-    if ratio is None or 1 / _TOLERANCE < ratio < _TOLERANCE:
+    moving = np.ptp(q, axis=0) > _MIN_TRAVEL
+    if len(t) < 50 or not moving.any():
+        return
+    # The unit of the time may be another one: ratios are those of a twentieth of the table.
+    scale = _WINDOW / (max(len(t) // 20, 10) * float(np.median(np.diff(t))))
+    ratios, _ = slope_ratios(scale * t, q[:, moving], qd[:, moving])
+    if np.isnan(ratios).all():
+        return
+    ratio = float(np.nanmedian(ratios)) / scale
+    if 1 / _TOLERANCE < ratio < _TOLERANCE:
         return
     for unit, size in TIME_UNITS.items():
         if not time_known and unit != 's' and 1 / _TOLERANCE < ratio * size < _TOLERANCE:
@@ -82,19 +93,6 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
             unit = '--position-unit deg, ' if 0 < factor < 1 else ''
             raise BagError(f'{path}: it seems that {problem}: give {unit}--velocity none to '
                            f'compute the velocity from the positions')
-
-
-def _velocity_ratio(t: FloatArray, q: FloatArray, qd: FloatArray) -> float | None:
-    """Return the slope of the integrated velocity against the change of position."""
-    span = max(len(t) // 20, 10)
-    if len(t) < 5 * span or not (np.ptp(q, axis=0) > _MIN_TRAVEL).any():
-        return None
-    integral = np.zeros_like(q)
-    integral[1:] = np.cumsum(0.5 * (qd[1:] + qd[:-1]) * np.diff(t)[:, None], axis=0)
-    change, integrated = q[span:] - q[:-span], integral[span:] - integral[:-span]
-    slopes = [float(i @ c / (c @ c)) for c, i, travel in zip(
-        change.T, integrated.T, np.ptp(q, axis=0)) if travel > _MIN_TRAVEL and i.any()]
-    return float(np.median(slopes)) if slopes else None
 
 
 # Maximum ratio of the changes of a joint from row to row, for which another encoding is right.
