@@ -75,6 +75,13 @@ class _Merge(argparse.Action):
         setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
 
 
+def _add_mapping(parser: argparse._ActionsContainer, option: str, shape: str,
+                 value: Callable[[str], Any], use: str) -> None:
+    """Add an option `NAME=VALUE,...` that may be repeated; `value` is the type of one value."""
+    parser.add_argument(option, metavar=shape, type=mapping(value, shape.removesuffix(',...')),
+                        action=_Merge, default={}, help=use)
+
+
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
     name = 'bag' if nargs is None else 'bags'
@@ -114,15 +121,15 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     parser.set_defaults(joints=None)
     group = parser.add_argument_group('reading')
     add_topic_and_joints(group, joints)
-    group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action=_Merge,
-                       default={}, help='N·m per unit of effort, sign included, e.g. '
-                       'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
+    _add_mapping(group, '--effort-scale', 'JOINT=VALUE', nonzero,
+                 'N·m per unit of effort, sign included, e.g. elbow=-1 or a=0.12,b=0.12; may be '
+                 'repeated (default: 1)')
     group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *SHARE_UNITS), default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
-    group.add_argument('--rated-torque', metavar='JOINT=NM', type=scales, action=_Merge,
-                       default={}, help='torque of each joint at 100 %%, for effort in percent '
-                       'or permille of it, e.g. a=10,b=30; may be repeated')
+    _add_mapping(group, '--rated-torque', 'JOINT=NM', nonzero,
+                 'torque of each joint at 100 %%, for effort in percent or permille of it, e.g. '
+                 'a=10,b=30; may be repeated')
     group.add_argument('--position-unit', metavar='UNIT', type=_position_units, default='rad',
                        help=f'unit of angles and speeds in the bag: {ANGLE_HELP}; of single '
                        'joints as JOINT=UNIT,... (default: %(default)s)')
@@ -130,14 +137,14 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
                        help='read the recording as it is in spite of these facts, e.g. '
                        'effort_spikes,effort_unit: nothing is corrected or refused for them '
                        '(`info` lists the facts)')
-    group.add_argument('--rename', metavar='OLD=NEW,...', type=_renames, action=_Merge,
-                       default={}, help='rename joints of the bag, e.g. to those of a URDF; '
-                       'the other options and the model use the new names')
+    _add_mapping(group, '--rename', 'OLD=NEW,...', str,
+                 'rename joints of the bag, e.g. to those of a URDF; the other options and the '
+                 'model use the new names')
     group.add_argument('--reverse', metavar='A,B,...', type=joint_list, default=(),
                        help='joints that turn against their axis in the description: position, '
                        'velocity and effort get the opposite sign')
-    group.add_argument('--zero', metavar='JOINT=RAD', type=_values, action=_Merge, default={},
-                       help='recorded position of the zero in the description; may be repeated')
+    _add_mapping(group, '--zero', 'JOINT=RAD', finite,
+                 'recorded position of the zero in the description; may be repeated')
     group.add_argument('--differentiate', action='store_true',
                        help='compute velocities from positions, for a driver whose velocities '
                        'are 0 or wrong; always done for a bag without velocities')
@@ -149,13 +156,15 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     return ReadOptions(**{name: getattr(args, name) for name in OPTIONS})
 
 
-def add_gate(parser: argparse.ArgumentParser) -> None:
-    """Add --max-speed, --rate and --all-samples; see `gate`."""
-    group = parser.add_argument_group('slow-motion gate')
-    group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
+def add_gate(parser: argparse.ArgumentParser, title: str = 'slow-motion gate',
+             rate: bool = True) -> None:
+    """Add --max-speed, --all-samples and, for `gate`, --rate."""
+    group = parser.add_argument_group(title)
+    group.add_argument('--max-speed', metavar='RAD/S', type=positive,
                        help='maximum joint speed of a sample (default: 0.15)')
-    group.add_argument('--rate', metavar='HZ', type=positive, default=None,
-                       help='maximum number of samples per second of slow motion (default: 5)')
+    if rate:
+        group.add_argument('--rate', metavar='HZ', type=positive,
+                           help='maximum number of samples per second of slow motion (default: 5)')
     group.add_argument('--all-samples', action='store_true',
                        help='use every sample, fast or slow')
 
@@ -211,9 +220,9 @@ def add_description(parser: argparse._ActionsContainer, use: str, fixed: bool = 
 
 def _add_fixed(parser: argparse._ActionsContainer) -> None:
     """Add --fixed, the positions of joints that are not learned."""
-    parser.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action=_Merge,
-                        default={}, help='position of a joint of the description that is not '
-                        'recorded, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
+    _add_mapping(parser, '--fixed', 'JOINT=VALUE', finite,
+                 'position of a joint of the description that is not recorded, rad or m, e.g. '
+                 'waist=0.3; may be repeated (default: 0)')
 
 
 def axes_options(args: argparse.Namespace) -> AxesOptions:
@@ -271,25 +280,17 @@ def joint_list(text: str) -> tuple[str, ...]:
     return names
 
 
-def scales(text: str) -> dict[str, float]:
-    """Return the numbers in `JOINT=VALUE,...`."""
-    numbers: dict[str, float] = {}
-    for part in text.split(','):
-        numbers |= _values(part)
-        if 0.0 in numbers.values():
-            raise argparse.ArgumentTypeError(f'{part!r}: a scale must not be 0')
-    return numbers
-
-
-def _renames(text: str) -> dict[str, str]:
-    """Return the new names by old name in `OLD=NEW,...`."""
-    names = {}
-    for part in text.split(','):
-        old, equals, new = (word.strip() for word in part.partition('='))
-        if not (old and equals and new):
-            raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
-        names[old] = new
-    return names
+def mapping(value: Callable[[str], Any], shape: str) -> Callable[[str], dict[str, Any]]:
+    """Return the type of `NAME=VALUE,...`, such as `shape`; `value` is that of one value."""
+    def parsed(text: str) -> dict[str, Any]:
+        values = {}
+        for part in text.split(','):
+            name, equals, rest = (word.strip() for word in part.rpartition('='))
+            if not (name and equals and rest):
+                raise argparse.ArgumentTypeError(f'{part!r} is not {shape}')
+            values[name] = value(rest)
+        return values
+    return parsed
 
 
 def position_unit(text: str) -> str:
@@ -303,10 +304,8 @@ def position_unit(text: str) -> str:
 
 def _position_units(text: str) -> str | dict[str, str]:
     """Return a unit of position, or the units of single joints in `JOINT=UNIT,...`."""
-    parts = [part.partition('=') for part in text.split(',')]
-    if any(name.strip() == 'ticks' or not equals for name, equals, _ in parts):
-        return position_unit(text)
-    return {name.strip(): position_unit(unit.strip()) for name, _, unit in parts}
+    is_one = any('=' not in part or part.strip().startswith('ticks=') for part in text.split(','))
+    return position_unit(text) if is_one else mapping(position_unit, 'JOINT=UNIT')(text)
 
 
 def finite(text: str) -> float:
@@ -333,12 +332,9 @@ def positive(text: str) -> float:
     return value
 
 
-def _values(text: str) -> dict[str, float]:
-    """Return the numbers in `JOINT=VALUE,...`; 0 is allowed."""
-    numbers = {}
-    for part in text.split(','):
-        name, equals, value = part.rpartition('=')
-        if not equals or not name.strip():
-            raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
-        numbers[name.strip()] = finite(value)
-    return numbers
+def nonzero(text: str) -> float:
+    """Return a finite number other than 0."""
+    value = finite(text)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r}: a scale must not be 0')
+    return value

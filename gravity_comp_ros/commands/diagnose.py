@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 import time
 from typing import Any
@@ -31,7 +31,7 @@ from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning.expected import Outcome, outcomes, read_expected, summary
+from gravity_comp_ros.planning.expected import Outcome, read_expected, summary
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 import numpy as np
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> Answer:
     diagnosis = replace(diagnosis, findings=findings)
     samples = samples.joints(tuple(diagnosis.joints))
     motion, rest = describe(samples), _rest(samples)
-    planned = None if expected is None else outcomes(expected, diagnosis)
+    planned = None if expected is None else [Outcome.of(one, diagnosis) for one in expected]
     if args.html:
         _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
     if args.json != '-':
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> Answer:
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
         'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
-        'plan': None if planned is None else [each.to_json() for each in planned],
+        'plan': None if planned is None else [asdict(each) for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
     return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
                                     *broken_plug_ins()])
@@ -186,7 +186,7 @@ def _lines(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFact
 
 
 def _outcome_lines(planned: list[Outcome]) -> list[terminal.Line]:
-    rows = [[each.target.name, f'{100 * each.chance:.0f} %', each.verdict,
+    rows = [[target(each.effect, each.joint), f'{100 * each.chance:.0f} %', each.verdict,
              'yes' if each.as_expected else 'no', _width(each.half_width, each.unit),
              _width(each.found_half_width, each.unit)] for each in planned]
     return ['', terminal.table('expectations of the plan', _PLANNED, rows, left=('verdict now',)),

@@ -160,46 +160,51 @@ class MotionPlan(Displayable):
             'notes': list(self.notes)}
 
 
-def outcome(target: Target, diagnosis: Diagnosis) -> str:
-    """Return the verdict on a target, `absent` or `untestable`."""
-    finding = diagnosis.finding(target.effect, target.joint)
-    if finding is not None:
-        return str(finding.verdict)
-    reasons = (diagnosis if target.joint is None else diagnosis.joints[target.joint]).untestable
-    return UNTESTABLE if target.effect in reasons else ABSENT
-
-
 @dataclass(frozen=True)
 class Outcome:
     """
-    Expected and actual result of a target.
+    Expected and actual result of a target, an entry of `plan` of `diagnose --json`.
 
-    `verdict` is that of a finding, `absent` or `untestable`. `half_width` (expected) and
-    `found_half_width` are half the 95 % interval of the first coefficient; None without one.
+    `verdict` is that of a finding, `absent` or `untestable`; `settled` tells whether it resolves
+    the target, `as_expected` whether the more probable of both occurred. `half_width` (expected)
+    and `found_half_width` are half the 95 % interval of the first coefficient, in `unit`; None
+    without one.
     """
 
-    target: Target
+    effect: str
+    joint: str | None
     chance: float
     verdict: str
+    settled: bool
+    as_expected: bool
     half_width: float | None
     found_half_width: float | None
     unit: str
 
-    @property
-    def resolved(self) -> bool:
-        return self.verdict in RESOLVED
+    @classmethod
+    def of(cls, expected: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
+        """
+        Return the outcome of an object of `read_expected`.
 
-    @property
-    def as_expected(self) -> bool:
-        """Return whether the more probable of resolved and open occurred."""
-        return self.resolved == (self.chance >= 0.5)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return one object of `plan` of `diagnose --json`."""
-        return {'effect': self.target.effect, 'joint': self.target.joint, 'chance': self.chance,
-                'verdict': self.verdict, 'settled': self.resolved,
-                'as_expected': self.as_expected, 'half_width': self.half_width,
-                'found_half_width': self.found_half_width}
+        :raises BagError: if the diagnosis does not contain the joint of the target.
+        """
+        effect, joint, chance = expected['effect'], expected['joint'], float(expected['chance'])
+        if joint is not None and joint not in diagnosis.joints:
+            raise BagError(f'the plan is for joint {joint}, which is not among '
+                           f'{", ".join(diagnosis.joints)}')
+        finding = diagnosis.finding(effect, joint)
+        tested = diagnosis if joint is None else diagnosis.joints[joint]
+        verdict = str(finding.verdict) if finding is not None else (
+            UNTESTABLE if effect in tested.untestable else ABSENT)
+        settled = verdict in RESOLVED
+        widths: Mapping[str, Mapping[str, Any]] = expected['half_width']
+        symbol = next(iter(widths), '')
+        width = widths.get(symbol, {})
+        found = finding.coefficients.get(symbol) if finding is not None else None
+        return cls(effect, joint, chance, verdict, settled, settled == (chance >= 0.5),
+                   width.get('value'),
+                   None if found is None else 0.5 * (found.ci95[1] - found.ci95[0]),
+                   str(width.get('unit', '')))
 
 
 def read_expected(path: Path) -> list[dict[str, Any]]:
@@ -220,32 +225,8 @@ def read_expected(path: Path) -> list[dict[str, Any]]:
     return list(expected)
 
 
-def outcomes(expected: list[dict[str, Any]], diagnosis: Diagnosis) -> list[Outcome]:
-    """
-    Return the outcome of each target.
-
-    :raises BagError: if the diagnosis does not contain the joint of a target.
-    """
-    return [_outcome(one, diagnosis) for one in expected]
-
-
-def _outcome(one: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
-    target = Target(one['effect'], one['joint'])
-    if target.joint is not None and target.joint not in diagnosis.joints:
-        raise BagError(f'the plan is for joint {target.joint}, which is not among '
-                       f'{", ".join(diagnosis.joints)}')
-    finding = diagnosis.finding(target.effect, target.joint)
-    widths: Mapping[str, Mapping[str, Any]] = one['half_width']
-    symbol = next(iter(widths), '')
-    width = widths.get(symbol, {})
-    estimate = finding.coefficients.get(symbol) if finding is not None else None
-    return Outcome(target, float(one['chance']), outcome(target, diagnosis), width.get('value'),
-                   None if estimate is None else 0.5 * (estimate.ci95[1] - estimate.ci95[0]),
-                   str(width.get('unit', '')))
-
-
 def summary(results: list[Outcome]) -> str:
     """Return the number of resolved targets, and the expected number."""
-    resolved = sum(one.resolved for one in results)
+    resolved = sum(one.settled for one in results)
     return (f'{resolved} of {len(results)} targets of the plan are resolved; expected by the '
             f'stated chances: {sum(one.chance for one in results):.1f}')

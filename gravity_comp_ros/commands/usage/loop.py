@@ -152,10 +152,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--holdout', action='store_true',
                         help='also show the error on the data that `fit --holdout` held out; '
                         'that data is never fitted')
-    speeds = parser.add_argument_group('fitted samples')
-    speeds.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive,
-                        help='upper limit of the speed of every joint (default: 0.15, see below)')
-    speeds.add_argument('--all-samples', action='store_true', help='fast samples as well')
+    arguments.add_gate(parser, 'fitted samples', rate=False)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
     parser.set_defaults(output=None, rewrites_model=True)

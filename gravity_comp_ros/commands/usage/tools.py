@@ -181,11 +181,7 @@ def workbench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
     parser.add_argument('--forget', action='store_true',
                         help='save no session on disk, and list none')
-    gate = parser.add_argument_group('samples for the fit and the errors of gravity')
-    gate.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive,
-                      help='maximum joint speed of a sample')
-    gate.add_argument('--all-samples', action='store_true',
-                      help='use every sample, fast or slow')
+    arguments.add_gate(parser, 'samples for the fit and the errors of gravity', rate=False)
     arguments.add_description(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
                               fixed=False)
     arguments.add_reading(parser)
