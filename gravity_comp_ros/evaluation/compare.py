@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, percent, TextTable
@@ -135,10 +136,6 @@ def p_of_decrease(before: FloatArray, after: FloatArray, tests: float) -> float:
     return min(1.0, tests * float(special.stdtr(len(gains) - 1, -gains.mean() / error)))
 
 
-# Half-width of a 95 % interval in standard deviations.
-_BAND = 1.96
-
-
 @dataclass(frozen=True)
 class Share:
     """The `share` of `n` residuals inside the 95 % band, None if n is 0."""
@@ -245,7 +242,7 @@ def compare(model: GravityModel, samples: JointSamples,
         predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
     band = None
     if model.uncertainty is not None:
-        band = _BAND * np.hypot(model.predict_std(samples.q), model.noise)
+        band = HALF_95 * np.hypot(model.predict_std(samples.q), model.noise)
     return compare_prediction(samples, predicted,
                               model.coverage.distance(samples.q).max(axis=1) > 0.0, band)
 

@@ -11,15 +11,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
-
-# Half-width of a 95 % interval in standard deviations.
-_HALF = 1.96
 
 
 @dataclass(frozen=True)
@@ -132,4 +130,4 @@ def _has_drifted(before: Quantity | None, after: Quantity | None, options: Drift
     values = [0.0 if x is None else x.value for x in (before, after)]
     halves = [0.5 * (x.ci95[1] - x.ci95[0]) for x in (before, after) if x is not None]
     return bool(abs(values[1] - values[0])
-                > options.significance / _HALF * float(np.linalg.norm(halves)))
+                > options.significance / HALF_95 * float(np.linalg.norm(halves)))

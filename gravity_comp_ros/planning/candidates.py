@@ -17,15 +17,11 @@ from gravity_comp_ros.planning.segments import duration, Limits, Line, through
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
-# Speeds of strokes as shares of the speed limit.
-_SPEEDS = (1.0, 0.4)
 # Duration of strokes as a share of that of the motion, within limits in s: several short ones are
 # better than a long one. Strokes through the whole range of a joint may take all of it.
 _SHARE, _MIN_SECONDS, _MAX_SECONDS = 0.25, 3.0, 8.0
 # Shortest stroke and largest search distance, rad.
 _MIN_STROKE, _MAX_STROKE = 0.02, 3.0
-# Number of base poses, and smallest distance between them, rad.
-_MAX_BASES, _APART = 4, 0.1
 # Number of drawn directions of several joints from each base.
 _TOGETHER = 2
 
@@ -77,15 +73,14 @@ def _along(space: Workspace, base: FloatArray, axis: FloatArray, limits: Limits,
         return
     joints = tuple(np.flatnonzero(axis).tolist())
     nominal = float(np.clip(_SHARE * seconds, _MIN_SECONDS, _MAX_SECONDS))
-    for slower in map(limits.slower, _SPEEDS):
-        for length in dict.fromkeys((min(up + down, 0.5 * nominal * slower.speed), up + down)):
-            low = float(np.clip(-0.5 * length, -down, up - length))
-            bottom, top = base + low * axis, base + (low + length) * axis
-            cycle = 2.0 * Line(bottom, top, slower).duration
-            stops = [base, *[top, bottom] * max(1, int(nominal / cycle)), base]
-            what = 'together ' * (len(joints) > 1) + (
-                f'back and forth over {length:.2g} rad at {slower.speed:.2g} rad/s')
-            yield Part(what, joints, stops, slower)
+    for length in dict.fromkeys((min(up + down, 0.5 * nominal * limits.speed), up + down)):
+        low = float(np.clip(-0.5 * length, -down, up - length))
+        bottom, top = base + low * axis, base + (low + length) * axis
+        cycle = 2.0 * Line(bottom, top, limits).duration
+        stops = [base, *[top, bottom] * max(1, int(nominal / cycle)), base]
+        what = 'together ' * (len(joints) > 1) + (
+            f'back and forth over {length:.2g} rad at {limits.speed:.2g} rad/s')
+        yield Part(what, joints, stops, limits)
 
 
 def _bases(space: Workspace, model: GravityModel,
@@ -93,19 +88,13 @@ def _bases(space: Workspace, model: GravityModel,
     """
     Return base poses in reach of a straight line from the start, with a description.
 
-    These are the start, those of largest and smallest load, and others far from them.
+    These are the start and those of largest and smallest load.
     """
     near = [*space.poses[::max(1, len(space.poses) // 60)]]
     for direction in (*np.eye(len(space.low)), *-np.eye(len(space.low))):
         near.append(space.start + direction * space.extent(space.start, direction, 1.0))
     poses = np.array([space.start, *(p for p in near if space.admits_line(space.start, p))])
     load = np.abs(model.predict(poses)[:, joint])
-    chosen = {0: '', **{int(number): word for word, number in (
-        (' at its largest load', np.argmax(load)), (' at its smallest load', np.argmin(load)))
-        if number}}
-    while len(chosen) < _MAX_BASES:
-        apart = np.abs(poses[:, None] - poses[list(chosen)]).max(axis=2).min(axis=1)
-        if apart.max() < _APART:
-            break
-        chosen[int(np.argmax(apart))] = ' in another posture'
+    chosen = {0: '', int(np.argmax(load)): ' at its largest load',
+              int(np.argmin(load)): ' at its smallest load'} | {0: ''}
     return [(word, poses[number]) for number, word in chosen.items()]

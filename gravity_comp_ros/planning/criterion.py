@@ -26,7 +26,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.options import Target
-from gravity_comp_ros.planning.sums import Sums
+from gravity_comp_ros.planning.sums import BATCH, Sums
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import shares_left
 from gravity_comp_ros.regression.shared import State
@@ -35,8 +35,6 @@ import numpy as np
 from scipy.special import log_ndtr
 
 Terms = tuple[Term, ...]
-# Motions that are scored at a time, which bounds the memory.
-_BATCH = 32
 # Number of drawn results.
 _DRAWS = 200
 # Poses at which the standard deviation of gravity is evaluated.
@@ -228,8 +226,8 @@ class Criterion:
 
     def utilities(self, a: FloatArray) -> FloatArray:
         """Return the utilities (C, Q) of sums (C, L, L)."""
-        return np.concatenate([self._utilities(a[k:k + _BATCH])
-                               for k in range(0, max(len(a), 1), _BATCH)])
+        return np.concatenate([self._utilities(a[k:k + BATCH])
+                               for k in range(0, max(len(a), 1), BATCH)])
 
     def _utilities(self, a: FloatArray) -> FloatArray:
         shared, terms = np.split(np.arange(a.shape[1]), [self.sums.n_shared])

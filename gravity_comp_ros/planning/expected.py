@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
 from gravity_comp_ros.display import Displayable, TextTable
@@ -107,8 +108,8 @@ class GravityExpectation:
     @property
     def sentence(self) -> str:
         return (f'gravity torque of {self.joint} over the recorded poses: uncertain by '
-                f'±{1.96 * self.before:.2g} N·m (95 %), by ±{1.96 * self.after:.2g} N·m after a '
-                f'fit that includes this motion')
+                f'±{HALF_95 * self.before:.2g} N·m (95 %), by ±{HALF_95 * self.after:.2g} N·m '
+                f'after a fit that includes this motion')
 
 
 @dataclass(frozen=True, repr=False)

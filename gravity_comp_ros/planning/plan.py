@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -30,8 +31,6 @@ Progress = Callable[[str, float], None]
 
 # Candidates of each joint in the probe motion, from which priors and settings follow.
 _PROBE_PARTS = 6
-# Half-width of a 95 % interval in standard deviations.
-_Z95 = 1.96
 
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
@@ -122,7 +121,7 @@ def _expectation(question: Question, both: Motion, added: FloatArray) -> Expecta
     before, after = question.after(0.0 * added), question.after(added)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     # A coefficient that the other terms absorb is not published.
-    widths = np.where(bool(reason), np.inf, _Z95 * question.std(recorded + added))
+    widths = np.where(bool(reason), np.inf, HALF_95 * question.std(recorded + added))
     return Expectation(
         question.target, 0.0 if unseen else before.chance, 0.0 if reason else after.chance,
         {c.symbol: (float(width), c.unit) for c, width in zip(listed, widths)},

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Expectation, Setting
@@ -27,8 +28,6 @@ import numpy as np
 
 OPEN = ('ambiguous', 'untestable', 'weak')
 MAX_TARGETS = 10
-# Half-width of a 95 % interval in standard deviations.
-_Z95 = 1.96
 # Places in the grid of an effect of the settings that are compared; the first is the target's.
 _PLACES = (0.2, 0.8)
 
@@ -74,7 +73,7 @@ def _open_terms(regression: Regression) -> list[Target]:
     for term in regression.terms:
         mean, std = posterior.beta[posterior.at[term]], regression.stds[term.key]
         others = regression.alternatives[term.key]
-        if (others or (np.abs(mean) < _Z95 * std).all()
+        if (others or (np.abs(mean) < HALF_95 * std).all()
                 or regression.identified[term.key].max() < limit):
             targets.append(Target(
                 term.name, None if term.joint is None else names[term.joint],

@@ -26,9 +26,6 @@ class Limits:
     acceleration: float
     jerk: float
 
-    def slower(self, share: float) -> Limits:
-        return Limits(share * self.speed, self.acceleration, self.jerk)
-
 
 @dataclass(frozen=True, eq=False)
 class Line:

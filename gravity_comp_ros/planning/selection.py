@@ -12,14 +12,10 @@ from gravity_comp_ros.planning.segments import duration, Line
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
-# Candidates that are tried for each target, those of the largest gain by themselves.
-_TRIED = 40
 # Smallest gain in utility that counts.
 _MIN_GAIN = 0.02
 # A part informs about a target if its gain is at least this share of its largest.
 _MIN_GAIN_SHARE = 0.3
-# Shortest time by which a gain is divided, s.
-_MIN_TIME = 0.5
 
 
 class Selection:
@@ -37,12 +33,11 @@ class Selection:
         recorded = criterion.sums.recorded[None]
         self._gains = criterion.utilities(recorded + self._added) - criterion.utilities(recorded)
         self._clear: dict[int, bool] = {}
-        self._tried = np.unique(np.argsort(-self._gains, axis=0)[:_TRIED]).tolist()
         chosen = self._grown([])
         # Gain by time prefers short parts: each is exchanged for one of the largest gain.
         for number in list(chosen):
             rest = [k for k in chosen if k != number]
-            best = self._best(rest, self._seconds)
+            best = self._best(rest, by_time=False)
             other = chosen if best is None else self._grown([*rest, best])
             if self._utility(other) > self._utility(chosen) + _MIN_GAIN:
                 chosen = other
@@ -72,20 +67,21 @@ class Selection:
 
     def _grown(self, chosen: list[int]) -> list[int]:
         """Return chosen parts with others of largest gain per time, until none has a gain."""
-        while (best := self._best(chosen, _MIN_TIME)) is not None:
+        while (best := self._best(chosen)) is not None:
             chosen = [*chosen, best]
         return chosen
 
-    def _best(self, chosen: list[int], least_time: float) -> int | None:
-        """Return the part of largest gain per time of at least `least_time` s, None without."""
+    def _best(self, chosen: list[int], by_time: bool = True) -> int | None:
+        """Return the part of largest gain, or gain per time; None without a gain."""
         used = self._time(chosen)
-        times = {k: self._time([*chosen, k]) - used for k in self._tried if k not in chosen}
+        times = {k: self._time([*chosen, k]) - used for k in range(len(self._candidates))
+                 if k not in chosen}
         fits = [k for k, time in times.items() if used + time <= self._seconds]
         if not fits:
             return None
         gains = self._criterion.utilities(self._sums(chosen) + self._added[fits]).sum(axis=1)
         gains -= self._utility(chosen)
-        rates = gains / np.maximum([times[k] for k in fits], least_time)
+        rates = gains / [times[k] for k in fits] if by_time else gains
         return next((fits[k] for k in np.argsort(-rates)
                      if gains[k] > _MIN_GAIN and self._is_clear(fits[k])), None)
 

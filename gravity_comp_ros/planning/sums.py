@@ -29,8 +29,8 @@ Path = Sequence[Line]
 
 # Samples of a planned motion per row: directions of motion are computed before the mean.
 _PER_ROW = 3
-# Paths whose shared columns are computed together, which bounds the memory.
-_BATCH = 32
+# Motions whose sums are computed, and scored, together, which bounds the memory.
+BATCH = 32
 # Assumed pause between the last recording and the planned motion, s.
 _PAUSE = 60.0
 
@@ -129,7 +129,7 @@ class Sums:
     def added(self, paths: Sequence[Path]) -> FloatArray:
         """Return the sums (C, L, L) that each of C paths adds."""
         return np.concatenate([np.zeros((0, *self.recorded.shape)), *(
-            self._added(paths[k:k + _BATCH]) for k in range(0, len(paths), _BATCH))])
+            self._added(paths[k:k + BATCH]) for k in range(0, len(paths), BATCH))])
 
     def _added(self, paths: Sequence[Path]) -> FloatArray:
         motion = motion_of(self.regression, paths)

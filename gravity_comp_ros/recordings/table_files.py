@@ -9,7 +9,7 @@ such as `elbow.load` if torques were recorded. Each episode begins at time 0.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import csv
 from dataclasses import dataclass, field, replace
 from datetime import datetime, UTC
@@ -117,25 +117,31 @@ def read_npz(path: Path) -> Table:
 
 def _npz_table(path: Path, arrays: dict[str, NDArray],
                joints: tuple[str, ...] | None) -> Table:
-    columns: list[str] = []
-    parts: list[FloatArray] = []
-    for key, values in arrays.items():
-        if values.dtype.kind not in 'fiu' or values.ndim not in (1, 2):
-            continue
-        if values.ndim == 1:
-            columns.append(key)
-            parts.append(values.astype(np.float64)[:, None])
-        else:
-            columns += [f'{key}_{k + 1}' for k in range(values.shape[1])]
-            parts.append(values.astype(np.float64))
-    if not parts:
+    columns = [column for key, values in arrays.items()
+               for column in _columns(key, values, _numbered)]
+    if not columns:
         raise BagError(f'{path} has no arrays of numbers')
-    lengths = {len(part) for part in parts}
-    if len(lengths) > 1:
+    if len({len(values) for _, values in columns}) > 1:
         sizes = ', '.join(f'{key} {arrays[key].shape}' for key in arrays)
         raise BagError(f'{path}: arrays have different lengths: {sizes}; each row is one sample')
-    check_columns(path, columns)
-    return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
+    names = [name for name, _ in columns]
+    check_columns(path, names)
+    return Table(path, tuple(names), np.column_stack([values for _, values in columns]), None,
+                 joints)
+
+
+def _numbered(key: str, count: int) -> list[str]:
+    return [f'{key}_{k + 1}' for k in range(count)]
+
+
+def _columns(key: str, values: NDArray, names: Callable[[str, int], list[str]]
+             ) -> list[tuple[str, FloatArray]]:
+    """Return names and values of the columns (M,) of an array of numbers (M,) or (M, N)."""
+    if values.dtype.kind not in 'fiu' or values.ndim not in (1, 2):
+        return []
+    values = values.astype(np.float64)
+    return [(key, values)] if values.ndim == 1 else [
+        *zip(names(key, values.shape[1]), values.T)]
 
 
 def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma: bool,
@@ -254,7 +260,7 @@ def read_parquet(path: Path) -> Table:
         raise BagError(f'{path} cannot be read as Parquet: '
                        f'{" ".join(str(error).split())}') from None
     names = _joint_names(path)
-    parts = [_columns(table, names) for table in tables]
+    parts = [_parquet_columns(table, names) for table in tables]
     columns = tuple(parts[0])
     if any(tuple(part) != columns for part in parts):
         raise BagError(f'{path}: its files have different columns')
@@ -267,8 +273,15 @@ def read_parquet(path: Path) -> Table:
     return Table(path, columns, values)
 
 
-def _columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
-    """Return the columns of numbers by name; lists are expanded."""
+def _parquet_columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
+    """Return the columns of numbers by name; lists are expanded, but those of actions."""
+    def expanded(key: str, count: int) -> list[str]:
+        known, what = names.get(key, []), _WHAT.get(key.rsplit('.', 1)[-1], key)
+        if len(known) != count:
+            return _numbered(what, count)
+        return known if all(name.endswith(_SUFFIXES) for name in known) else [
+            f'{what}_{name}' for name in known]
+
     arrays: dict[str, FloatArray] = {}
     for key in table.column_names:
         values: Any = table[key].to_numpy() if len(table) else np.empty(0)
@@ -277,25 +290,9 @@ def _columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
                 values = np.stack([np.asarray(each, dtype=np.float64) for each in values])
             except (ValueError, TypeError):
                 continue
-        if values.dtype.kind not in 'fiu' or values.ndim not in (1, 2):
-            continue
-        values = values.astype(np.float64)
-        if values.ndim == 1:
-            arrays[key] = values
-            continue
-        if key.startswith('action'):
-            continue
-        arrays |= dict(zip(_expanded(key, names.get(key), values.shape[1]), values.T))
+        if values.ndim == 1 or not key.startswith('action'):
+            arrays |= dict(_columns(key, values, expanded))
     return arrays
-
-
-def _expanded(key: str, names: list[str] | None, count: int) -> list[str]:
-    what = _WHAT.get(key.rsplit('.', 1)[-1], key)
-    if names is None or len(names) != count:
-        return [f'{what}_{k + 1}' for k in range(count)]
-    if all(name.endswith(_SUFFIXES) for name in names):
-        return names
-    return [f'{what}_{name}' for name in names]
 
 
 def _joint_names(path: Path) -> dict[str, list[str]]:
