@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> Answer:
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
         'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
-        'plan': None if planned is None else [asdict(each) for each in planned],
+        'plan': None if planned is None else [each.to_json() for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
     return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
                                     *broken_plug_ins()])

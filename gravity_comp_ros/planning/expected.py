@@ -166,7 +166,7 @@ class Outcome:
     """
     Expected and actual result of a target, an entry of `plan` of `diagnose --json`.
 
-    `verdict` is that of a finding, `absent` or `untestable`; `settled` tells whether it resolves
+    `verdict` is that of a finding, `absent` or `untestable`; `resolved` tells whether it resolves
     the target, `as_expected` whether the more probable of both occurred. `half_width` (expected)
     and `found_half_width` are half the 95 % interval of the first coefficient, in `unit`; None
     without one.
@@ -176,7 +176,7 @@ class Outcome:
     joint: str | None
     chance: float
     verdict: str
-    settled: bool
+    resolved: bool
     as_expected: bool
     half_width: float | None
     found_half_width: float | None
@@ -197,15 +197,20 @@ class Outcome:
         tested = diagnosis if joint is None else diagnosis.joints[joint]
         verdict = str(finding.verdict) if finding is not None else (
             UNTESTABLE if effect in tested.untestable else ABSENT)
-        settled = verdict in RESOLVED
+        resolved = verdict in RESOLVED
         widths: Mapping[str, Mapping[str, Any]] = expected['half_width']
         symbol = next(iter(widths), '')
         width = widths.get(symbol, {})
-        found = finding.coefficients.get(symbol) if finding is not None else None
-        return cls(effect, joint, chance, verdict, settled, settled == (chance >= 0.5),
+        estimate = finding.coefficients.get(symbol) if finding is not None else None
+        return cls(effect, joint, chance, verdict, resolved, resolved == (chance >= 0.5),
                    width.get('value'),
-                   None if found is None else 0.5 * (found.ci95[1] - found.ci95[0]),
+                   None if estimate is None else 0.5 * (estimate.ci95[1] - estimate.ci95[0]),
                    str(width.get('unit', '')))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return one object of `plan` of `diagnose --json`."""
+        document = asdict(self)
+        return {**document, 'settled': document.pop('resolved')}
 
 
 def read_expected(path: Path) -> list[dict[str, Any]]:
@@ -228,6 +233,6 @@ def read_expected(path: Path) -> list[dict[str, Any]]:
 
 def summary(results: list[Outcome]) -> str:
     """Return the number of resolved targets, and the expected number."""
-    resolved = sum(one.settled for one in results)
+    resolved = sum(one.resolved for one in results)
     return (f'{resolved} of {len(results)} targets of the plan are resolved; expected by the '
             f'stated chances: {sum(one.chance for one in results):.1f}')

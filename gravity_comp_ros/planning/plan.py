@@ -29,9 +29,6 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Candidates of each joint in the probe motion, from which priors and settings follow.
-_PROBE_PARTS = 6
-
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
@@ -93,11 +90,9 @@ def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
     if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
-    # Each joint alone, and all at once.
-    probe = [line for joints in dict.fromkeys(part.joints for part in parts)
-             for part in [part for part in parts if part.joints == joints][:_PROBE_PARTS]
-             for line in part.lines]
-    sums, questions, notes = questions_of(regression, targets, probe, options.duration)
+    # Priors and settings follow from all candidates as one motion.
+    sums, questions, notes = questions_of(
+        regression, targets, [line for part in parts for line in part.lines], options.duration)
     gravity = None if gravity is None else replace(gravity, sums=sums)
     return Criterion(sums, questions, gravity), parts, notes
 

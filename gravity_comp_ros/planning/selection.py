@@ -1,8 +1,9 @@
-"""Selection of candidate parts: greedy by utility per time, then each part again."""
+"""Selection of candidate parts: greedy by utility per time, or by utility alone."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import groupby
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -27,20 +28,13 @@ class Selection:
 
     def __init__(self, space: Workspace, criterion: Criterion, parts: Sequence[Part],
                  seconds: float) -> None:
-        self._space, self._criterion, self._seconds = space, criterion, seconds
+        self._criterion, self._seconds = criterion, seconds
         self._candidates = [part for part in parts if _duration([part]) <= seconds]
         self._added = criterion.sums.added([part.lines for part in self._candidates])
-        recorded = criterion.sums.recorded[None]
-        self._gains = criterion.utilities(recorded + self._added) - criterion.utilities(recorded)
-        self._clear: dict[int, bool] = {}
-        chosen = self._grown([])
-        # Gain by time prefers short parts: each is exchanged for one of the largest gain.
-        for number in list(chosen):
-            rest = [k for k in chosen if k != number]
-            best = self._best(rest, by_time=False)
-            other = chosen if best is None else self._grown([*rest, best])
-            if self._utility(other) > self._utility(chosen) + _MIN_GAIN:
-                chosen = other
+        self._alone = self._gains([], slice(None))
+        self._is_clear = cache(lambda k: space.is_clear(self._candidates[k].stops))
+        # Gain per time prefers short parts.
+        chosen = max(self._greedy(True), self._greedy(False), key=self._utility)
         # Parts from one base follow each other.
         self.parts = [self._candidates[k] for k in chosen]
         self.parts = [part for way in dict.fromkeys(part.way for part in self.parts)
@@ -61,46 +55,42 @@ class Selection:
 
     def informs(self, part: Part) -> list[int]:
         """Return the numbers of the questions about which a part alone gives information."""
-        gains = self._gains[self._candidates.index(part)]
+        gains = self._alone[self._candidates.index(part)]
         return [k for k, gain in enumerate(gains)
                 if gain > max(_MIN_GAIN, _MIN_GAIN_SHARE * gains.max())]
 
-    def _grown(self, chosen: list[int]) -> list[int]:
-        """Return chosen parts with others of largest gain per time, until none has a gain."""
-        while (best := self._best(chosen)) is not None:
-            chosen = [*chosen, best]
+    def _greedy(self, by_time: bool) -> list[int]:
+        """Return parts of largest gain, or gain per time, until none has a gain."""
+        chosen: list[int] = []
+        while (best := self._best(chosen, by_time)) is not None:
+            chosen.append(best)
         return chosen
 
-    def _best(self, chosen: list[int], by_time: bool = True) -> int | None:
-        """Return the part of largest gain, or gain per time; None without a gain."""
+    def _utility(self, chosen: list[int]) -> float:
+        sums = self._criterion.sums.recorded + self._added[chosen].sum(axis=0)
+        return float(self._criterion.utilities(sums[None]).sum())
+
+    def _best(self, chosen: list[int], by_time: bool) -> int | None:
+        """Return the part of largest gain, or gain per time; None if none has a gain."""
         used = self._time(chosen)
         times = {k: self._time([*chosen, k]) - used for k in range(len(self._candidates))
                  if k not in chosen}
         fits = [k for k, time in times.items() if used + time <= self._seconds]
         if not fits:
             return None
-        gains = self._criterion.utilities(self._sums(chosen) + self._added[fits]).sum(axis=1)
-        gains -= self._utility(chosen)
+        gains = self._gains(chosen, fits).sum(axis=1)
         rates = gains / [times[k] for k in fits] if by_time else gains
         return next((fits[k] for k in np.argsort(-rates)
                      if gains[k] > _MIN_GAIN and self._is_clear(fits[k])), None)
 
-    def _sums(self, chosen: Sequence[int]) -> FloatArray:
-        """Return the sums (1, L, L) of the recordings and of chosen parts."""
-        return np.asarray(self._criterion.sums.recorded + self._added[list(chosen)].sum(
-            axis=0, keepdims=True))
-
-    def _utility(self, chosen: Sequence[int]) -> float:
-        return float(self._criterion.utilities(self._sums(chosen)).sum())
+    def _gains(self, chosen: list[int], others: list[int] | slice) -> FloatArray:
+        """Return the gains (C, Q) in utility of other parts, each in addition to the chosen."""
+        sums = self._criterion.sums.recorded + self._added[chosen].sum(axis=0)
+        return (self._criterion.utilities(sums + self._added[others])
+                - self._criterion.utilities(sums[None]))
 
     def _time(self, chosen: Sequence[int]) -> float:
         return _duration([self._candidates[k] for k in chosen])
-
-    def _is_clear(self, k: int) -> bool:
-        """Return whether a part is free of collisions."""
-        if k not in self._clear:
-            self._clear[k] = self._space.is_clear(self._candidates[k].stops)
-        return self._clear[k]
 
 
 def _duration(parts: Sequence[Part]) -> float:
