@@ -8,7 +8,7 @@ Strokes go back and forth along one joint, or along several in drawn directions.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -31,18 +31,14 @@ class Part:
     """
     A tour from a base, the first of `stops`, back to it; `what` describes it.
 
-    `way` has the lines from the start of the whole motion to the base.
+    `lines` connect the stops; `way` has those from the start of the whole motion to the base.
     """
 
     what: str
     joints: tuple[int, ...]
     stops: Sequence[FloatArray]
-    limits: Limits
-    way: tuple[Line, ...] = ()
-
-    @cached_property
-    def lines(self) -> tuple[Line, ...]:
-        return through(self.stops, self.limits)
+    lines: tuple[Line, ...]
+    way: tuple[Line, ...]
 
     @cached_property
     def duration(self) -> float:
@@ -60,27 +56,26 @@ def strokes(space: Workspace, model: GravityModel, joints: Sequence[int], limits
             for _ in range(_TOGETHER * (len(joints) > 1)):
                 axes.append(np.zeros(len(base)))
                 axes[-1][list(joints)] = rng.choice([-1.0, 1.0], len(joints))
-            parts += [replace(part, what=part.what + posture, way=way) for axis in axes
-                      for part in _along(space, base, axis, limits, seconds)]
+            parts += [Part(what + posture, tuple(np.flatnonzero(axis).tolist()), stops,
+                           through(stops, limits), way) for axis in axes
+                      for what, stops in _along(space, base, axis, limits, seconds)]
     return parts
 
 
 def _along(space: Workspace, base: FloatArray, axis: FloatArray, limits: Limits,
-           seconds: float) -> Iterator[Part]:
-    """Yield strokes along an axis about a base pose, and over all of the axis that is admitted."""
+           seconds: float) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Yield strokes along an axis about a base, and over all of the axis that is admitted."""
     up, down = (space.extent(base, sign * axis, _MAX_STROKE) for sign in (1.0, -1.0))
     if up + down < _MIN_STROKE:
         return
-    joints = tuple(np.flatnonzero(axis).tolist())
     nominal = float(np.clip(_SHARE * seconds, _MIN_SECONDS, _MAX_SECONDS))
     for length in dict.fromkeys((min(up + down, 0.5 * nominal * limits.speed), up + down)):
         low = float(np.clip(-0.5 * length, -down, up - length))
         bottom, top = base + low * axis, base + (low + length) * axis
         cycle = 2.0 * Line(bottom, top, limits).duration
-        stops = [base, *[top, bottom] * max(1, int(nominal / cycle)), base]
-        what = 'together ' * (len(joints) > 1) + (
-            f'back and forth over {length:.2g} rad at {limits.speed:.2g} rad/s')
-        yield Part(what, joints, stops, limits)
+        together = 'together ' * bool(np.count_nonzero(axis) > 1)
+        yield (f'{together}back and forth over {length:.2g} rad at {limits.speed:.2g} rad/s',
+               [base, *[top, bottom] * max(1, int(nominal / cycle)), base])
 
 
 def _bases(space: Workspace, model: GravityModel,
