@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
@@ -29,14 +29,15 @@ from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest
+from gravity_comp_ros.planning.options import POSES
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors
 import numpy as np
 
-# Samples, rows of the fit, poses of the standard deviation, and rows of a planned motion.
-_SAMPLES, _ROWS, _POSES, _PLANNED = 20000, 400, 200, 40
+# Rows of the fit, and of a planned motion.
+_ROWS, _PLANNED = 400, 40
 _STARTS, _MIN_SAMPLES = 12, 30
 # Rounds in which noise and deviations of offsets are estimated.
 _ROUNDS = 5
@@ -170,7 +171,6 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
     """
     if samples.n_samples < _MIN_SAMPLES or at_rest(samples.q).all() or not samples.tau.any():
         raise FitError('no motion with efforts, from which gravity could be estimated')
-    samples = samples.select(evenly_picked(samples.n_samples, _SAMPLES))
     sums = _Sums(Problem.of(samples), geometry, options)
     chosen, after = sums.motion_to_add()
     count = Counter(joint for joint, _ in chosen)
@@ -218,9 +218,9 @@ class _Sums:
         own = slice(8 * n, None)
         self.recorded = whole[:8 * n, :8 * n] - whole[:8 * n, own] @ np.linalg.solve(
             whole[own, own], whole[own, :8 * n])
-        poses_in_range = np.random.default_rng(0).uniform(self.low, self.high, (_POSES, n))
+        poses_in_range = np.random.default_rng(0).uniform(self.low, self.high, (POSES, n))
         at = self.chain.jacobian(poses_in_range)
-        self.mean_square = np.einsum('inp,jnp->nij', at, at) / _POSES
+        self.mean_square = np.einsum('inp,jnp->nij', at, at) / POSES
 
     @staticmethod
     def _fitted(x: FloatArray, tau: FloatArray, prior_std: FloatArray, least: float

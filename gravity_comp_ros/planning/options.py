@@ -11,6 +11,8 @@ import numpy as np
 
 # Name of the target that is not an effect: the gravity torque where it is uncertain.
 GRAVITY = 'gravity'
+# Number of poses over which the standard deviation of gravity is taken.
+POSES = 300
 
 
 @dataclass(frozen=True)
