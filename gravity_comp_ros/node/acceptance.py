@@ -8,88 +8,14 @@ payload is suspected.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses
 from gravity_comp_ros.node.watch import PARTS
 import numpy as np
-
-
-@dataclass(frozen=True)
-class AcceptanceOptions:
-    """
-    Limits of the checks; ratios have no unit, evidence is in nats.
-
-    - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
-    - `max_worse`: standard deviations by which a model of more samples may have a larger error on
-      held-out samples: its expected error is smaller, and the figures of two equal ones differ.
-    - `min_noise`: smallest noise, as a fraction of the largest torque of the samples.
-    - `min_error`: smallest error and noise of a joint in a comparison of two models, as a
-      fraction of the largest torque of the training samples.
-    - `min_explained`: share of a joint's effort variance explained by pose below which the
-      effort has no gravity, judged from the samples of a full fit and a range of `min_span` rad.
-    - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
-      variation, and of the largest one.
-    - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
-      5 kg it is 0.58 on an iiwa.
-    - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
-      Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
-    - `max_fault_lead`: log evidence by which a fault, with or without a body, may explain the
-      change better, a ratio of 20. After 7 s a dead wrist of an arm without known axes has 3.1
-      and more, a real payload 4.0 at most, and less with each second. A fault is a gain or a
-      factor that differs from 1 by at least `min_gain_change`.
-    - `max_echo`: largest ratio of the model's residual to that of the published torque.
-    - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
-    - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying
-      force. Payloads of 0.5 to 5 kg had 11 to 54 over a push in six seconds of motion, of 1 to
-      5 kg 10 to 200 over a varying force in sixteen.
-    - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
-      its first and last second, that the rest predicts.
-    - `max_no_chain_noise`, `max_no_chain_change`: residual of a change where no chain explains
-      the arm, in units of the noise, and as a fraction of the change.
-    - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
-      judged.
-    - `limit_std`: standard deviations by which a mass or a reach may exceed its limit.
-
-    :raises OptionError: if a limit is not positive.
-    """
-
-    max_rise: float = 1.2
-    max_worse: float = 2.0
-    min_noise: float = 2e-3
-    min_error: float = 1e-3
-    min_explained: float = 0.2
-    min_span: float = 0.5
-    max_own: float = 0.35
-    max_largest: float = 0.1
-    min_gravity: float = 0.25
-    max_residual: float = 2.5
-    max_fault_lead: float = 3.0
-    min_gain_change: float = 0.1
-    max_echo: float = 0.9
-    min_body: float = 20.0
-    min_over_push: float = 10.0
-    min_over_varying: float = 3.0
-    min_part: float = 0.6
-    min_end: float = 0.3
-    max_no_chain_noise: float = 4.0
-    max_no_chain_change: float = 0.15
-    min_gravity_ratio: float = 5.0
-    limit_std: float = 3.0
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'acceptance')
-
-
-OPTIONS = AcceptanceOptions()
-# Largest time between consecutive samples whose differences count as noise, and the first and
-# last part of a window in which a body must be present, s.
-_MAX_INTERVAL, _END = 0.6, 1.0
 
 
 def reference_noise(expected: FloatArray, samples: JointSamples,
@@ -105,7 +31,7 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
     """
     floor = OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
     noise = np.maximum(expected, floor)
-    near = (np.diff(samples.t) < _MAX_INTERVAL) & (np.diff(samples.runs) == 0)
+    near = (np.diff(samples.t) < OPTIONS.max_interval) & (np.diff(samples.runs) == 0)
     triples = near[1:] & near[:-1]
     if triples.sum() < 5:
         return noise
@@ -234,7 +160,7 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     """
     t, body = table.window.samples.t, table.carried.log_evidence
     parts = table.explained(np.arange(len(t)) * PARTS // len(t) == np.arange(PARTS)[:, None])
-    ends = table.explained([t <= t[0] + _END, t >= t[-1] - _END])
+    ends = table.explained([t <= t[0] + OPTIONS.end, t >= t[-1] - OPTIONS.end])
     present = [
         Check(checks.BODY_PRESENT, body - table.explain().log_evidence, OPTIONS.min_body, True),
         Check(checks.IN_EACH_PART, parts, OPTIONS.min_part, True),

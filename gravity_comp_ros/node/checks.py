@@ -1,4 +1,4 @@
-"""Checks of a decision: what was tested, its statistic, its limit, and whether it passed."""
+"""Checks of a decision: names, statistic and limit of each, and the limits of all of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import json
 import math
+
+from gravity_comp_ros.data.option_checks import check_positive
 
 # Names of the checks, as on `~/checks`; docs/node.md explains each.
 BETTER, NO_JOINT_WORSE = 'better on held-out samples', 'no joint worse'
@@ -72,3 +74,94 @@ def to_json(decision: str, result: str, checks: Sequence[Check]) -> str:
 
 def _number(value: float) -> float | None:
     return float(f'{value:.4g}') if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """
+    Limits of the checks, and of the data that they use; ratios have no unit, evidence is in nats.
+
+    - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
+    - `max_worse`: standard deviations by which a model of more samples may have a larger error on
+      held-out samples: its expected error is smaller, and the figures of two equal ones differ.
+    - `min_noise`: smallest noise, as a fraction of the largest torque of the samples.
+    - `min_error`: smallest error and noise of a joint in a comparison of two models, as a
+      fraction of the largest torque of the training samples.
+    - `min_explained`: share of a joint's effort variance explained by pose below which the
+      effort has no gravity, judged from the samples of a full fit and a range of `min_span` rad.
+    - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
+      variation, and of the largest one.
+    - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
+      5 kg it is 0.58 on an iiwa.
+    - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
+      Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
+    - `max_fault_lead`: log evidence by which a fault, with or without a body, may explain the
+      change better, a ratio of 20. After 7 s a dead wrist of an arm without known axes has 3.1
+      and more, a real payload 4.0 at most, and less with each second. A fault is a gain or a
+      factor that differs from 1 by at least `min_gain_change`.
+    - `max_echo`: largest ratio of the model's residual to that of the published torque.
+    - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
+    - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying
+      force. Payloads of 0.5 to 5 kg had 11 to 54 over a push in six seconds of motion, of 1 to
+      5 kg 10 to 200 over a varying force in sixteen.
+    - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
+      its first and last second, that the rest predicts.
+    - `max_no_chain_noise`, `max_no_chain_change`: residual of a change where no chain explains
+      the arm, in units of the noise, and as a fraction of the change.
+    - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
+      judged.
+    - `limit_std`: standard deviations by which a mass or a reach may exceed its limit.
+    - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
+      error than the change of the old model, and a potential than a chain. On about thirty
+      samples a model that was wrong at other poses was better by a tenth.
+    - `new_effects`: factor of the noise of earlier epochs where gravity is fitted jointly with
+      new effects.
+    - `max_outliers`: largest share of outliers; a larger one means that the model or the effort
+      is wrong.
+    - `min_published`, `min_published_share`: published torque that supports an arm, RMS in N·m,
+      and share of the samples with published torque.
+    - `min_variation`: smallest variation of the published torque of a joint that is compared, as
+      a fraction of the largest.
+    - `max_interval`: largest time in s between samples whose differences count as noise.
+    - `end`: duration of the first and last part of a window that must show a body, s.
+
+    :raises OptionError: if a limit is not positive.
+    """
+
+    max_rise: float = 1.2
+    max_worse: float = 2.0
+    min_noise: float = 2e-3
+    min_error: float = 1e-3
+    min_explained: float = 0.2
+    min_span: float = 0.5
+    max_own: float = 0.35
+    max_largest: float = 0.1
+    min_gravity: float = 0.25
+    max_residual: float = 2.5
+    max_fault_lead: float = 3.0
+    min_gain_change: float = 0.1
+    max_echo: float = 0.9
+    min_body: float = 20.0
+    min_over_push: float = 10.0
+    min_over_varying: float = 3.0
+    min_part: float = 0.6
+    min_end: float = 0.3
+    max_no_chain_noise: float = 4.0
+    max_no_chain_change: float = 0.15
+    min_gravity_ratio: float = 5.0
+    limit_std: float = 3.0
+    full_fit_margin: float = 0.25
+    sparse_margin: float = 0.1
+    new_effects: float = 2.0
+    max_outliers: float = 0.3
+    min_published: float = 0.05
+    min_published_share: float = 0.5
+    min_variation: float = 0.02
+    max_interval: float = 0.6
+    end: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'checks')
+
+
+OPTIONS = CheckOptions()

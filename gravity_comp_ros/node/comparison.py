@@ -12,16 +12,11 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, Joint
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.acceptance import OPTIONS
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import moving, moving_rms
 import numpy as np
 
-# Published torque that supports no arm, RMS in N·m; share of samples with published torque.
-_NEGLIGIBLE, _MIN_SENT = 0.05, 0.5
-# Minimum variation of the published torque of a joint, as a fraction of the largest.
-_MIN_VARIATION = 0.02
 # Steps between two delays of the published torque.
 _SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
@@ -154,15 +149,15 @@ def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Ch
     if rows.sent is None:
         return None
     known = np.isfinite(rows.sent).all(axis=(1, 2))
-    if known.mean() < _MIN_SENT or known.sum() < 5 or float(
-            np.sqrt((rows.sent[known] ** 2).mean())) < _NEGLIGIBLE:
+    if known.mean() < OPTIONS.min_published_share or known.sum() < 5 or float(
+            np.sqrt((rows.sent[known] ** 2).mean())) < OPTIONS.min_published:
         return None
     torque, tau, qd = rows.sent[known], rows.samples.tau[known], rows.samples.qd[known]
     errors = [tau - new.torque[known], *(tau - torque[:, k] for k in range(len(DELAYS)))]
     if not has_new_effects:
         errors = [_without_friction(error, qd) for error in errors]
     spread = torque[:, 0].std(axis=0)
-    counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
+    counts = spread > OPTIONS.min_variation * float(spread.max(initial=0.0))
     model, *echoes = (error[:, counts] for error in errors)
     # A driver has any delay, so the torque is interpolated between those of the history. On a busy
     # machine the delay of some samples differs, so the sizes are medians.

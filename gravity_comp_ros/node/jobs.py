@@ -31,7 +31,7 @@ from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node import acceptance, checks, first_samples
 from gravity_comp_ros.node.acceptance import reference_noise
 from gravity_comp_ros.node.candidates import Candidate, candidate, candidates, options_of
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
@@ -41,14 +41,6 @@ from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
 
-# Margin of the held-out error by which a sparse potential must beat a chain, and a full fit a
-# change of the old model. On about thirty held-out samples a model that was wrong at other poses
-# was better by a tenth.
-_SPARSE_MARGIN, _FULL_FIT_MARGIN = 0.1, 0.25
-# Factor of the noise of earlier epochs where gravity is fitted jointly with new effects.
-NEW_EFFECTS_FACTOR = 2.0
-# Largest share of outliers. A larger share means that the model or the effort is wrong.
-MAX_OUTLIERS = 0.3
 _chains = ChainOfModel()
 
 
@@ -212,7 +204,7 @@ def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[C
         yield acceptance.joints_agree(job.rows.train, residual)
         return
     # With other effects gravity changes without a change of the payload.
-    source, allowance = (model, NEW_EFFECTS_FACTOR) if has_new_effects else (base, 1.0)
+    source, allowance = (model, OPTIONS.new_effects) if has_new_effects else (base, 1.0)
     gravity, friction = without_effects(source, samples)
     before = base.predict(gravity.q)
     noise = allowance * reference_noise(expected_residual(base), gravity, gravity.tau - before)
@@ -251,7 +243,7 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
 
 
 def _none_if_too_many(outliers: BoolArray) -> BoolArray:
-    if outliers.any(axis=1).mean() > MAX_OUTLIERS:
+    if outliers.any(axis=1).mean() > OPTIONS.max_outliers:
         return np.zeros_like(outliers)
     return outliers
 
@@ -265,7 +257,7 @@ def _best(tried: list[Candidate], job: Job) -> Candidate:
     """
     best, *others = tried
     for other in others:
-        margin = _FULL_FIT_MARGIN if best.fit is None else _SPARSE_MARGIN
+        margin = OPTIONS.full_fit_margin if best.fit is None else OPTIONS.sparse_margin
         if compare(other, best, job.rows, margin=margin).is_better:
             best = other
     return best

@@ -19,7 +19,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node import checks, first_samples
 from gravity_comp_ros.node.acceptance import (
-    AcceptanceOptions, body_checks, gravity_present, joints_agree, reference_noise)
+    body_checks, gravity_present, joints_agree, reference_noise)
+from gravity_comp_ros.node.checks import CheckOptions
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.hypotheses import Window
 from gravity_comp_ros.node.job_messages import FAULTS, FIT, Job
@@ -212,7 +213,7 @@ def test_a_first_model_must_explain_every_joint():
 
 def test_limits_of_the_checks_are_positive():
     with pytest.raises(OptionError, match='max_echo'):
-        AcceptanceOptions(max_echo=0.0)
+        CheckOptions(max_echo=0.0)
 
 
 def with_wrong_axes(model, angle):
