@@ -28,7 +28,7 @@ from gravity_comp_ros.evaluation.expected_residual import expected_residual, res
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.node import acceptance, checks, first_samples
+from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import reference_noise
 from gravity_comp_ros.node.candidates import Candidate, candidate, candidates, options_of
 from gravity_comp_ros.node.checks import Check, OPTIONS
@@ -142,7 +142,7 @@ def run_fit(job: Job) -> FitResult:
     """
     if job.base is not None:
         return _compared_fit(job)
-    job, check = first_samples.judged(job)
+    job, check = acceptance.first_samples(job)
     try:
         result = _compared_fit(job)
     except (FitError, DataError) as error:

@@ -163,15 +163,13 @@ class GravityCompNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release all resources; models and samples are lost."""
-        result = super().on_cleanup(state)
         self.close()
-        return result
+        return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release all resources."""
-        result = super().on_shutdown(state)
         self.close()
-        return result
+        return super().on_shutdown(state)
 
     def close(self) -> None:
         """End the fit process, and destroy topics."""

@@ -19,8 +19,6 @@ from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 Predict = Callable[[FloatArray], FloatArray]
-# Torque of effects (N,) in N·m at a pose (N,) and a speed (N,); None without a speed.
-Compensation = Callable[[FloatArray, FloatArray | None], FloatArray | None]
 REVOLUTION = 2.0 * math.pi
 # Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
 # the trained range their errors are hundreds of N·m.
@@ -37,14 +35,15 @@ class TorqueSource:
     """
     A model for the feed-forward: predict (N,) → (N,), and its trained range (N,).
 
-    `reach` in rad bounds the margin of extrapolation. `effects` are added to gravity.
+    `reach` in rad bounds the margin of extrapolation. `effects`, a torque (N,) in N·m at a pose
+    and a speed (N,), are added to gravity.
     """
 
     predict: Predict
     q_min: FloatArray
     q_max: FloatArray
     reach: float = math.inf
-    effects: Compensation | None = None
+    effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """
@@ -75,10 +74,11 @@ class TorqueSource:
     def effect_torque(self, q: FloatArray, qd: FloatArray | None,
                       margin: float) -> FloatArray | None:
         """Return the torque of the effects (N,) in N·m; None without any, far away or unknown."""
-        if self.effects is None or ((q < self.q_min - margin) | (q > self.q_max + margin)).any():
+        if self.effects is None or qd is None or (
+                (q < self.q_min - margin) | (q > self.q_max + margin)).any():
             return None
         torque = self.effects(q, qd)
-        return torque if torque is not None and all_finite(torque) else None
+        return torque if all_finite(torque) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,14 +161,10 @@ class ModelInUse:
         self.compensated, self.problem = sent.targets, self._effects.problem
         if requested and not sent.targets and not self.problem:
             self.problem = 'the model has none of the effects to compensate'
-
-        def torque(q: FloatArray, qd: FloatArray | None) -> FloatArray | None:
-            return None if qd is None else sent.torque(q, qd, model.predict_one(q))
-
         self.source = TorqueSource(
             self._gravity(), model.coverage.q_min, model.coverage.q_max,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
-            torque if sent.targets else None)
+            (lambda q, qd: sent.torque(q, qd, model.predict_one(q))) if sent.targets else None)
 
     def _gravity(self) -> Predict:
         if self._change is None:

@@ -17,7 +17,7 @@ from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.node import checks, first_samples
+from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
     body_checks, gravity_present, joints_agree, reference_noise)
 from gravity_comp_ros.node.checks import CheckOptions
@@ -262,8 +262,8 @@ def test_a_gain_that_the_last_samples_do_not_show_is_no_fault_of_the_effort(monk
     """The first model waits for more motion, and the samples are kept."""
     fact = Fact(Kind.EFFORT_GAIN, ('iiwa_joint_4',), 'gains disagree', Action.REFUSED)
     whole = job()
-    monkeypatch.setattr(first_samples, '_facts_of_arm', lambda job, samples:
+    monkeypatch.setattr(acceptance, '_facts_of_arm', lambda job, samples:
                         [fact] if len(samples) == len(whole.rows) else [])
-    _, check = first_samples.judged(whole)
+    _, check = acceptance.first_samples(whole)
     assert not check.passed and check.name == checks.CONVERGED
     assert check.name not in FAULTS
