@@ -36,10 +36,10 @@ class ArmDescription:
     gives the reason. `max_effort` has one value per joint in N·m, or is empty.
     """
 
-    geometry: Geometry | None
-    continuous: tuple[str, ...]
-    max_effort: tuple[float, ...]
-    problem: str
+    geometry: Geometry | None = None
+    continuous: tuple[str, ...] = ()
+    max_effort: tuple[float, ...] = ()
+    problem: str = ''
 
 
 def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
@@ -47,7 +47,7 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     try:
         known = parse_tree(text, SOURCE).joints
     except GravityCompError as problem:
-        return ArmDescription(None, (), (), str(problem))
+        return ArmDescription(problem=str(problem))
     continuous = tuple(name for name in joints
                        if name in known and known[name].kind == 'continuous')
     limits = [_effort(known[name].element) if name in known else math.nan for name in joints]
@@ -63,7 +63,7 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
             None, continuous, max_effort, f'the order of the joints in {SOURCE} is '
             f'{", ".join(geometry.joints)}: set the parameter joints to this order to use the '
             'axes')
-    return ArmDescription(geometry, continuous, max_effort, '')
+    return ArmDescription(geometry, continuous, max_effort)
 
 
 def _effort(element: Element) -> float:
@@ -91,7 +91,7 @@ class Arm:
         self.settings = settings
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
-        self.described: ArmDescription | None = None
+        self.described = ArmDescription()
         self.is_allowed = settings.enabled
         self.gate = _gate(len(joints), settings)
         self.gate_counts: Counter[str] = Counter()
@@ -137,20 +137,20 @@ class Arm:
     @property
     def geometry(self) -> Geometry | None:
         """The axes of the arm where they are known."""
-        return None if self.described is None else self.described.geometry
+        return self.described.geometry
 
     @property
     def limit_source(self) -> str:
         """The source of the torque limits; with `none` no torque is published."""
         if self.settings.max_torque:
             return 'set'
-        if self.described is not None and self.described.max_effort:
+        if self.described.max_effort:
             return SOURCE
         return 'unlimited' if self.settings.unlimited_torque else 'none'
 
     def _limit(self) -> None:
         settings, source = self.settings, self.limit_source
-        if source == SOURCE and self.described is not None:
+        if source == SOURCE:
             settings = replace(settings, max_torque=self.described.max_effort)
         self.feed.set_options(settings)
         self.feed.enabled = self.is_allowed and source != 'none'

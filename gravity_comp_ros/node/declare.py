@@ -30,20 +30,16 @@ class DeclaredParameters:
 
     def __init__(self, node: Node, core: Callable[[], NodeCore | None]) -> None:
         self._core = core
-        self._declared = False
-        node.add_on_set_parameters_callback(self._check)
         self.values = Parameters(**{  # type: ignore[arg-type]
             row.name: _declare(node, row) for row in TABLE})
-        self._declared = True
+        node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
-            ours = _parsed(parameters)
-            if self._declared:
-                values, core = replace(self.values, **ours), self._core()
-                if core is not None and core.arm is not None:
-                    values.check(core.arm.joints)
+            values, core = replace(self.values, **_parsed(parameters)), self._core()
+            if core is not None and core.arm is not None:
+                values.check(core.arm.joints)
         except OptionError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check
@@ -53,9 +52,9 @@ class FitResult:
     """
     The best model of a job, its checks, and the computing time in s.
 
-    `figures` has the errors of the comparison in one line. `low` and `high` (N,) in rad are the
-    range of the training samples. `outliers` has the number of samples of each joint that were
-    left out. `is_compensated` is true if no joint's effort depends on pose, in enough motion.
+    `figures` has the errors of the comparison in one line. `range` is that of the training
+    samples. `outliers` has the number of samples of each joint that were left out.
+    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
     """
 
     model: GravityModel
@@ -63,8 +62,7 @@ class FitResult:
     figures: str
     how: str
     seconds: float
-    low: FloatArray
-    high: FloatArray
+    range: Coverage
     outliers: Mapping[str, int] = field(default_factory=dict)
     is_compensated: bool = False
 

@@ -26,7 +26,7 @@ from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import reference_noise
@@ -183,10 +183,8 @@ def _compared_fit(job: Job) -> FitResult:
         errors = ((each.how, rms(held_out_rmse(each.residual(job.rows.samples), job.rows)))
                   for each in tried)
         figures += '; tried: ' + ', '.join(f'{how} {error:.3g} N·m' for how, error in errors)
-    q = job.rows.train.q
-    return FitResult(best.model, tuple(judged), figures, best.how,
-                     time.monotonic() - start, q.min(axis=0), q.max(axis=0), left_out,
-                     comparison.is_compensated)
+    return FitResult(best.model, tuple(judged), figures, best.how, time.monotonic() - start,
+                     Coverage.of(job.rows.train), left_out, comparison.is_compensated)
 
 
 def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:

@@ -208,7 +208,7 @@ class Learner:
         self.models.use(model, f'{result.how} in epoch {epoch.number}', now, epoch.number)
         # The samples of a closed epoch determine the whole change.
         change = None if epoch.base is None or not epoch.is_open else UncertainChange(
-            model, epoch.base, result.low, result.high)
+            model, epoch.base, result.range)
         self.arm.use(model, self.models.before, model.coverage.n_samples, change)
         self.models.problem = ''
         self._save()

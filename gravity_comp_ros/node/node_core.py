@@ -102,7 +102,6 @@ class NodeCore:
             return
         arm.describe(describe_arm(self._description, arm.joints))
         described = arm.described
-        assert described is not None
         axes = f'not used: {described.problem}' if described.geometry is None else 'used'
         limits = ', '.join(f'{limit:g}' for limit in described.max_effort) or 'none'
         self.events.log.append((

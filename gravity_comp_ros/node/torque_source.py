@@ -13,7 +13,7 @@ from gravity_comp_ros.effects.live import Limits, LiveEffects
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import ExternalTorque, ExternalTorqueObserver
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
@@ -33,15 +33,14 @@ _MIN_CHANGE = 1e-9
 @dataclass(frozen=True, eq=False)
 class TorqueSource:
     """
-    A model for the feed-forward: predict (N,) → (N,), and its trained range (N,).
+    A model for the feed-forward: predict (N,) → (N,), and its trained range.
 
     `reach` in rad bounds the margin of extrapolation. `effects`, a torque (N,) in N·m at a pose
     and a speed (N,), are added to gravity.
     """
 
     predict: Predict
-    q_min: FloatArray
-    q_max: FloatArray
+    coverage: Coverage
     reach: float = math.inf
     effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
@@ -52,10 +51,11 @@ class TorqueSource:
         Gravity has a period of one revolution, so the torque is the same. Within the range `q`
         itself is returned.
         """
-        outside = (q < self.q_min) | (q > self.q_max)
+        low, high = self.coverage.q_min, self.coverage.q_max
+        outside = (q < low) | (q > high)
         if not outside.any():
             return q
-        middle = 0.5 * (self.q_min + self.q_max)
+        middle = 0.5 * (low + high)
         return np.where(outside, q - REVOLUTION * np.round((q - middle) / REVOLUTION), q)
 
     def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
@@ -63,7 +63,8 @@ class TorqueSource:
         nearest = q if policy == 'trust' else self.nearest(q)
         if nearest is q:
             return self.predict(q)
-        inside = np.minimum(np.maximum(nearest, self.q_min - margin), self.q_max + margin)
+        inside = np.minimum(np.maximum(nearest, self.coverage.q_min - margin),
+                            self.coverage.q_max + margin)
         outside = float(np.abs(nearest - inside).max())
         if outside == 0.0:
             return self.predict(nearest)
@@ -74,8 +75,7 @@ class TorqueSource:
     def effect_torque(self, q: FloatArray, qd: FloatArray | None,
                       margin: float) -> FloatArray | None:
         """Return the torque of the effects (N,) in N·m; None without any, far away or unknown."""
-        if self.effects is None or qd is None or (
-                (q < self.q_min - margin) | (q > self.q_max + margin)).any():
+        if self.effects is None or qd is None or (self.coverage.distance(q) > margin).any():
             return None
         torque = self.effects(q, qd)
         return torque if all_finite(torque) else None
@@ -95,14 +95,12 @@ class UncertainChange:
     is that of the pose from the range of the new samples, where the standard deviation itself is
     less certain. Without a standard deviation no change is significant.
 
-    `model` was learned from few samples, `before` is that of the previous payload. `low` and
-    `high` (N,) in rad are the range of the new samples.
+    `model` was learned from few samples in a `range`, `before` is that of the previous payload.
     """
 
     model: GravityModel
     before: GravityModel
-    low: FloatArray
-    high: FloatArray
+    range: Coverage
 
     def share_at(self, q: FloatArray) -> FloatArray:
         """Return the share (N,) of the change to use at pose q (N,), 0 to 1; it takes 0.2 ms."""
@@ -110,8 +108,7 @@ class UncertainChange:
         if not std.size:
             return np.zeros(len(q))
         change = self.model.predict_one(q) - self.before.predict_one(q)
-        outside = float(np.maximum(np.maximum(self.low - q, q - self.high), 0.0).max())
-        uncertain = SIGNIFICANT * (1.0 + outside / REACH) * std
+        uncertain = SIGNIFICANT * (1.0 + float(self.range.distance(q).max()) / REACH) * std
         share = 1.0 - (uncertain / np.maximum(np.abs(change), _MIN_CHANGE)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 
@@ -162,7 +159,7 @@ class ModelInUse:
         if requested and not sent.targets and not self.problem:
             self.problem = 'the model has none of the effects to compensate'
         self.source = TorqueSource(
-            self._gravity(), model.coverage.q_min, model.coverage.q_max,
+            self._gravity(), model.coverage,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
             (lambda q, qd: sent.torque(q, qd, model.predict_one(q))) if sent.targets else None)
 

@@ -6,6 +6,7 @@ from bench.shared.node_messages import send_message, until
 from bench.shared.two_joints import feed, joint_state, motion, status, torque
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
 from gravity_comp_ros.node.torque_source import UncertainChange
@@ -217,7 +218,7 @@ def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, mode
     t, q = motion(60)
     samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))
     unknown = replace(fit(samples).model, uncertainty=None)
-    change = UncertainChange(unknown, base, q.min(axis=0), q.max(axis=0))
+    change = UncertainChange(unknown, base, Coverage.of(samples))
     node.arm.use(unknown, base, 60, change)
     pose = np.array([0.4, 0.1])
     tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]

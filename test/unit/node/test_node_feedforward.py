@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node import feedforward as ff
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.parameters import Parameters
@@ -18,7 +19,7 @@ FREE = Parameters(ramp_time=1.0, max_torque_rate=(), extrapolation='trust',
 
 def source(predict, effects=None, reach=math.inf, high=1.0):
     """Return a source of torque with a trained range from -1 rad."""
-    return TorqueSource(predict, np.array([-1.0]), np.array([high]), reach, effects)
+    return TorqueSource(predict, Coverage(np.array([-1.0]), np.array([high]), 1), reach, effects)
 
 
 def constant(torque, effects=None):

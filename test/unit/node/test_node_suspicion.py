@@ -206,8 +206,8 @@ def test_a_share_of_an_uncertain_change_is_used(change, std):
         def predict_std(self, q):
             return np.full((1, 2), std)
 
-    uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
-                                np.ones(2))
+    uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)),
+                                Coverage(np.zeros(2), np.ones(2), 1))
     here, far = uncertain.share_at(np.full(2, 0.5)), uncertain.share_at(np.full(2, 1.5))
     assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
     if 1e-3 < change <= 2.0 * std:
