@@ -88,12 +88,10 @@ class Arm:
     def __init__(self, joints: tuple[str, ...], settings: Parameters,
                  model: GravityModel | None = None) -> None:
         self.joints = joints
-        self.settings = settings
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described = ArmDescription()
         self.is_allowed = settings.enabled
-        self.gate = _gate(len(joints), settings)
         self.gate_counts: Counter[str] = Counter()
         self.sent = SentTorqueHistory(len(joints))
         self.delayed = DelayedSamples()
@@ -107,7 +105,7 @@ class Arm:
         self._share_at = -np.inf
         # Residuals since the last report (2, N) in N·m: with and without nuisance terms.
         self._residuals: list[FloatArray] = []
-        self._limit()
+        self.set(settings)
         if model is not None:
             self.use(model, None, 0)
 
@@ -156,9 +154,10 @@ class Arm:
         self.feed.enabled = self.is_allowed and source != 'none'
 
     def set(self, settings: Parameters) -> None:
-        """Use changed settings from now on."""
+        """Use other settings from now on."""
         self.settings = self.epoch.settings = settings
-        self.gate = _gate(len(self.joints), settings)
+        self.gate = Gate(len(self.joints),
+                         GateOptions(settings.max_speed, settings.sample_rate))
         self.reader.max_age = settings.max_age
         self._limit()
         if self.in_use is not None:
@@ -219,16 +218,21 @@ class Arm:
         return tau
 
     def learn(self, reading: Reading, now: float) -> None:
-        """Learn from a reading, and compare the model in use with it."""
+        """
+        Learn from a reading, and compare the model in use with it.
+
+        Nothing is learned before `settle_time` has passed since the payload changed.
+        """
         if reading.new_run:
             self.restart()
-        if not isinstance(reading, CompleteReading) or not self._accepts_samples(now):
+        if self.learn_from - now > self.settings.settle_time + 0.1:
+            # The clock was set back; learning does not wait until it has caught up.
+            self.learn_from = now
+        if not isinstance(reading, CompleteReading) or now < self.learn_from:
             return
-        self.delayed.add(reading)
         reason = self.gate.offer(reading.t, reading.q, reading.qd)
-        if reason is None:
-            self.delayed.hold(reading, self.sent.before(now))
-        elif reason != RATE:
+        self.delayed.add(reading, self.sent.before(now) if reason is None else None)
+        if reason not in (None, RATE):
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):
             self.epoch.offer(sample)
@@ -254,13 +258,6 @@ class Arm:
         residuals, self._residuals = self._residuals, []
         return rms(np.array(residuals)) if residuals else None
 
-    def _accepts_samples(self, now: float) -> bool:
-        """Return whether `settle_time` has passed since the payload changed."""
-        if self.learn_from - now > self.settings.settle_time + 0.1:
-            # The clock was set back; learning does not wait until it has caught up.
-            self.learn_from = now
-        return now >= self.learn_from
-
     def new_epoch(self, number: int, now: float, base: GravityModel | None) -> None:
         """Drop all samples; collect again after `settle_time`, when old messages have passed."""
         self.learn_from = now + self.settings.settle_time
@@ -268,7 +265,3 @@ class Arm:
         self.delayed.restart()
         self.watch.forget()
         self._residuals = []
-
-
-def _gate(n_joints: int, settings: Parameters) -> Gate:
-    return Gate(n_joints, GateOptions(settings.max_speed, settings.sample_rate))

@@ -77,7 +77,7 @@ class SentTorqueHistory:
         return np.array([self._sent[k - 1][1] if k else self._none for k in places])
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class SlowSample:
     """
     A reading that passed the gate, and the torque published before it (`SentTorqueHistory`).
@@ -108,7 +108,7 @@ class DelayedSamples:
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[SlowSample] = deque()
+        self._waiting: deque[tuple[CompleteReading, FloatArray]] = deque()
         self._recent: deque[CompleteReading] = deque()
 
     def restart(self) -> None:
@@ -116,31 +116,28 @@ class DelayedSamples:
         self._waiting.clear()
         self._recent.clear()
 
-    def add(self, reading: CompleteReading) -> None:
-        """Add a message, slow or not."""
+    def add(self, reading: CompleteReading, sent: FloatArray | None = None) -> None:
+        """Add a message, a slow sample with the torque published before it (D, N)."""
         self._recent.append(reading)
+        if sent is not None:
+            self._waiting.append((reading, sent))
         # Messages after a sample arrive while it waits for them.
         while self._recent[0].t < reading.t - 1.5 * WINDOW:
             self._recent.popleft()
 
-    def hold(self, reading: CompleteReading, sent: FloatArray) -> None:
-        """Keep a slow sample."""
-        self._waiting.append(SlowSample(reading, sent))
-
     def due(self, t: float) -> list[SlowSample]:
         """Return the samples that are old enough at time t in s, with their accelerations."""
         ready = []
-        while self._waiting and t >= self._waiting[0].reading.t + 0.5 * WINDOW:
-            sample = self._waiting.popleft()
-            recent = list(self._recent)
-            times = np.array([reading.t for reading in recent])
-            qd = np.array([reading.qd for reading in recent])
-            sample.qdd = sample.mean_qdd = acceleration_at(sample.reading.t, times, qd)
-            if sample.qdd is None and len(recent) > 1:
-                sample.mean_qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
-            sample.reading = _mean(sample.reading, [recent[k] for k in np.flatnonzero(
-                np.abs(times - sample.reading.t) <= 0.5 * MEAN_OVER + 1e-6)])
-            ready.append(sample)
+        while self._waiting and t >= self._waiting[0][0].t + 0.5 * WINDOW:
+            reading, sent = self._waiting.popleft()
+            times = np.array([other.t for other in self._recent])
+            qd = np.array([other.qd for other in self._recent])
+            qdd = mean_qdd = acceleration_at(reading.t, times, qd)
+            if qdd is None and len(times) > 1:
+                mean_qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
+            near = [other for other in self._recent
+                    if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
+            ready.append(SlowSample(_mean(reading, near), sent, qdd, mean_qdd))
         return ready
 
 
