@@ -122,6 +122,9 @@ class CheckOptions:
       and share of the samples with published torque.
     - `min_variation`: smallest variation of the published torque of a joint that is compared, as
       a fraction of the largest.
+    - `predicted`, `max_unpredicted`: residual in units of noise up to which a model predicts a
+      new sample, and up to which it predicts a window of them; `max_previous`: largest ratio of
+      the previous model's residual to it for a rollback.
     - `max_interval`: largest time in s between samples whose differences count as noise.
     - `end`: duration of the first and last part of a window that must show a body, s.
 
@@ -157,6 +160,9 @@ class CheckOptions:
     min_published: float = 0.05
     min_published_share: float = 0.5
     min_variation: float = 0.02
+    predicted: float = 4.0
+    max_unpredicted: float = 6.0
+    max_previous: float = 0.5
     max_interval: float = 0.6
     end: float = 1.0
 

@@ -73,25 +73,26 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     :param margin: fraction by which the figure of `new` must be below that of `old`.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
-    error_new = new.residual(samples)
-    error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None \
-        else old.residual(samples)
+    is_first = old is None
+    # Without a model in use, a constant torque.
+    old = old or Prediction(samples.tau[train].mean(axis=0), new.noise)
+    error_new, error_old = new.residual(samples), old.residual(samples)
     rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
     floor = OPTIONS.min_error * max(1e-9, float(np.abs(samples.tau[train]).max()))
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     judged, is_compensated = _pose_explains(
         samples, train, new, np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train])),
-        old is None)
-    noise = np.maximum(new.noise if old is None else np.maximum(new.noise, old.noise), floor)
+        is_first)
+    noise = np.maximum(np.maximum(new.noise, old.noise), floor)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
-    tolerance = -1e-9 if old is None or not has_more_samples else OPTIONS.max_worse * ratio_std(
+    tolerance = -1e-9 if is_first or not has_more_samples else OPTIONS.max_worse * ratio_std(
         (error_new / level)[held_out], (error_old / level)[held_out], samples.qd[held_out], block)
     ratio = float(rms(rmse_new / level)) / max(float(rms(rmse_old / level)), 1e-30)
     worse = ', '.join(samples.names[j] for j in np.flatnonzero(rise > 1.0))
     judged += [Check(checks.NO_JOINT_WORSE, float(rise.max()), 1.0, text=f'worse on {worse}'),
                Check(checks.BETTER, ratio, 1.0 + tolerance - margin, text='not better')]
-    reference, k = 'a constant torque' if old is None else 'the old model', int(
+    reference, k = 'a constant torque' if is_first else 'the old model', int(
         np.argmax(np.maximum(rmse_new, rmse_old)))
     return Comparison(tuple(judged), (
         f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '

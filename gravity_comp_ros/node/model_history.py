@@ -71,7 +71,7 @@ class ModelHistory:
         """The last model of the previous payload."""
         return self._past[-1].model if self._past else None
 
-    def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> Entry:
+    def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> None:
         """
         Take a model into use.
 
@@ -82,7 +82,6 @@ class ModelHistory:
             self._past.append(self.entry)
             del self._past[:-DEPTH]
         self.entry = Entry(model, origin, now, epoch)
-        return self.entry
 
     def roll_back(self, now: float) -> Entry | None:
         """Bring back the last model of the previous payload; return None if there is none."""
@@ -91,7 +90,7 @@ class ModelHistory:
         self.entry = replace(self._past.pop(), since=now)
         return self.entry
 
-    def load(self, joints: tuple[str, ...], now: float) -> Entry | None:
+    def load(self, joints: tuple[str, ...], now: float) -> None:
         """
         Take the model of the file into use, if the file exists.
 
@@ -100,13 +99,13 @@ class ModelHistory:
         :raises ModelMismatchError: if the model has other joints.
         """
         if not self.path or not Path(self.path).exists():
-            return None
+            return
         model = load_model(self.path)
         if joints and model.joints != joints:
             raise ModelMismatchError(
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
                 f'is {", ".join(joints)}')
-        return self.use(model, f'loaded from {self.path}', now)
+        self.use(model, f'loaded from {self.path}', now)
 
     def save(self, reply: Reply) -> None:
         """

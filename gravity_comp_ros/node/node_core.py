@@ -12,7 +12,7 @@ from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
 from gravity_comp_ros.node.learner import Events, Learner
 from gravity_comp_ros.node.messages import Reading
-from gravity_comp_ros.node.model_history import Entry, ModelHistory
+from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.worker.worker_process import command, Supervised
 
@@ -45,14 +45,14 @@ class NodeCore:
         self._guessed = False
         # Messages that name no arm, and the reason.
         self._unusable, self._no_arm = 0, ''
-        joints = settings.joints
         try:
-            entry = self.models.load(joints, now)
+            self.models.load(settings.joints, now)
         except GravityCompError as problem:
             # With a damaged file the node starts without a model and reports the error.
-            entry, self.models.problem = None, str(problem)
-        if names := joints or (entry.model.joints if entry else ()):
-            self._begin(names, entry)
+            self.models.problem = str(problem)
+        model = self.models.model
+        if names := settings.joints or (() if model is None else model.joints):
+            self._begin(names)
 
     @property
     def arm(self) -> Arm | None:
@@ -66,11 +66,11 @@ class NodeCore:
         if self.arm is not None:
             self.arm.set(self.settings)
 
-    def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
+    def _begin(self, joints: tuple[str, ...]) -> None:
         self.settings.check(joints)
         # Torque that a call has disabled stays disabled where the arm replaces a gripper.
         is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
-        arm = Arm(joints, self.settings, None if entry is None else entry.model)
+        arm, entry = Arm(joints, self.settings, self.models.model), self.models.entry
         arm.enable(is_allowed)
         self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((
@@ -143,9 +143,8 @@ class NodeCore:
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether the message is of a device with more joints, before the first fit."""
-        return (self.models.model is None and self.learner is not None
-                and not self.learner.has_started and len(set(names)) == len(names)
-                and len(arm.joints) < len(names) <= MAX_JOINTS)
+        return (self.learner is not None and not self.learner.has_started
+                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MAX_JOINTS)
 
     def _begin_with_message(self, names: tuple[str, ...]) -> Arm | None:
         """Use the joint names of a message; return None if they name no arm."""
@@ -157,7 +156,7 @@ class NodeCore:
             if len(names) > MAX_JOINTS:
                 raise OptionError(f'{self._topic} has {len(names)} joints and the node takes at '
                                   f'most {MAX_JOINTS}; set the parameter joints')
-            self._begin(names, None)
+            self._begin(names)
             self._guessed = True
             self._check_order(names)
         except OptionError as problem:

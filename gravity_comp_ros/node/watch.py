@@ -16,7 +16,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.job_messages import PayloadResult
 from gravity_comp_ros.node.messages import CompleteReading
 import numpy as np
@@ -24,10 +24,6 @@ import numpy as np
 LEARN = 'learn'
 # Number of slow samples of a new model that are judged together, 3 s at the default rate.
 WINDOW = 15
-# Residual in units of noise up to which a sample is predicted, and from which a window is not.
-GOOD, BAD = 4.0, 6.0
-# Largest ratio of the previous model's residual to that of the model in use for a rollback.
-MAX_RATIO = 0.5
 # Largest number of samples required to confirm a model.
 MAX_REQUIRED = 200
 # Minimum number of samples of a window for a payload test, six seconds at the default rate, and
@@ -121,7 +117,7 @@ class Watch:
             (N,) in N·m.
         """
         error = np.abs(residual) / self._expected
-        if not self.is_confirmed and float(error.max()) < GOOD:
+        if not self.is_confirmed and float(error.max()) < OPTIONS.predicted:
             self._predicted += 1
         if self._before is not None:
             old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._expected
@@ -150,10 +146,11 @@ class Watch:
             return []
         new, old = (float(rms(np.array(errors)).max()) for errors in zip(*self._errors))
         return [
-            Check(checks.PREDICTS, new, BAD, text=(
+            Check(checks.PREDICTS, new, OPTIONS.max_unpredicted, text=(
                 f'the residual of the model in use is {new:.0f} times its noise over {WINDOW} '
                 f'new samples, that of the previous model {old:.0f} times')),
-            Check(checks.BETTER_THAN_PREVIOUS, old, max(MAX_RATIO * new, GOOD), True)]
+            Check(checks.BETTER_THAN_PREVIOUS, old,
+                  max(OPTIONS.max_previous * new, OPTIONS.predicted), True)]
 
     def is_due(self) -> bool:
         """Return whether a full test of the samples is due."""

@@ -237,9 +237,9 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     node.learner.payload_changed(now)
     t, q = motion(60)
     wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
-    entry = node.models.use(wrong, 'fit of broken effort', now, 1)
+    node.models.use(wrong, 'fit of broken effort', now, 1)
     save_model(path, wrong)
-    node.arm.use(entry.model, good, 60)
+    node.arm.use(wrong, good, 60)
     feed(node, 40, now + 1.0)
     node.tick(now + 10.0, time.monotonic())
     assert node.models.model is good
