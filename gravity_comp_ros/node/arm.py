@@ -133,11 +133,6 @@ class Arm:
         return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
 
     @property
-    def geometry(self) -> Geometry | None:
-        """The axes of the arm where they are known."""
-        return self.described.geometry
-
-    @property
     def limit_source(self) -> str:
         """The source of the torque limits; with `none` no torque is published."""
         if self.settings.max_torque:

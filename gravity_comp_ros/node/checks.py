@@ -54,11 +54,6 @@ def failed(checks: Sequence[Check]) -> Check | None:
     return next((check for check in checks if not check.passed), None)
 
 
-def summary(checks: Sequence[Check]) -> str:
-    """Return all checks with their figures in one line."""
-    return '; '.join(check.describe() for check in checks)
-
-
 def to_json(decision: str, result: str, checks: Sequence[Check]) -> str:
     """
     Return the checks of a decision as JSON, for `~/checks`.

@@ -88,10 +88,9 @@ def _declare(node: Node, row: Parameter) -> Any:
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
     unit = f' [{row.unit}]' if row.unit else ''
-    constraints = row.range_text()
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
-        additional_constraints=constraints)
+        additional_constraints=row.range_text())
     if row.low is not None and row.high is not None:
         if row.kind == 'double':
             descriptor.floating_point_range = [

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
+from operator import attrgetter
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed_law
@@ -46,6 +47,7 @@ _BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
 _FRICTION_STD, _OFFSET_STD = 0.5, 0.25
 # Largest number of linearisations of a gain, and its change at which they end.
 _MAX_STEPS, _CONVERGED = 10, 1e-3
+_EVIDENCE = attrgetter('log_evidence')
 
 
 def moving(qd: FloatArray) -> BoolArray:
@@ -212,7 +214,7 @@ class Hypotheses:
         fits = [(self.explain(self._fault(range(self._n))), 'all joints',
                  ': another unit or gain, no payload', False)]
         for k in np.flatnonzero(rms(self.before) > self.window.noise).tolist():
-            fits += [(max(self._gains(k, self._body[:0], self._base), key=_evidence), names[k],
+            fits += [(max(self._gains(k, self._body[:0], self._base), key=_EVIDENCE), names[k],
                       f', and that of no other joint has changed: {why}', False),
                      (self.body_and_gain(k), names[k],
                       f', also with a body that explains the rest: {why}', True)]
@@ -223,7 +225,7 @@ class Hypotheses:
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
         return max((fit for scale in self._scales for fit in self._gains(
-            joint, scale / self._scale * self._body, self._loaded)), key=_evidence)
+            joint, scale / self._scale * self._body, self._loaded)), key=_EVIDENCE)
 
     def _gains(self, joint: int, body: FloatArray, base: FloatArray) -> Iterator[Explanation]:
         """
@@ -306,10 +308,6 @@ class Hypotheses:
     def _white(self, columns: FloatArray) -> FloatArray:
         """Return columns (K, N, M) in N·m in units of the noise, as rows (K, N·M)."""
         return (columns / self._sigma[:, None]).reshape(len(columns), -1)
-
-
-def _evidence(fit: Explanation) -> float:
-    return fit.log_evidence
 
 
 def _friction_columns(window: Window) -> FloatArray:

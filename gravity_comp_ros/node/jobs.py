@@ -190,7 +190,9 @@ def _compared_fit(job: Job) -> FitResult:
 def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
     """Yield the checks of the samples themselves: an echo, faulty effort, payload limits."""
     base, samples, model = job.base, job.rows.samples, best.model
-    has_new_effects = base is not None and _targets(model) != _targets(base)
+    has_new_effects = base is not None and {
+        effect.target for effect in model.applied.effects} != {
+        effect.target for effect in base.applied.effects}
     echo = not_output(job.rows, best, has_new_effects)
     if echo is not None:
         yield echo
@@ -266,7 +268,3 @@ def without_effects(model: GravityModel, samples: JointSamples
     """Return samples without the effects and nuisance terms of a model, and these (M, N), N·m."""
     others = effect_torque(model, samples) + fitted_torque(model, samples)
     return replace(samples, tau=samples.tau - others), others
-
-
-def _targets(model: GravityModel) -> set[str]:
-    return {effect.target for effect in model.applied.effects}

@@ -105,7 +105,7 @@ class Learner:
         """Submit a job; another thread prepares its samples."""
         arm, kind = self.arm, pending.kind
         job = partial(Job, kind, model=self.models.model, base=arm.epoch.base,
-                      settings=arm.settings, geometry=arm.geometry,
+                      settings=arm.settings, geometry=arm.described.geometry,
                       on_request=pending.call is not None)
         if kind == PAYLOAD:
             window = arm.watch.window()
@@ -196,8 +196,8 @@ class Learner:
             elif result.fault:
                 self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
         job.reply(result.accepted, text)
-        self._events.log.append((not result.accepted,
-                                f'{text} [{checks.summary(result.checks)}]'))
+        figures = '; '.join(check.describe() for check in result.checks)
+        self._events.log.append((not result.accepted, f'{text} [{figures}]'))
         self._decided('model', text, result.checks)
         if result.fault or result.is_compensated:
             self._refuse(result, now)

@@ -87,14 +87,13 @@ class NodeCore:
         The first one is used until the node is configured again: a later one must not change the
         torque limits of an arm that is being supported.
         """
-        if self._description and text != self._description:
+        if not self._description:
+            self._description = text
+            self._use_description()
+        elif text != self._description:
             self.events.log.append((
                 True, 'another robot description was received and is not used; configure the node '
                 'again to use it'))
-            return
-        if text != self._description:
-            self._description = text
-            self._use_description()
 
     def _use_description(self) -> None:
         arm = self.arm

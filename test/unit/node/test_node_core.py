@@ -207,7 +207,7 @@ def test_a_description_does_not_limit_torque_that_is_published_without_limits(li
     pose = np.array([1.2, 0.9])
     tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
     np.testing.assert_allclose(tau, node.models.model.predict_one(pose))
-    assert tau[0] > 4.0 and node.arm.geometry is not None
+    assert tau[0] > 4.0 and node.arm.described.geometry is not None
     assert 'effort limits none' in node.events.log[-1][1]
 
 
