@@ -8,6 +8,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
@@ -24,7 +25,6 @@ from gravity_comp_ros.planning.segments import Limits, sampled
 from gravity_comp_ros.planning.selection import Selection
 from gravity_comp_ros.planning.sums import joined, motion_of
 from gravity_comp_ros.planning.workspace import Obstacles, Workspace, workspace
-from gravity_comp_ros.regression.engine import Regression
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -38,8 +38,8 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     Return the motion of largest utility for the targets, within the limits.
 
     :param samples: all samples of earlier recordings, fast ones included.
-    :param targets: effects to resolve; None for the open findings of the diagnosis, or without
-        one for the open terms of the estimate.
+    :param targets: effects to resolve; None for the open findings of the diagnosis.
+    :param diagnosis: that of the same estimate; concluded if it is not given.
     :param obstacles: collision check of poses.
     :param estimated: estimate of the same samples and joints; computed if it is not given.
     :raises OptionError: if nothing is open, a target is unknown, or no admissible motion excites
@@ -53,8 +53,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
         estimated = estimate(samples, FitOptions(model.formulation, geometry=model.geometry),
                              old=model)
     report('plan', 0.3)
-    criterion, parts, notes = _alternatives(space, model, estimated.regression, targets, options,
-                                            diagnosis)
+    criterion, parts, notes = _alternatives(space, model, estimated, targets, options, diagnosis)
     report('plan', 0.5)
     selection = Selection(space, criterion, parts, options.duration)
     if not selection.parts:
@@ -73,15 +72,19 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
                       tuple(notes), _gravity_expectations(criterion, added, model.joints))
 
 
-def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
+def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
                   targets: Sequence[Target] | None, options: PlanOptions,
                   diagnosis: Diagnosis | None) -> tuple[Criterion, list[Part], list[str]]:
     """Return the criterion, the candidate parts, and why some targets have no question."""
-    is_named = targets is not None and GRAVITY in [target.effect for target in targets]
-    gravity = Gravity.of(regression, is_named) if targets is None or is_named else None
+    regression = estimated.regression
     if targets is None:
-        targets = open_targets(regression, diagnosis)[:MAX_TARGETS - (gravity is not None)]
-    targets = [target for target in targets if target.effect != GRAVITY]
+        gravity = Gravity.of(regression, False)
+        targets = open_targets(regression, diagnosis or conclude(estimated, model))
+        targets = targets[:MAX_TARGETS - (gravity is not None)]
+    else:
+        is_named = GRAVITY in [target.effect for target in targets]
+        gravity = Gravity.of(regression, True) if is_named else None
+        targets = [target for target in targets if target.effect != GRAVITY]
     if not targets and gravity is None:
         raise OptionError('plan: no target is open; name the effects to resolve')
     limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)

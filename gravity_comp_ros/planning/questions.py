@@ -1,7 +1,7 @@
 """
 Targets of a plan and their questions.
 
-A target is named by the user, or open in a diagnosis or a regression. Its question is its term,
+A target is named by the user, or an open finding of a diagnosis. Its question is its term,
 the terms of its base, and its alternatives.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Expectation, Setting
@@ -44,16 +43,10 @@ def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Targe
     return [*targets, Target(GRAVITY, None)] if GRAVITY in names else targets
 
 
-def open_targets(regression: Regression, diagnosis: Diagnosis | None = None) -> list[Target]:
-    """
-    Return the open findings, then common effects that moving joints do not excite.
-
-    Without a diagnosis a term of the regression is open if it is ambiguous, or if no coefficient
-    differs from 0.
-    """
-    targets = _open_terms(regression) if diagnosis is None else [
-        Target(f.effect, f.joint, f.rivals) for f in diagnosis.findings
-        if f.verdict in OPEN and f.effect in all_effects()]
+def open_targets(regression: Regression, diagnosis: Diagnosis) -> list[Target]:
+    """Return the open findings, then common effects that moving joints do not excite."""
+    targets = [Target(f.effect, f.joint, f.rivals) for f in diagnosis.findings
+               if f.verdict in OPEN and f.effect in all_effects()]
     scale = regression.problem.scale.torque
     untestable = [(name, joint) for name, joint in regression.candidates.untestable
                   if joint is not None and all_effects()[name].expectation is Expectation.COMMON
@@ -64,22 +57,7 @@ def open_targets(regression: Regression, diagnosis: Diagnosis | None = None) -> 
     for target in targets:
         if not all_effects()[target.effect].is_shared:
             once.setdefault(target.name, target)
-    return list(once.values())[:MAX_TARGETS]
-
-
-def _open_terms(regression: Regression) -> list[Target]:
-    posterior, limit = regression.posterior, regression.problem.options.min_identified
-    names, targets = regression.problem.samples.names, []
-    for term in regression.terms:
-        mean, std = posterior.beta[posterior.at[term]], regression.stds[term.key]
-        others = regression.alternatives[term.key]
-        if (others or (np.abs(mean) < HALF_95 * std).all()
-                or regression.identified[term.key].max() < limit):
-            targets.append(Target(
-                term.name, None if term.joint is None else names[term.joint],
-                tuple(name if joint in (None, term.joint) else f'{name}:{names[joint]}'
-                      for name, joint in others)))
-    return targets
+    return list(once.values())
 
 
 def questions_of(regression: Regression, targets: Sequence[Target], probe: Path, seconds: float

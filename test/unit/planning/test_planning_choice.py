@@ -6,6 +6,7 @@ from functools import cache
 from bench.shared.planning_arm import model, NAMES, NOISE, one_way, played
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
@@ -149,7 +150,7 @@ def test_the_alternative_determines_the_motion():
 def test_an_offset_after_one_way_motion_is_separated_from_friction():
     old = with_offset(one_way(0), 1.5)
     first = estimated(1.5)
-    targets = open_targets(first.regression)
+    targets = open_targets(first.regression, conclude(first, model()))
     assert 'coulomb_friction:elbow' in [target.name for target in targets]
     planned = plan(old, model(), None, PlanOptions(20.0), estimated=first)
     assert any(each.target.name == 'coulomb_friction:elbow' and each.is_likely
