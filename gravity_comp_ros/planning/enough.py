@@ -29,7 +29,8 @@ from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest
-from gravity_comp_ros.planning.options import POSES
+from gravity_comp_ros.planning.options import PlanOptions, POSES
+from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import generic_poses
@@ -300,16 +301,12 @@ class _Sums:
 
     def _moved(self, postures: FloatArray) -> tuple[float, FloatArray]:
         """Return duration and sums of the motion through postures (K, N) and back to the first."""
-        closed = np.concatenate([postures, postures[:1]])
-        lengths = np.abs(np.diff(closed, axis=0)).max(axis=1)
-        at = np.concatenate([[0.0], np.cumsum(lengths)])
-        seconds = float(at[-1]) / self.options.speed
-        along = (np.arange(_PLANNED) + 0.5) / _PLANNED * at[-1]
-        q = np.stack([np.interp(along, at, column) for column in closed.T], axis=1)
-        leg = np.searchsorted(at, along) - 1
-        qd = np.diff(closed, axis=0)[leg] / lengths[leg, None] * self.options.speed
-        nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, np.zeros(q.shape)])
-        rows = seconds / EngineOptions().row_seconds / _PLANNED
+        lines = through([*postures, postures[0]], Limits(
+            self.options.speed, PlanOptions.max_acceleration, PlanOptions.max_jerk))
+        seconds = duration(lines)
+        q, qd, qdd = sampled(lines, _PLANNED / seconds)[1]
+        nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, qdd])
+        rows = seconds / EngineOptions().row_seconds / len(q)
         x = self._columns(q, nuisance.transpose(2, 0, 1))
         return seconds, _products(x, rows * self.weight)
 
