@@ -15,7 +15,6 @@ Joints whose angle is a linear function of the other angles are named for themse
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -173,9 +172,7 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
     if samples.n_samples < _MIN_SAMPLES or at_rest(samples.q).all() or not samples.tau.any():
         raise FitError('no motion with efforts, from which gravity could be estimated')
     sums = _Sums(Problem.of(samples), geometry, options)
-    chosen, after = sums.motion_to_add()
-    count = Counter(joint for joint, _ in chosen)
-    time = {joint: sum(seconds for j, seconds in chosen if j == joint) for joint in count}
+    time, after = sums.motion_to_add()
     names, low, high = samples.names, sums.low, sums.high
     sweeps = tuple(Stroke(names[n], float(low[n]), float(high[n]), time[n])
                    for n in sorted(n for n in time if n is not None))
@@ -263,12 +260,12 @@ class _Sums:
         scale = np.maximum(self.scale.torque, self.options.min_scale * self.scale.largest)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / scale)
 
-    def motion_to_add(self) -> tuple[list[tuple[int | None, float]], FloatArray]:
-        """Return joints (None for all) and seconds of motions to add, and the result (N,)."""
+    def motion_to_add(self) -> tuple[dict[int | None, float], FloatArray]:
+        """Return seconds of motions to add by joint (None for all), and the result (N,)."""
         limit, total, std = self.options.max_std, self.recorded, self.std(self.recorded)
-        chosen: list[tuple[int | None, float]] = []
+        time: dict[int | None, float] = {}
         candidates = self._candidates() if (std > limit).any() else []
-        while (std > limit).any() and sum(s for _, s in chosen) < self.options.max_seconds:
+        while (std > limit).any() and sum(time.values()) < self.options.max_seconds:
             results = [self.std(total + added) for _, _, added in candidates]
             gains = [self._gain(std, after) / seconds
                      for after, (_, seconds, _) in zip(results, candidates)]
@@ -277,8 +274,8 @@ class _Sums:
                 break
             joint, seconds, added = candidates[best]
             total, std = total + added, results[best]
-            chosen.append((joint, seconds))
-        return chosen, std
+            time[joint] = time.get(joint, 0.0) + seconds
+        return time, std
 
     def _gain(self, before: FloatArray, after: FloatArray) -> float:
         """Return by how much uncertain joints become certain, in units of ln std."""
