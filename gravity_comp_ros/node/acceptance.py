@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, NUMBERS, WORDS
 from gravity_comp_ros.estimation.subset_stability import last_part
@@ -203,7 +204,7 @@ def _within_limits(table: Hypotheses) -> Iterator[Check]:
     if known is None:
         change = np.hypot(*table.moments.T)
         worst = int(np.argmax(change))
-        largest = limits.max_payload_moment
+        largest = STANDARD_GRAVITY * limits.max_payload * limits.max_payload_reach
         yield Check(checks.WITHIN_LIMITS, float(change[worst]), largest, text=(
             f'the change at {table.window.samples.names[worst]} is {change[worst]:.3g} N·m; the '
             f'limit is {largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at '

@@ -157,8 +157,8 @@ class GravityCompNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop receiving and publishing; keep the model and the samples."""
         self._active = False
-        if self._core is not None:
-            self._core.deactivate()
+        if self._core is not None and self._core.arm is not None:
+            self._core.arm.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -188,11 +188,6 @@ class NodeCore:
         self.learner.poll(answers, now, wall)
         return self.learner.arm.tick(now)
 
-    def deactivate(self) -> None:
-        """Keep the model and the samples; torque ramps up from zero at the next message."""
-        if self.arm is not None:
-            self.arm.deactivate()
-
     def close(self) -> None:
         """End the fit process, reply to pending calls, and finish pending saves."""
         if self.learner is not None:

@@ -180,7 +180,5 @@ class Outputs:
 
     def destroy(self) -> None:
         """Destroy all publishers."""
-        for publisher in self._managed.values():
-            self._node.destroy_lifecycle_publisher(publisher)
-        for each in (self._diagnostics, self._model, self._payload):
-            self._node.destroy_publisher(each)
+        for each in (*self._managed.values(), self._diagnostics, self._model, self._payload):
+            self._node.destroy_lifecycle_publisher(each)

@@ -15,7 +15,6 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request, requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import Kind
-from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -267,11 +266,6 @@ class Parameters:
     def block(self) -> int:
         """The number of consecutive samples that are held out together: they are correlated."""
         return max(5, round(self.sample_rate))
-
-    @property
-    def max_payload_moment(self) -> float:
-        """The largest change of one link's moment by a payload, N·m."""
-        return STANDARD_GRAVITY * self.max_payload * self.max_payload_reach
 
     def check(self, names: tuple[str, ...] = ()) -> None:
         """
