@@ -14,7 +14,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, Joint
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
-from gravity_comp_ros.regression.linear import Linear, with_common_terms
+from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
@@ -23,7 +23,7 @@ import numpy as np
 # Number of searches, starts of each, and poses that they use.
 _SEARCHES, _STARTS, _POSES = 4, 24, 400
 # Shares of the rows in turn: gravity dominates those with the least motion.
-_SHARES = (1.0, 0.5)
+_SHARES = (1.0, 1.0, 0.5, 0.5)
 # Number of searches with a white residual after which it ends: few poses are consistent with
 # several chains.
 _CLEAN = 2
@@ -52,7 +52,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     roughs: list[ChainFit] = []
     different: list[ChainFit] = []
     for seed in range(_SEARCHES):
-        poses = generic_poses(problem, _POSES, _SHARES[seed % len(_SHARES)])
+        poses = generic_poses(problem, _POSES, _SHARES[seed])
         rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
         if not any(_are_same(rough, other, poses[0].q) for other in roughs):
             different.append(rough)
@@ -64,8 +64,9 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     best = min((with_common_terms(few, UnknownLengths.of(each.chain), effects)
                 for each in different), key=_log_noise)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
-    shared = UnknownLengths.of(_axes_of(best).chain.with_first_reversed())
-    return _axes_of(min(best, with_common_terms(few, shared, effects), key=_log_noise))
+    reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
+                        best.posterior.precision, is_known=False)
+    return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
 def _are_same(one: ChainFit, other: ChainFit, q: FloatArray) -> bool:
