@@ -24,6 +24,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.known_axes import right_angles_kept, TOLERANCE
 from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.models.noise import is_outlier
 from gravity_comp_ros.models.sparse.sparse_change import (
     average_change, Change, ChangeProblem, find_change, full_evidence)
 import numpy as np
@@ -101,7 +102,7 @@ class NewSamples:
 
     def max_residual(self, chain: Chain) -> float:
         """Return the largest residual of a chain among samples with weight, in N·m."""
-        residual = (self.tau - chain.torque(self.q))[self.robust_weights > 0.0]
+        residual = (self.tau - chain.torque(self.q))[~is_outlier(self.robust_weights)]
         return float(np.abs(residual).max(initial=0.0))
 
     def columns(self, chain: Chain) -> FloatArray:

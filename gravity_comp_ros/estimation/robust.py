@@ -1,12 +1,4 @@
-"""
-Robust weights of samples, against outliers by brake engagement, contact and torque spikes.
-
-Weights of squared residuals after Huber (1964), with a redescending end (Hampel 1974):
-
-    w(z) = 1 for |z| <= 4,    4 / |z| up to 8,    0 beyond,    z = residual / sigma,
-
-with sigma from the median absolute residual of the joint, which outliers hardly affect.
-"""
+"""Outliers of samples: brake engagement, contact and torque spikes (`noise.outlier_weights`)."""
 
 from __future__ import annotations
 
@@ -17,14 +9,8 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.models import noise
 import numpy as np
 
-# Maximum |z| of full weight, and of any weight.
-_MAX_FULL, _MAX_WEIGHTED = 4.0, 8.0
-# Median absolute value of a standard normal distribution.
-_NORMAL_MEDIAN = 0.6745
-# Maximum share of outliers; more of them indicate a model error, and all weights stay 1.
-_MAX_OUTLIERS = 0.25
-# Maximum rounds of the reweighted regression.
-_MAX_ROUNDS = 4
+# Rounds of the reweighted regression.
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -42,20 +28,6 @@ class Outliers:
         return f'from {self.first:.1f}{first} to {self.last:.1f} s of {self.last_label}'
 
 
-def huber_weights(residual: FloatArray, min_sigma: float) -> FloatArray:
-    """
-    Return the weights (M, N) of squared residuals (M, N) in N·m.
-
-    :param min_sigma: the minimum standard deviation, N·m.
-    """
-    sigma = np.maximum(np.median(np.abs(residual), axis=0) / _NORMAL_MEDIAN, min_sigma)
-    z = np.abs(residual) / sigma
-    weights = np.where(z <= _MAX_FULL, 1.0,
-                       np.where(z <= _MAX_WEIGHTED, _MAX_FULL / np.maximum(z, 1e-300), 0.0))
-    weights[:, (z > _MAX_FULL).mean(axis=0) > _MAX_OUTLIERS] = 1.0
-    return np.asarray(weights)
-
-
 def irls_weights(residual: FloatArray, columns: FloatArray, min_sigma: float) -> FloatArray:
     """
     Return the weights (M, N) of a residual that linear terms explain except for outliers.
@@ -69,12 +41,10 @@ def irls_weights(residual: FloatArray, columns: FloatArray, min_sigma: float) ->
     weights = np.ones(residual.shape)
     rows = columns.reshape(len(columns), -1)
     target, size = residual.T.ravel(), max(float(np.abs(residual).max()), min_sigma)
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(_ROUNDS):
         coefficients = _ridge(rows, target, weights.T.ravel(), min_sigma / size)
         remaining = (target - coefficients @ rows).reshape(residual.shape[::-1]).T
-        weights, last = huber_weights(remaining, min_sigma), weights
-        if np.array_equal(weights, last):
-            break
+        weights = noise.outlier_weights(remaining, min_sigma)
     return weights
 
 
@@ -86,15 +56,15 @@ def _ridge(rows: FloatArray, target: FloatArray, weights: FloatArray, ratio: flo
 
 def outliers(rows: JointSamples, count: IntArray, residual: FloatArray) -> Mapping[str, Outliers]:
     """
-    Return the rows whose residual is beyond any weight, by name of each joint that has any.
+    Return the rows that are outliers, by name of each joint that has any.
 
     :param rows: means over short times, R of them.
     :param count: number of samples of each row (R,).
     :param residual: of the rows, (R, N) in N·m.
     """
-    weights, by_joint = huber_weights(residual, noise.floor(rows.tau)), {}
+    weights, by_joint = noise.outlier_weights(residual, noise.floor(rows.tau)), {}
     for n, name in enumerate(rows.names):
-        places = np.flatnonzero(weights[:, n] == 0.0)
+        places = np.flatnonzero(noise.is_outlier(weights[:, n]))
         if places.size:
             first, last = (rows.run_labels[rows.runs[place]] for place in places[[0, -1]])
             by_joint[name] = Outliers(int(count[places].sum()), float(rows.t[places[0]]),

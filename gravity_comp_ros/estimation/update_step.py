@@ -12,6 +12,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.noise import is_outlier
 from gravity_comp_ros.models.sparse.dictionary import Expansion, feature_name
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
@@ -103,7 +104,7 @@ def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
     columns = EnergyDesign(new.q, np.ones(new.tau.shape)).columns(old.indices).T.reshape(
         count, *new.tau.T.shape)
     residual = new.tau - model.predict(new.q)
-    size = float(np.abs(residual[new.robust_weights > 0.0]).max())
+    size = float(np.abs(residual[~is_outlier(new.robust_weights)]).max())
     change = average_change(ChangeProblem(
         new.in_noise(columns).reshape(count, -1), new.in_noise(residual.T).ravel(), covariance,
         np.arange(count), size))

@@ -26,6 +26,8 @@ _MIN_LOG_LIKELIHOOD = 8.0
 _MAX_RELATIVE = 0.5
 # Median absolute deviation to standard deviation.
 _MAD = 1.4826
+# Residual in standard deviations beyond which a sample has less weight: it has 16 in a million.
+OUTLIER = 4.0
 # Maximum number of steps of the estimate, and maximum step in ln a^2 and ln b^2.
 _MAX_STEPS = 100
 _MAX_STEP = 2.0
@@ -65,6 +67,30 @@ def of_second_differences(values: FloatArray, kept: BoolArray) -> FloatArray:
     """
     medians = [np.median(np.abs(np.diff(joint, 2)[kept])) for joint in values.T]
     return _MAD * np.array(medians) / np.sqrt(6.0)
+
+
+def robust_std(residual: FloatArray) -> FloatArray:
+    """Return the standard deviation (N,) of residuals (M, N) by their medians."""
+    return np.asarray(np.maximum(_MAD * np.median(np.abs(residual), axis=0), 1e-12))
+
+
+def outlier_weights(residual: FloatArray, minimum: float = 0.0) -> FloatArray:
+    """
+    Return the weights (M, N) of squared residuals (M, N): 1, less for outliers.
+
+    Beyond c = `OUTLIER` standard deviations the weight is (c sigma / r)^2, so that the evidence of
+    a sample, r^2 / (2 sigma^2) times its weight, is at most c^2 / 2 nats. Many outliers that a
+    term explains are evidence for it, a single one is not.
+
+    :param minimum: smallest standard deviation sigma, in the unit of the residual.
+    """
+    limit = OUTLIER * np.maximum(robust_std(residual), minimum)
+    return np.asarray(np.minimum(1.0, limit / np.maximum(np.abs(residual), 1e-12)) ** 2)
+
+
+def is_outlier(weights: FloatArray) -> BoolArray:
+    """Return the mask of residuals beyond twice the limit of full weight (`outlier_weights`)."""
+    return np.asarray(weights < 0.25)
 
 
 def first_guess(tau: FloatArray) -> NoiseModel:

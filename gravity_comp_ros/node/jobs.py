@@ -17,7 +17,6 @@ from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
-from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
@@ -27,7 +26,7 @@ from gravity_comp_ros.estimation.update import payload_change_weights
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import reference_noise
 from gravity_comp_ros.node.candidates import Candidate, candidate, candidates, options_of
@@ -161,12 +160,12 @@ def _compared_fit(job: Job) -> FitResult:
     # the change of the base, which must not be fitted to them. A full fit gives them no weight.
     base = chain or job.base
     if job.base is not None and base is not None and base.energy is not None:
-        is_outlier = outliers_of_change(without_effects(job.base, samples)[0], base)
+        outlying = outliers_of_change(without_effects(job.base, samples)[0], base)
     else:
         tried = list(candidates(job, None))
-        is_outlier = outliers_of_fit(tried[0].residual(samples), samples)
-    left_out = {name: int(n) for name, n in zip(samples.names, is_outlier.sum(axis=0)) if n}
-    job = replace(job, rows=job.rows.select(~np.asarray(is_outlier.any(axis=1))))
+        outlying = outliers_of_fit(tried[0].residual(samples), samples)
+    left_out = {name: int(n) for name, n in zip(samples.names, outlying.sum(axis=0)) if n}
+    job = replace(job, rows=job.rows.select(~np.asarray(outlying.any(axis=1))))
     tried = [candidate(each.model, job, each.how, each.fit)
              for each in tried] or list(candidates(job, chain))
     best = _best(tried, job)
@@ -227,7 +226,7 @@ def _converged(fit: FullFit, job: Job) -> Check:
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     """Return a mask (M, N) of the torques that are outliers of a change of the chain's moments."""
-    return _none_if_too_many(payload_change_weights(chain, gravity) == 0.0)
+    return _none_if_too_many(is_outlier(payload_change_weights(chain, gravity)))
 
 
 def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
@@ -238,7 +237,7 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
 
     :param residual: residual without friction and offset (M, N), N·m.
     """
-    far = robust.huber_weights(residual, floor(samples.tau)) == 0.0
+    far = is_outlier(outlier_weights(residual, floor(samples.tau)))
     return _none_if_too_many(far & (np.abs(samples.qd) > REST_SPEED))
 
 

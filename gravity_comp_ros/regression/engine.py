@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.noise import outlier_weights, robust_std
 from gravity_comp_ros.regression.alternatives import (
     Alternative, alternatives, excluded_alternatives)
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
@@ -27,9 +28,6 @@ from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
 from scipy.special import softmax
-
-_MAD = 1.4826
-
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -212,25 +210,14 @@ def _weights(fit: Linear) -> FloatArray:
     gravity = problem.rows.mean(fit.factory.motion.gravity)
     relative = relative_weights(residual, gravity, problem.options) / (
         1.0 + variance_by_motion(fit.posterior, fit.factory) / robust_std(residual) ** 2)
-    return np.asarray(problem.rows.weights[:, None] * relative * huber_weights(
-        np.sqrt(relative) * residual, problem.options))
+    return np.asarray(problem.rows.weights[:, None] * relative * outlier_weights(
+        np.sqrt(relative) * residual))
 
 
 def _residual(posterior: Posterior) -> FloatArray:
     """Return the unweighted residual of all joints, (R, N) in N·m."""
     parts = [posterior.residual(j) for j in range(posterior.design.n_joints)]
     return np.stack(parts, axis=1) / np.maximum(posterior.design.root.T, 1e-9)
-
-
-def huber_weights(residual: FloatArray, options: EngineOptions) -> FloatArray:
-    """Return the weight (R, N) of each residual: 1, less for outliers."""
-    limit = options.outlier * robust_std(residual)
-    return np.asarray(np.minimum(1.0, limit / np.maximum(np.abs(residual), 1e-12)))
-
-
-def robust_std(residual: FloatArray) -> FloatArray:
-    """Return the standard deviation (N,) of a residual (R, N) without its outliers."""
-    return np.asarray(np.maximum(_MAD * np.median(np.abs(residual), axis=0), 1e-12))
 
 
 def _ambiguous(search: Search, term: Term) -> list[Alternative]:

@@ -38,7 +38,6 @@ class EngineOptions:
     - `floor`: minimum noise as a share of the torque scale, against exact simulated data.
     - `min_scale`: minimum torque scale of a joint as a share of the largest; a joint with a
       vertical axis has none of its own.
-    - `outlier`: residual in standard deviations beyond which a row has a reduced weight (Huber).
 
     Selection, in nats of log evidence:
 
@@ -81,7 +80,6 @@ class EngineOptions:
     law_error: float = 0.01
     floor: float = 1e-5
     min_scale: float = 0.1
-    outlier: float = 4.0
     min_gain: float = 3.0
     margin: float = 3.0
     near: float = 30.0

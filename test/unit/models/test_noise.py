@@ -195,3 +195,29 @@ def test_no_factors_are_tried_for_white_residuals(monkeypatch):
     monkeypatch.setattr(sparse_fit, '_held_out', None)
     choice = sparse_fit.choose_inflation(*correlated(1.0), SparseOptions())
     assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())
+
+
+def test_weights_of_outliers_by_hand():
+    residual = np.array([[1.0], [-1.0], [1.0], [-1.0], [59.304]])
+    weights = noise.outlier_weights(residual)
+    # The standard deviation by the median is 1.4826; the limit four times that, 0.1 of the last.
+    np.testing.assert_allclose(weights[:, 0], [1, 1, 1, 1, 0.01])
+    assert noise.is_outlier(weights)[:, 0].tolist() == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize('share', [0.2, 0.24, 0.26, 0.3, 0.4])
+def test_spikes_have_little_weight_whatever_their_share(share):
+    """A share of 26 % must not be treated otherwise than one of 24 %."""
+    rng = np.random.default_rng(0)
+    residual = rng.normal(size=(1000, 1))
+    hit = np.arange(1000) < 1000 * share
+    residual[hit] += 100.0
+    weights = noise.outlier_weights(residual)[:, 0]
+    assert weights[hit].max() < 0.01 and weights[~hit].min() > 0.5
+
+
+@given(st.floats(4.0, 1e6))
+def test_the_evidence_of_an_outlier_is_bounded(size):
+    residual = np.array([[1.0], [-1.0], [1.0], [-1.0], [1.4826 * size]])
+    weight = float(noise.outlier_weights(residual)[-1, 0])
+    assert 0.5 * weight * size ** 2 == pytest.approx(8.0)

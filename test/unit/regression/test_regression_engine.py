@@ -11,7 +11,7 @@ from gravity_comp_ros.effects.friction import ViscousFriction
 from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.regression.engine import huber_weights, regress
+from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.linear import gauss_newton, with_common_terms
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
@@ -241,13 +241,6 @@ def test_spikes_do_not_move_the_coefficients():
     assert coefficients(spiky)[key][0][0] == pytest.approx(coefficients(clean)[key][0][0],
                                                            abs=0.05)
     np.testing.assert_allclose(spiky.shared.weights, clean.shared.weights, atol=0.1)
-
-
-def test_weights_of_outliers_by_hand():
-    residual = np.array([[1.0], [-1.0], [1.0], [-1.0], [59.304]])
-    weights = huber_weights(residual, EngineOptions())
-    # The standard deviation by the median is 1.4826; the limit four times that.
-    np.testing.assert_allclose(weights[:, 0], [1, 1, 1, 1, 0.1])
 
 
 @pytest.mark.parametrize('arm', ['pendulum', *campaign('without gravity')])
