@@ -81,11 +81,16 @@ class Rig:
         """Move to a pose, faster than the gate accepts for learning, and come to rest."""
         start = self.arm.q
         steps = max(50, round(float(np.abs(q - start).max()) / 0.4 * RATE))
+
+        def goal(number: float) -> np.ndarray:
+            share = min(1.0, number / steps)
+            return start + share * share * (3.0 - 2.0 * share) * (q - start)
+
         for k in range(steps + 50):
-            share = min(1.0, k / steps)
-            share = share * share * (3.0 - 2.0 * share)
-            goal = start + share * (q - start)
-            self._simulate(lambda _, goal=goal: self.control.torque(self.arm, goal, 0.0 * q))
+            # A new goal in each step: steps of the goal at the message rate would be a torque
+            # that the effort at the end of a message does not have.
+            self._simulate(lambda step, k=k: self.control.torque(
+                self.arm, goal(k + step * STEP * RATE), 0.0 * q))
 
     def _simulate(self, torque: Callable[[int], np.ndarray]) -> None:
         """Simulate until the next message with a torque per step, publish it, and wait."""
