@@ -1,15 +1,17 @@
-"""Other terms that explain the data as well as a selected one."""
+"""Other models that are nearly as probable: with another term instead of one, or with one more."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gravity_comp_ros.regression.gains import gain_of
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.regression.gains import gain_of, score_of
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.search import Search, Terms
 from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
 import numpy as np
+from scipy.special import expit
 
 # Number of draws of a posterior, which resolves a share of 1/e to the power of the margin.
 _DRAWS = 100
@@ -50,6 +52,33 @@ def excluded_alternatives(search: Search, term: Term) -> list[Alternative]:
     """Return the untestable effects of its joint that could replace a term, likewise."""
     return _replacing(search, term, [other for other in search.candidates.excluded
                                      if other.joint == term.joint])
+
+
+def covariance_of_omitted(search: Search) -> FloatArray:
+    """
+    Return the covariance (K, K) of the selected coefficients by terms that are not selected.
+
+    The evidence for viscous friction may be too small to select it; Coulomb friction then contains
+    it. A term at its best setting is present with the probability of its gain. With it the
+    coefficients differ by -C B' b, C their covariance, B the products of its columns with theirs
+    and b its coefficients.
+    """
+    posterior, seen = search.posterior, set[Key]()
+    total = np.zeros_like(posterior.covariance)
+    for pool in search.pools:
+        for gain, term in search.ranking(posterior, pool, search.terms, -search.options.margin):
+            if term.key in seen:
+                continue
+            seen.add(term.key)
+            scored = score_of(posterior, term)
+            products = np.zeros((term.n_columns, len(posterior.beta)))
+            for j, side in scored.sides.items():
+                products[:, posterior.places(j)] += side
+            square = np.outer(scored.mean, scored.mean) + np.linalg.inv(
+                scored.information + np.diag(term.prior_std ** -2.0))
+            change = posterior.covariance @ products.T
+            total += float(expit(gain)) * change @ square @ change.T
+    return total
 
 
 def _replacing(search: Search, term: Term, others: Iterable[Term]) -> list[Alternative]:

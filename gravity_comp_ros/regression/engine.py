@@ -10,7 +10,7 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.noise import outlier_weights, robust_std
 from gravity_comp_ros.regression.alternatives import (
-    Alternative, alternatives, excluded_alternatives)
+    Alternative, alternatives, covariance_of_omitted, excluded_alternatives)
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
@@ -20,7 +20,6 @@ from gravity_comp_ros.regression.linear import gauss_newton, Linear
 from gravity_comp_ros.regression.measured_motion import variance_by_motion
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights)
-from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Search
@@ -28,6 +27,7 @@ from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
 from scipy.special import softmax
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -115,13 +115,18 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     fit, published = _without_weak(fit, search.forced)
     keys = {term.key for term in published.terms}
     search.select([term for term in search.terms if term.key in keys], published.precision)
+    search.tabu.clear()
     ambiguous = {term.key: _ambiguous(search, term) for term in search.terms}
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
-    stds = {term.key: np.hypot(published.std(term), options.law_error * scores[
-        term.key].leverage(published.beta[published.at[term]])) for term in published.terms}
+    omitted = covariance_of_omitted(search)
+    stds = {term.key: np.sqrt(
+        published.std(term) ** 2 + np.diag(omitted)[published.at[term]]
+        + (options.law_error * scores[term.key].leverage(
+            published.beta[published.at[term]])) ** 2) for term in published.terms}
     covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])
+    covariance += omitted[:len(covariance), :len(covariance)]
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
                       fit.factory.motion,

@@ -13,7 +13,6 @@ from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.linear import gauss_newton, with_common_terms
-from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from hypothesis import given, settings, strategies as st
@@ -253,6 +252,21 @@ def test_nothing_is_found_in_noise(arm):
         samples = with_torque(parts, lambda q, qd, t: size * np.sin(q + 0.3), seed)
         false += [(seed, key) for key in coefficients(pendulums(10, samples, EVERY))]
     assert len(false) <= 1, false
+
+
+def test_intervals_contain_a_term_that_is_too_small_to_be_selected():
+    """Viscous friction of at most 0.015 N·m, a third of the noise, is in the Coulomb friction."""
+    covered = []
+    for seed in range(2):
+        samples = with_torque(motion_of_joints(10, seed, 40.0, 10.0, runs=1), lambda q, qd, t: (
+            4.0 * np.sin(q) + 0.5 * np.tanh(qd / 0.005) + 0.15 * qd), seed)
+        result = pendulums(10, samples)
+        estimates = coefficients(result)
+        for joint in range(10):
+            key = 'coulomb_friction', joint
+            if ('viscous_friction', joint) not in estimates:
+                covered.append(abs(estimates[key][0][0] - 0.5) < 1.96 * result.stds[key][0])
+    assert len(covered) >= 5 and np.mean(covered) > 0.8
 
 
 def test_published_intervals_cover():
