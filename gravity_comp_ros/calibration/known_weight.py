@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
@@ -295,13 +296,13 @@ def _result(joints: tuple[str, ...], fit: _Fit, weight: Weight,
         if abs(gain) < options.significance * error or load < 1e-3 * fit.load.max():
             left_out[joint] = 'its effort depends too little on the load in this motion'
             continue
-        k, half = 1.0 / gain, 1.96 * error / gain ** 2
+        k, half = 1.0 / gain, HALF_95 * error / gain ** 2
         scales[joint] = Quantity(float(k), 'N·m per unit', (float(k - half), float(k + half)))
     if not scales:
         raise DataError('the weight changes the effort of no joint: is it in the second '
                         'recording, and does the arm move with it?')
     return WeightCalibration(
         scales, left_out, dict(zip(joints, fit.load.tolist())),
-        {axis: Quantity(float(x), 'm', (float(x - 1.96 * s), float(x + 1.96 * s)))
+        {axis: Quantity(float(x), 'm', (float(x - HALF_95 * s), float(x + HALF_95 * s)))
          for axis, x, s in zip('xyz', fit.centre, std[len(joints):])},
         dict(zip(joints, fit.noise.tolist())))

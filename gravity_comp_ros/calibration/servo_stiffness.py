@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -101,7 +102,7 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
             left_out[joint] = ('the joint rises above its goal under load: the signs of goal and '
                                'effort differ, or an offset was in the goal')
         else:
-            half = 1.96 * std / slope ** 2
+            half = HALF_95 * std / slope ** 2
             stiffness[joint] = Quantity(1.0 / slope, 'N·m/rad',
                                         (1.0 / slope - half, 1.0 / slope + half))
             rmse[joint] = rest

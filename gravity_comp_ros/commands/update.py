@@ -11,6 +11,7 @@ from gravity_comp_ros.api.axes import known_axes, NO_DESCRIPTION
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.joint_gains import OF_UPDATE
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
@@ -92,7 +93,7 @@ def _written(args: argparse.Namespace, target: Path) -> list[terminal.Line]:
 def _joint_table(result: UpdateResult) -> Table:
     report = result.report
     rows = [(name, f'{report.effect_mean[name]:+.3f}', f'{report.effect_max[name]:.3f}',
-             f'± {1.96 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
+             f'± {HALF_95 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
              f'{report.rmse[name]:.4f}') for name in result.model.joints]
     return terminal.table(
         f'torque of the payload, N·m ({report.formulation}, {report.n_samples} samples)',

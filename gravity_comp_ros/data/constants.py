@@ -5,3 +5,5 @@
 STANDARD_GRAVITY = 9.80665
 # Half-width of a 95 % interval of a normal distribution, in standard deviations.
 HALF_95 = 1.96
+# Standard deviation of a normal distribution per median absolute deviation.
+MAD = 1.4826

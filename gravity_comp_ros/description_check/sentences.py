@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import DescribedArm, Inertial
 from gravity_comp_ros.description.robot_tree import RobotTree, TreeJoint
@@ -79,7 +80,7 @@ class _Writer:
     def finding(self, fit: FaultFit) -> Finding:
         subject = fit.fault.subjects[0]
         sentence, correction, value, std, unit = self._texts[fit.fault.kind](fit, subject)
-        ci95 = None if value is None else (value - 1.96 * std, value + 1.96 * std)
+        ci95 = None if value is None else (value - HALF_95 * std, value + HALF_95 * std)
         others = tuple(self._texts[other.fault.kind](other, other.fault.subjects[0])[0]
                        for other in fit.alternatives)
         return Finding(fit.fault.kind, fit.fault.subjects, sentence, correction, value, unit,
@@ -95,14 +96,14 @@ class _Writer:
     def _turned(self, fit: FaultFit, joint: str) -> tuple:
         angle, std = _angle(fit)
         axis = aligned(self._joint(joint).axis()) @ tilt(fit.parameters[None])[0][:, 2]
-        return (f'the axis of {joint} is turned by {angle:.1f} ± {1.96 * std:.1f} deg',
+        return (f'the axis of {joint} is turned by {angle:.1f} ± {HALF_95 * std:.1f} deg',
                 f'<joint name="{joint}">: {_axis(axis)}', angle, std, 'deg')
 
     def _zero(self, fit: FaultFit, joint: str) -> tuple:
         value, std = np.rad2deg(fit.parameters[0]), np.rad2deg(np.sqrt(fit.covariance[0, 0]))
         origin = self._joint(joint)
         turned = origin.rotation() @ about(origin.axis(), float(fit.parameters[0]))
-        return (f'the zero angle of {joint} is off by {value:+.1f} ± {1.96 * std:.1f} deg: the '
+        return (f'the zero angle of {joint} is off by {value:+.1f} ± {HALF_95 * std:.1f} deg: the '
                 f'true angle is the recorded one {value:+.1f} deg',
                 f'<joint name="{joint}">: <origin rpy="{_rpy(turned)}"/>',
                 float(value), float(std), 'deg')
@@ -117,27 +118,28 @@ class _Writer:
         axis = fit.parameters / max(float(np.hypot(*fit.parameters)), 1e-12)
         first = self.tree.path(self.arm.geometry.joints[0])[0]
         turned = tilt(fit.parameters[None])[0] @ first.rotation()
-        return (f'the base is mounted turned by {angle:.1f} ± {1.96 * std:.1f} deg about the axis '
-                f'({axis[0]:.2f}, {axis[1]:.2f}, 0) of {first.parent}',
+        return (f'the base is mounted turned by {angle:.1f} ± {HALF_95 * std:.1f} deg about the '
+                f'axis ({axis[0]:.2f}, {axis[1]:.2f}, 0) of {first.parent}',
                 f'<joint name="{first.name}">: <origin rpy="{_rpy(turned)}"/>, its xyz turned '
                 f'likewise', angle, std, 'deg')
 
     def _gain(self, fit: FaultFit, joint: str) -> tuple:
         gain, std = fit.parameters[0], float(np.sqrt(fit.covariance[0, 0]))
-        return (f'the effort of {joint} is {gain:.3f} ± {1.96 * std:.3f} times the torque',
+        return (f'the effort of {joint} is {gain:.3f} ± {HALF_95 * std:.3f} times the torque',
                 f'--effort-scale {joint}={1.0 / gain:.4g}', float(gain), std, '')
 
     def _unit(self, fit: FaultFit, _: str) -> tuple:
         gain, std = fit.parameters[0], float(np.sqrt(fit.covariance[0, 0]))
         scales = ','.join(f'{joint}={1.0 / gain:.4g}' for joint in self.arm.geometry.joints)
-        return (f'the efforts of all joints are {gain:.3f} ± {1.96 * std:.3f} times the torque '
+        return (f'the efforts of all joints are {gain:.3f} ± {HALF_95 * std:.3f} times the torque '
                 f'(or all masses are)', f'--effort-scale {scales}', float(gain), std, '')
 
     def _mass(self, fit: FaultFit, link: str) -> tuple:
         described = self.inertials[link].mass
         mass = described * (1.0 + fit.parameters[0])
         std = described * float(np.sqrt(fit.covariance[0, 0]))
-        return (f'the mass of {link} is {mass:.3f} ± {1.96 * std:.3f} kg, not {described:.3f} kg',
+        return (f'the mass of {link} is {mass:.3f} ± {HALF_95 * std:.3f} kg, not '
+                f'{described:.3f} kg',
                 f'<link name="{link}">: <mass value="{mass:.4g}"/>', float(mass), std, 'kg')
 
     def _body(self, fit: FaultFit, joint: str) -> tuple:
@@ -145,10 +147,10 @@ class _Writer:
         child = self._joint(joint).child
         rotation = self.arm.places[child].rotation
         moment = rotation.T @ fit.parameters[1:]
-        if mass > 1.96 * std:
+        if mass > HALF_95 * std:
             at = ' '.join(f'{x:.3f}' for x in np.round(moment / mass, 3) + 0.0)
-            return (f'{child} carries {mass:.2f} ± {1.96 * std:.2f} kg that the description has '
-                    f'not, at ({at}) m in its frame',
+            return (f'{child} carries {mass:.2f} ± {HALF_95 * std:.2f} kg that the description '
+                    f'has not, at ({at}) m in its frame',
                     f'<link> with <mass value="{mass:.3g}"/> and <origin xyz="{at}"/>, fixed to '
                     f'{child}', mass, std, 'kg')
         text = ', '.join(f'{x:+.3f}' for x in moment)

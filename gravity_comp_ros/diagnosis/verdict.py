@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND, Verdict
 from gravity_comp_ros.effects.registry import all_effects
@@ -157,7 +158,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
         return Verdict.WEAK, f'its size is not physical: {reason}'
     if held_out.after >= (1.0 - options.min_reduction) * held_out.before:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
-    if (np.abs(values) < 1.96 * std).all():
+    if (np.abs(values) < HALF_95 * std).all():
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
     if gain < engine.min_gain:
         # The noise of the selection has no autocorrelation; that of the result has.

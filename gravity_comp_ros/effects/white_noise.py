@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import comb
 
+from gravity_comp_ros.data.constants import MAD
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
@@ -32,7 +33,7 @@ def white_noise(runs: Sequence[tuple[FloatArray, FloatArray | None]]) -> FloatAr
         if sum(map(len, parts)):
             size = np.median(np.abs(np.concatenate(parts)), axis=0)
             # The variance of a difference is the sum of squared binomial coefficients.
-            smallest = np.minimum(smallest, 1.4826 * size / np.sqrt(comb(2 * order, order)))
+            smallest = np.minimum(smallest, MAD * size / np.sqrt(comb(2 * order, order)))
     return np.asarray(np.where(np.isfinite(smallest), smallest, 0.0))
 
 

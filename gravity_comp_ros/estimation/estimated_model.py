@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeGuard
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficients
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
@@ -26,7 +27,6 @@ from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
 # Half-width of a 95 % interval in standard deviations.
-_Z95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def alternatives_of(regression: Regression, term: Term, joints: tuple[str, ...]
 def values_of(listed: Coefficients, values: FloatArray,
               std: FloatArray) -> Mapping[str, Value]:
     """Return coefficients (K,) with their 95 % intervals, by symbol."""
-    return {c.symbol: Value(float(x), c.unit, (float(x - _Z95 * s), float(x + _Z95 * s)))
+    return {c.symbol: Value(float(x), c.unit, (float(x - HALF_95 * s), float(x + HALF_95 * s)))
             for c, x, s in zip(listed, values, std)}
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.residuals import is_white, residual_of, samples_of_rows
@@ -235,4 +236,4 @@ def _uncertainty(model: GravityModel, std: NDArray[np.float64],
     if std[worst] < _UNCERTAIN * estimate.regression.problem.scale.largest:
         return []
     return [f'away from the trained poses the torque of {model.joints[worst]} may be off by '
-            f'{1.96 * std[worst]:.2g} N·m (95 %). Record more poses, further apart']
+            f'{HALF_95 * std[worst]:.2g} N·m (95 %). Record more poses, further apart']

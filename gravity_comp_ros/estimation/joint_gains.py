@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.offset import TorqueGain
@@ -129,7 +130,7 @@ class JointGains:
             f'--accept {Kind.EFFORT_GAIN.value} keeps them', ratios)]
 
     def _ratio(self, n: int, of_what: str) -> str:
-        low, ratio, high = np.exp(self.log[n] + self.std[n] * np.array([-1.96, 0.0, 1.96]))
+        low, ratio, high = np.exp(self.log[n] + self.std[n] * np.array([-HALF_95, 0.0, HALF_95]))
         how = ', by its friction and inertia' if n in self.by_friction else ''
         return (f'{self.names[n]} has {ratio:.3g} times{of_what} '
                 f'(95 %: {low:.3g} to {high:.3g}{how})')

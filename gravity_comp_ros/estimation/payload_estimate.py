@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
@@ -93,7 +94,7 @@ def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
 def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> PayloadEstimate:
     """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
     value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
-    mass = Quantity(value, 'kg', (value - 1.96 * sigma, value + 1.96 * sigma))
+    mass = Quantity(value, 'kg', (value - HALF_95 * sigma, value + HALF_95 * sigma))
     if abs(value) < _MIN_SIGNIFICANCE * sigma:
         return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update_step import UpdateStep
@@ -97,4 +98,4 @@ def _uncertainty(model: GravityModel, sigma: FloatArray) -> list[str]:
         return []
     std = std_over_poses(model.chain, model.uncertainty.covariance)[joint]
     return [f'away from these poses the torque of {model.joints[joint]} may be off by '
-            f'{1.96 * std:.2g} N·m (95 %); record more motion with the new payload']
+            f'{HALF_95 * std:.2g} N·m (95 %); record more motion with the new payload']

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.constants import MAD
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 
@@ -24,8 +25,6 @@ _MIN_LOG_LIKELIHOOD = 8.0
 # Maximum b. A larger estimate indicates a poor model rather than a sensor error, and would give
 # the samples with little load all the weight.
 _MAX_RELATIVE = 0.5
-# Median absolute deviation to standard deviation.
-_MAD = 1.4826
 # Residual in standard deviations beyond which a sample has less weight: it has 16 in a million.
 OUTLIER = 4.0
 # Maximum number of steps of the estimate, and maximum step in ln a^2 and ln b^2.
@@ -66,12 +65,12 @@ def of_second_differences(values: FloatArray, kept: BoolArray) -> FloatArray:
     :param kept: mask of the M - 2 differences to use.
     """
     medians = [np.median(np.abs(np.diff(joint, 2)[kept])) for joint in values.T]
-    return _MAD * np.array(medians) / np.sqrt(6.0)
+    return MAD * np.array(medians) / np.sqrt(6.0)
 
 
 def robust_std(residual: FloatArray) -> FloatArray:
     """Return the standard deviation (N,) of residuals (M, N) by their medians."""
-    return np.asarray(np.maximum(_MAD * np.median(np.abs(residual), axis=0), 1e-12))
+    return np.asarray(np.maximum(MAD * np.median(np.abs(residual), axis=0), 1e-12))
 
 
 def outlier_weights(residual: FloatArray, minimum: float = 0.0) -> FloatArray:
