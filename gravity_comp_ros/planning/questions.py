@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Expectation, Setting
+from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect, requests
@@ -27,8 +27,6 @@ import numpy as np
 
 OPEN = ('ambiguous', 'untestable', 'weak')
 MAX_TARGETS = 10
-# Places in the grid of an effect of the settings that are compared; the first is the target's.
-_PLACES = (0.2, 0.8)
 
 
 def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Target]:
@@ -72,9 +70,9 @@ def questions_of(regression: Regression, targets: Sequence[Target], probe: Path,
     maker, drafts, notes = _Maker(regression, motion_of(regression, [probe])), [], []
     for target in targets:
         key, named = keys_of(target, regression.problem.samples.names)
-        if own := maker.terms(key):
-            base = maker.base(own[0], named)
-            drafts.append((target, own[0], base, maker.alternatives(own[0], base, named)))
+        if (term := maker.term(key)) is not None:
+            base = maker.base(term, named)
+            drafts.append((target, term, base, maker.alternatives(term, base, named)))
         else:
             notes.append(f'{target.name}: no motion within the limits excites it: '
                          f'{maker.reason(key)}')
@@ -95,19 +93,19 @@ class _Maker:
         self._recorded = TermFactory(lambda: recorded, problem.rows, problem.scale)
         self._planned = TermFactory(lambda: planned, rows_of_planned(regression, planned),
                                     problem.scale)
-        self._terms: dict[Key, list[Term]] = {term.key: [term] for term in regression.terms}
+        self._terms: dict[Key, Term | None] = {term.key: term for term in regression.terms}
 
-    def terms(self, key: Key) -> list[Term]:
-        """Return a term of the regression, or an effect at some settings if it is excited."""
+    def term(self, key: Key) -> Term | None:
+        """Return a term of the regression, or an effect at its middle setting if it is excited."""
         if key not in self._terms:
             grid = self._settings(key)
-            picked = dict.fromkeys(round(place * (len(grid) - 1)) for place in _PLACES)
-            self._terms[key] = [self._term(key, grid[k], len(grid)) for k in picked if grid]
+            self._terms[key] = self._at(key, grid) if grid else None
         return self._terms[key]
 
-    def _term(self, key: Key, setting: Setting, count: int) -> Term:
+    def _at(self, key: Key, grid: list[dict[str, float]]) -> Term:
         """Return a term whose prior is that of its torque in the recordings or the plan."""
-        recorded, planned = (factory.term(known_effect(key[0]), key[1], setting, count)
+        setting = grid[round(0.5 * (len(grid) - 1))]
+        recorded, planned = (factory.term(known_effect(key[0]), key[1], setting, len(grid))
                              for factory in (self._recorded, self._planned))
         return replace(recorded, prior_std=np.minimum(recorded.prior_std, planned.prior_std))
 
@@ -137,7 +135,7 @@ class _Maker:
             keys += [(name, term.joint) for name in term.effect.corrects[:1]]
         others = named | self._ambiguous(term.key) | {term.key}
         return tuple(t for key in dict.fromkeys(keys) if key not in others
-                     for t in self.terms(key)[:1])
+                     and (t := self.term(key)) is not None)
 
     def alternatives(self, term: Term, base: Terms, named: set[Key]) -> Terms:
         """Return the terms that may replace a target: named ones, and its confounders."""
@@ -147,8 +145,8 @@ class _Maker:
                 and (joint is not None or not known[name].per_joint)]
         others = dict.fromkeys([*sorted(named | self._ambiguous(term.key), key=str), *near])
         return tuple(t for key in others if key not in {*keys, term.key}
-                     and not known[key[0]].is_shared for t in self.terms(key)
-                     if not t.parents or t.parents & keys)
+                     and not known[key[0]].is_shared and (t := self.term(key)) is not None
+                     and (not t.parents or t.parents & keys))
 
     def _ambiguous(self, key: Key) -> set[Key]:
         """Return the terms that the recordings do not separate from one."""
