@@ -21,17 +21,19 @@ def run(search: Search, with_exchanges: bool = True) -> bool:
     :param with_exchanges: whether terms are exchanged between joints and selected again from
         other starts, which is only useful near the final estimate of the shared part.
     """
-    total = 0
-    for _ in range(MAX_NOISES):
+    rounds = noises = 0
+    while rounds < search.options.max_rounds:
         search.tabu.clear()
-        rounds = 0
-        while total + rounds < search.options.max_rounds and (
-                search.improve() or with_exchanges and _exchange(search)):
+        while rounds < search.options.max_rounds and search.improve():
             rounds += 1
-        total += rounds
-        if not search.renew_noise():
+        noises += 1
+        if search.renew_noise() and noises < MAX_NOISES:
+            continue
+        # Exchanges take longer, and depend on the noise.
+        if not with_exchanges or not _exchange(search):
             break
-    return total > 0
+        rounds += 1
+    return rounds > 0
 
 
 def _exchange(search: Search) -> bool:
