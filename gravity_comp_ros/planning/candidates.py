@@ -17,9 +17,9 @@ from gravity_comp_ros.planning.segments import duration, Limits, Line, through
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
-# Duration of strokes as a share of that of the motion, within limits in s: several short ones are
+# Duration of strokes as a share of that of the motion, and at most in s: several short ones are
 # better than a long one. Strokes through the whole range of a joint may take all of it.
-_SHARE, _MIN_SECONDS, _MAX_SECONDS = 0.25, 3.0, 8.0
+_SHARE, _MAX_SECONDS = 0.25, 8.0
 # Shortest stroke and largest search distance, rad.
 _MIN_STROKE, _MAX_STROKE = 0.02, 3.0
 # Number of drawn directions of several joints from each base.
@@ -68,7 +68,7 @@ def _along(space: Workspace, base: FloatArray, axis: FloatArray, limits: Limits,
     up, down = (space.extent(base, sign * axis, _MAX_STROKE) for sign in (1.0, -1.0))
     if up + down < _MIN_STROKE:
         return
-    nominal = float(np.clip(_SHARE * seconds, _MIN_SECONDS, _MAX_SECONDS))
+    nominal = min(_SHARE * seconds, _MAX_SECONDS)
     for length in dict.fromkeys((min(up + down, 0.5 * nominal * limits.speed), up + down)):
         low = float(np.clip(-0.5 * length, -down, up - length))
         bottom, top = base + low * axis, base + (low + length) * axis
