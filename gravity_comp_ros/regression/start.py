@@ -49,20 +49,24 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     :raises FitError: if there are no samples.
     """
     few = _thinned(problem, _ROWS)
-    roughs: list[ChainFit] = []
-    different: list[ChainFit] = []
+    minima: list[ChainFit] = []
+    n_clean = 0
     for seed in range(_SEARCHES):
         poses = generic_poses(problem, _POSES, _SHARES[seed])
         rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
-        if not any(_are_same(rough, other, poses[0].q) for other in roughs):
-            different.append(rough)
-        roughs.append(rough)
-        if sum(each.clean for each in roughs) == _CLEAN:
+        same = next((k for k, other in enumerate(minima)
+                     if _are_same(rough, other, poses[0].q)), None)
+        if same is None:
+            minima.append(rough)
+        elif rough.clean:
+            minima[same] = rough
+        n_clean += rough.clean
+        if n_clean == _CLEAN:
             # A minimum whose residual is not white is wrong if others have a white one.
-            different = [each for each in different if each.clean]
+            minima = [each for each in minima if each.clean]
             break
     best = min((with_common_terms(few, UnknownLengths.of(each.chain), effects)
-                for each in different), key=_log_noise)
+                for each in minima), key=_log_noise)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)

@@ -188,7 +188,9 @@ class Results:
     def _next_command(self) -> str:
         """Return the command line that adds the effects to add."""
         targets, session = self.to_add(), self.session
-        return stages.add_command(targets, session.choice, session.paths) if targets else ''
+        model = session.stage.given if session.stage else None
+        return stages.add_command(
+            targets, session.choice, session.paths, model) if targets else ''
 
     def models(self) -> list[Stage]:
         """Return all models that can be compared: numbered stages, and further model files."""

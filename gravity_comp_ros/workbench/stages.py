@@ -164,10 +164,15 @@ def reports(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
             _line('diagnose', choice, bags, *model, '--html', 'report.html')]
 
 
-def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...]) -> str:
-    """Return the command line that adds effects."""
-    return _line(f'add {shlex.quote(",".join(effects))}', choice, bags, '--model', MODEL_FILE,
-                 *choice.gate_options())
+def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...],
+                model: Path | None = None) -> str:
+    """
+    Return the command line that adds effects.
+
+    :param model: the model file; by default that of a saved model.
+    """
+    return _line(f'add {shlex.quote(",".join(effects))}', choice, bags, '--model',
+                 MODEL_FILE if model is None else str(model.resolve()), *choice.gate_options())
 
 
 def added_name(effects: tuple[str, ...]) -> str:

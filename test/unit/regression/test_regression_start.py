@@ -1,6 +1,7 @@
 """Start of the axes: what gravity does not determine follows from the torque of motion."""
 
 from bench.shared.campaign import campaign
+from bench.shared.rough_links import two_links
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.linear import with_common_terms
@@ -50,3 +51,11 @@ def test_gravity_does_not_depend_on_the_direction_of_a_vertical_axis():
     other = chain.with_first_reversed()
     np.testing.assert_allclose(other.torque(q), chain.torque(q), atol=1e-12)
     np.testing.assert_allclose(other.with_first_reversed().moments, chain.moments)
+
+
+@pytest.mark.parametrize('seed', [4, 7, 10, *campaign(12, 14, 19)])
+def test_a_short_recording_has_a_start(seed):
+    """A white minimum that equals one of a search before must not be dropped with that."""
+    problem = Problem.of(two_links(seed, 240))
+    gravity = start_axes(problem, ()).gravity(problem.samples.q)
+    assert np.isfinite(gravity).all() and np.ptp(gravity) > 1.0

@@ -279,20 +279,22 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     assert 'run1.mcap, run2.mcap changed since this session was saved' in again.warning
 
 
-def test_a_given_model_is_saved_by_its_path(learned, tmp_path):
-    file, place = tmp_path / 'arm.json', tmp_path / 'state'
-    file.write_text(store.model_text(learned.stage.model))
+def test_a_given_model_is_saved_by_its_path_and_named_in_the_next_step(learned, tmp_path):
+    file, place = tmp_path / 'mine.json', tmp_path / 'state'
+    file.write_text(store.model_text(learned.stages[0].model))
     given = (Stage.of_file(file),)
     session = worked(session_of(*learned.paths, place=place, given=given), until='DIAGNOSE')
     loaded = store.load(place, session.id)
     assert loaded.given[0].given == loaded.stages[0].given == file
-    assert loaded.stages[0].name == 'arm.json' and not loaded.to_learn
+    assert loaded.stages[0].name == 'mine.json' and not loaded.to_learn
+    command = shlex.split(Results(worked(session)).contents().next_command)
+    assert command[1] == 'add' and command[command.index('--model') + 1] == str(file)
 
 
 def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     # With 12 s the chain is uncertain away from its poses.
     path, place = tmp_path / 'short.mcap', tmp_path / 'state'
-    write_bag(path, [joint_states(two_links(5, 240))])
+    write_bag(path, [joint_states(two_links(1, 240))])
     session = worked(session_of(path, place=place), until='DIAGNOSE')
     uncertainty, = (text for text in session.stage.warnings
                     if 'away from the trained poses' in text)
