@@ -52,7 +52,7 @@ def convergence_objection(model: GravityModel, train: JointSamples, noise: Float
         except (FitError, DataError) as problem:
             return f'{len(part)} of {m} samples are too few for a model: {problem}'
         change = np.sqrt(((torque - other) ** 2).mean(axis=0))
-        worst = int(np.argmax(change / allowed))
+        worst = int(np.argmax(change / np.maximum(allowed, 1e-12)))
         if change[worst] > allowed[worst]:
             return (f'the model has not converged: the {left_out} {m - len(part)} of {m} samples '
                     f'changed the torque of {train.names[worst]} by {change[worst]:.3g} N·m in '
