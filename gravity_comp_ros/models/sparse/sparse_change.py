@@ -221,8 +221,9 @@ class _Evidence:
         gains[support] = -0.5 * z[inside] ** 2 / diagonal - 0.5 * np.log(diagonal)
         outside = self.n_prior + np.flatnonzero(~support)
         cross = self.precision[np.ix_(active, outside)]
-        precision = self.precision[outside, outside] - np.einsum('ij,ij->j', cross,
-                                                                 inverse @ cross)
+        # The prior alone is 1; rounding of exact data may leave less.
+        precision = np.maximum(self.precision[outside, outside] - np.einsum(
+            'ij,ij->j', cross, inverse @ cross), 1.0)
         residual = self.b[outside] - cross.T @ z
         gains[~support] = 0.5 * residual ** 2 / precision - 0.5 * np.log(precision)
         count = int(support.sum())
