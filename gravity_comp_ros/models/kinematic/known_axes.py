@@ -24,8 +24,7 @@ def moments_on_axes(rotations: FloatArray, q: FloatArray, tau: FloatArray, sigma
     n = len(rotations)
     prior = np.full(2 * n, (MOMENT_STD * max(float(np.abs(tau).max()), 1e-9)) ** -2.0)
     rows = (ForwardKinematics(rotations, q).moment_columns() / sigma.T).reshape(2 * n, -1)
-    moments = np.asarray(np.linalg.solve(
-        rows @ rows.T + np.diag(prior), rows @ (tau / sigma).T.ravel()))
+    moments = np.linalg.solve(rows @ rows.T + np.diag(prior), rows @ (tau / sigma).T.ravel())
     chain = Chain(rotations, moments.reshape(n, 2))
     rows = (chain.jacobian(q) / sigma.T).reshape(4 * n, -1)
     precision = rows @ rows.T + np.diag(np.concatenate([np.full(2 * n, TOLERANCE ** -2.0), prior]))
