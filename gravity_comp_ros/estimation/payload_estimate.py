@@ -22,8 +22,10 @@ from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
-from gravity_comp_ros.models.kinematic.known_axes import moments_on_axes, right_angles_kept
+from gravity_comp_ros.models.kinematic.known_axes import (
+    right_angles_kept, solve_known, step_covariance)
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 import numpy as np
 
@@ -131,10 +133,12 @@ def on_known_axes(model: GravityModel, geometry: Geometry, *, as_described: bool
         geometry = with_estimated_vertical(geometry, JointSamples.single_run(
             geometry.joints, np.arange(len(q)), q, np.zeros_like(q), tau),
             np.sqrt((sigma ** 2).mean(axis=0)))
-    share = len(q) / max(model.coverage.n_samples, 1)
-    chain, covariance = moments_on_axes(geometry.rotations, q, tau, np.sqrt(share) * sigma)
+    weight = np.sqrt(max(model.coverage.n_samples, 1) / len(q))
+    solution = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations,
+                           mounted=as_described)
+    chain = solution.chain
     _check_misfit(tau - chain.torque(q), sigma, geometry.joints)
-    return chain, covariance, geometry
+    return chain, step_covariance(solution), geometry
 
 
 def _resampled(model: GravityModel, geometry: Geometry

@@ -223,8 +223,8 @@ def _refine_with_noise(problem: ChainProblem, solution: Solution, samples: Joint
     """Estimate the noise and refine the solution in turn, until the noise converges."""
     floor = noise.floor(samples.tau)
     assert problem.nuisance is not None
-    # Two angles and two moments of each axis, and the nuisance columns.
-    used = np.full(samples.n_joints, 4.0 + len(problem.nuisance.spread))
+    used = np.full(samples.n_joints, len(solution.free) / samples.n_joints
+                   + len(problem.nuisance.spread))
     last: noise.NoiseModel | None = None
     for _ in range(_ROUNDS):
         predicted = solution.chain.torque(samples.q)

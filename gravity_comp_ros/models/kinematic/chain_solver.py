@@ -22,7 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.least_squares import lstsq, svd
 import numpy as np
@@ -92,7 +92,7 @@ class WeightedNuisance:
 
 
 # Prior standard deviation of a moment, as a multiple of the largest torque.
-MOMENT_STD = 2.0
+_MOMENT_STD = 2.0
 # Prior standard deviation of an angle, in rad.
 _ANGLE_STD = 1.0
 # Maximum rotation of an axis in one step, in rad.
@@ -125,11 +125,17 @@ class ChainProblem:
 
     def __post_init__(self) -> None:
         largest = max(float(np.abs(self.tau).max(initial=0.0)), 1e-9)
-        object.__setattr__(self, 'moment_precision', (MOMENT_STD * largest) ** -2)
+        object.__setattr__(self, 'moment_precision', (_MOMENT_STD * largest) ** -2)
 
     @property
     def n_joints(self) -> int:
         return self.q.shape[1]
+
+    def prior_precision(self) -> FloatArray:
+        """Return the diagonal (4N,) of the prior precision of a step."""
+        n = self.n_joints
+        return np.concatenate([np.full(2 * n, _ANGLE_STD ** -2),
+                               np.full(2 * n, self.moment_precision)])
 
     def rows(self, weighted: FloatArray) -> Rows:
         """Return a Jacobian (K, N, M) in units of the noise as the rows of the problem."""
@@ -194,17 +200,37 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A minimum of a problem: the chain, its cost and the number of steps."""
+    """
+    A minimum of a problem: the chain and its cost.
 
+    `free` (4N,) masks the parameters of a step that were free; the others were fixed.
+    """
+
+    problem: ChainProblem
     chain: Chain
     cost: float
     steps: int
+    free: BoolArray
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """Return the precision (4N, 4N) of a step from the chain."""
+        problem, kinematics = self.problem, _kinematics(self.problem, self.chain.axes)
+        parts = (kinematics.axis_columns(self.chain.moments, problem.row_weights),
+                 kinematics.moment_columns(weights=problem.row_weights))
+        return problem.rows(np.concatenate(parts)).gram() + np.diag(problem.prior_precision())
 
 
-def solve(problem: ChainProblem, axes: FloatArray,
+def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None,
           options: SolveOptions = SolveOptions()) -> Solution:
-    """Return the minimum that Levenberg-Marquardt reaches from `axes` (N, 3, 3)."""
-    search = _Search(problem)
+    """
+    Return the minimum that Levenberg-Marquardt reaches from `axes` (N, 3, 3).
+
+    :param free: mask (4N,) of a step's free parameters; fixed moments are 0.
+    """
+    n = problem.n_joints
+    free = np.ones(4 * n, dtype=bool) if free is None else free
+    search = _Search(problem, free)
     point, damping, steps = search.at(axes), 1e-2, 0
     for steps in range(1, options.max_steps + 1):
         better, damping = search.step(point, damping)
@@ -213,7 +239,8 @@ def solve(problem: ChainProblem, axes: FloatArray,
         gain, point = point.cost - better.cost, better
         if gain < options.tolerance * point.cost:
             break
-    return Solution(Chain(_orthogonal(point.axes), point.moments), point.cost, steps)
+    return Solution(problem, Chain(_orthogonal(point.axes), point.moments), point.cost,
+                    steps, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,44 +257,54 @@ class _Point:
 
 
 class _Search:
-    def __init__(self, problem: ChainProblem) -> None:
+    def __init__(self, problem: ChainProblem, free: BoolArray) -> None:
         self.problem = problem
         self.b = problem.target()
         self.whitened = problem.weighted_nuisance.whitened(self.b).ravel()
+        n = problem.n_joints
+        self.free_axes, self.free_moments = free[:2 * n], free[2 * n:]
 
     def at(self, axes: FloatArray) -> _Point:
         problem = self.problem
         kinematics = _kinematics(problem, axes)
-        rows = problem.rows(kinematics.moment_columns(weights=problem.row_weights))
+        rows = problem.rows(_selected(kinematics.moment_columns(weights=problem.row_weights),
+                                      self.free_moments))
         gram = rows.gram()
         # Keeps it positive definite under rounding where the noise is tiny.
         gram.flat[::len(gram) + 1] += problem.moment_precision + 1e-14 * gram.max(initial=0.0)
-        moments = _solved(gram, rows.full @ self.whitened)
-        residual = self.b - (moments @ rows.full).reshape(self.b.shape)
+        free = _solved(gram, rows.full @ self.whitened)
+        residual = self.b - (free @ rows.full).reshape(self.b.shape)
         whitened = problem.weighted_nuisance.whitened(residual).ravel()
+        moments = np.zeros(self.free_moments.shape)
+        moments[self.free_moments] = free
         cost = float(residual.ravel() @ whitened) + float(
-            problem.moment_precision * (moments @ moments))
+            problem.moment_precision * (free @ free))
         return _Point(axes, kinematics, moments.reshape(-1, 2), rows, gram, whitened, cost)
 
     def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
         """Return the next point, or None where no step lowers the cost, and the damping."""
-        n_axes = 2 * self.problem.n_joints
-        axes = self.problem.rows(
-            point.kinematics.axis_columns(point.moments, self.problem.row_weights))
+        n_axes = int(self.free_axes.sum())
+        if not n_axes:
+            return None, damping
+        axes = self.problem.rows(_selected(
+            point.kinematics.axis_columns(point.moments, self.problem.row_weights),
+            self.free_axes))
         gram = np.empty((n_axes + len(point.gram),) * 2)
         gram[:n_axes, :n_axes] = axes.gram()
         gram[:n_axes, n_axes:] = axes.cross(point.rows)
         gram[n_axes:, :n_axes] = gram[:n_axes, n_axes:].T
         gram[n_axes:, n_axes:] = point.gram
         gradient = np.concatenate([axes.full @ point.residual, point.rows.full @ point.residual])
-        gradient[n_axes:] -= self.problem.moment_precision * point.moments.ravel()
+        gradient[n_axes:] -= self.problem.moment_precision * point.moments.ravel()[
+            self.free_moments]
         stiffness = np.diag(gram)[:n_axes].copy()
         stiffness += 1e-9 * stiffness.max() + 1e-300
         gram.flat[:n_axes * len(gram):len(gram) + 1] += _ANGLE_STD ** -2
         diagonal = gram.diagonal()[:n_axes].copy()
         for _ in range(_TRIES):
             gram.flat[:n_axes * len(gram):len(gram) + 1] = diagonal + damping * stiffness
-            d = np.linalg.solve(gram, gradient)[:n_axes]
+            d = np.zeros(self.free_axes.shape)
+            d[self.free_axes] = np.linalg.solve(gram, gradient)[:n_axes]
             d *= min(1.0, _MAX_STEP / max(float(np.abs(d).max()), 1e-300))
             tried = self.at(point.axes @ tilt(d.reshape(-1, 2)))
             if tried.cost < point.cost:
@@ -278,12 +315,19 @@ class _Search:
 
 def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
     """Return the solution of normal equations (K, K), of minimum norm if they are singular."""
+    if not len(gram):
+        return np.zeros(0)
     _, x, failed = lapack.dposv(gram, right)
     return np.asarray(lstsq(gram, right, rcond=1e-13) if failed else x)
 
 
 def _kinematics(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:
     return ForwardKinematics(axes, problem.q, problem.sin_cos)
+
+
+def _selected(columns: FloatArray, mask: BoolArray) -> FloatArray:
+    """Return the columns of a mask, without a copy if it selects all."""
+    return columns if mask.all() else columns[mask]
 
 
 def _orthogonal(axes: FloatArray) -> FloatArray:

@@ -1,34 +1,57 @@
-"""Known axes of a chain: the moments on them, and right angles that stay in an update."""
+"""
+Known axes of a chain: its fit to the axes of a URDF, and right angles that stay in an update.
+
+With known axes only the moments are free. A base tilt is added if it is more probable than a level
+base. A moment that is 0 within its uncertainty is dropped by Akaike's criterion: the possible harm
+is as small as the possible benefit, and the model prints shorter.
+"""
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
-from gravity_comp_ros.models.kinematic.chain_solver import MOMENT_STD
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Solution, solve
 import numpy as np
 
 # Standard deviation of a machined and zeroed right angle, in rad.
 TOLERANCE = 1e-3
 # An angle is an adopted right angle if its std is below this multiple of the tolerance.
 _ADOPTED = 1.5
+# Log evidence that a base tilt must gain; its prior range is a radian.
+_MIN_LOG_EVIDENCE = 3.0
+# Price of a moment in chi^2.
+_AKAIKE = 2.0
 
 
-def moments_on_axes(rotations: FloatArray, q: FloatArray, tau: FloatArray, sigma: FloatArray
-                    ) -> tuple[Chain, FloatArray]:
+def solve_known(problem: ChainProblem, rotations: FloatArray, *,
+                mounted: bool = False) -> Solution:
     """
-    Return the chain of the most probable moments on known axes, and the covariance of a step.
+    Return the best moments for axes (N, 3, 3), the first of them rotated if the base is tilted.
 
-    :param rotations: the axes (N, 3, 3).
-    :param q: poses (M, N). :param tau: torques (M, N) in N·m, `sigma` their standard deviations.
+    Rotation of the base about the vertical has no effect, so a tilt has two angles.
+
+    :param mounted: whether the tilt of the base is known too.
     """
-    n = len(rotations)
-    prior = np.full(2 * n, (MOMENT_STD * max(float(np.abs(tau).max()), 1e-9)) ** -2.0)
-    rows = (ForwardKinematics(rotations, q).moment_columns() / sigma.T).reshape(2 * n, -1)
-    moments = np.linalg.solve(rows @ rows.T + np.diag(prior), rows @ (tau / sigma).T.ravel())
-    chain = Chain(rotations, moments.reshape(n, 2))
-    rows = (chain.jacobian(q) / sigma.T).reshape(4 * n, -1)
-    precision = rows @ rows.T + np.diag(np.concatenate([np.full(2 * n, TOLERANCE ** -2.0), prior]))
-    return chain, np.asarray(np.linalg.inv(precision))
+    level = solve(problem, rotations, _free(problem, base=False))
+    if mounted:
+        return _drop_moments(problem, level)
+    tilted = solve(problem, rotations, _free(problem, base=True))
+    spread = np.sqrt(np.diag(np.linalg.inv(tilted.precision))[:2])
+    price = np.log(1.0 / np.minimum(np.hypot(spread, TOLERANCE), 1.0)).sum()
+    gain = 0.5 * (level.cost - tilted.cost)
+    return _drop_moments(problem, tilted if gain - price > _MIN_LOG_EVIDENCE else level)
+
+
+def step_covariance(solution: Solution) -> FloatArray:
+    """
+    Return the covariance (4N, 4N) of a step from the chain.
+
+    Known angles have the standard deviation of a machined right angle; dropped moments keep the
+    uncertainty that allowed dropping them.
+    """
+    known = np.flatnonzero(~solution.free[:2 * solution.chain.n_joints])
+    precision = solution.precision.copy()
+    precision[known, known] += TOLERANCE ** -2
+    return np.asarray(np.linalg.inv(precision))
 
 
 def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:
@@ -46,3 +69,35 @@ def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArr
     kept = mean - covariance[:, adopted] @ shift
     kept[adopted] = 0.0
     return np.asarray(kept)
+
+
+def _free(problem: ChainProblem, base: bool) -> BoolArray:
+    """Return the mask (4N,) of the moments and, optionally, the base tilt."""
+    free = np.ones(4 * problem.n_joints, dtype=bool)
+    free[:2 * problem.n_joints] = False
+    free[:2] = base
+    return free
+
+
+def _drop_moments(problem: ChainProblem, solution: Solution) -> Solution:
+    """Return the solution without insignificant moments, the least significant dropped first."""
+    n = problem.n_joints
+    free = solution.free.copy()
+    covariance = np.linalg.inv(solution.precision)[2 * n:, 2 * n:]
+    moments = solution.chain.moments.ravel().copy()
+    count = 0
+    while True:
+        remaining = np.flatnonzero(free[2 * n:])
+        if not remaining.size:
+            break
+        loss = moments[remaining] ** 2 / np.maximum(covariance[remaining, remaining], 1e-300)
+        k = remaining[int(np.argmin(loss))]
+        if loss.min() > _AKAIKE:
+            break
+        gain = covariance[:, k] / covariance[k, k]
+        moments -= gain * moments[k]
+        covariance = covariance - np.outer(gain, covariance[k])
+        free[2 * n + k] = False
+        count += 1
+    tried = solve(problem, solution.chain.axes, free)
+    return tried if tried.cost - solution.cost < _AKAIKE * count else solution
