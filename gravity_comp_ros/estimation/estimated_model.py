@@ -26,8 +26,6 @@ from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
-# Half-width of a 95 % interval in standard deviations.
-
 
 @dataclass(frozen=True, eq=False)
 class Switches:

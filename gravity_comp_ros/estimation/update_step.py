@@ -104,7 +104,7 @@ def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
     columns = EnergyDesign(new.q, np.ones(new.tau.shape)).columns(old.indices).T.reshape(
         count, *new.tau.T.shape)
     residual = new.tau - model.predict(new.q)
-    size = float(np.abs(residual[~is_outlier(new.robust_weights)]).max())
+    size = float(np.abs(residual[~is_outlier(new.robust_weights)]).max(initial=0.0))
     change = average_change(ChangeProblem(
         new.in_noise(columns).reshape(count, -1), new.in_noise(residual.T).ravel(), covariance,
         np.arange(count), size))

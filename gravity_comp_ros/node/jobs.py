@@ -157,7 +157,8 @@ def _compared_fit(job: Job) -> FitResult:
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     tried, samples = list[Candidate](), job.rows.samples
     # Outliers have a transient torque, such as that of an intermittent brake. They are those of
-    # the change of the base, which must not be fitted to them. A full fit gives them little weight.
+    # the change of the base, which must not be fitted to them. They have little weight in a full
+    # fit.
     base = chain or job.base
     if job.base is not None and base is not None and base.energy is not None:
         outlying = outliers_of_change(without_effects(job.base, samples)[0], base)

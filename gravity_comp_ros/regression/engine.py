@@ -121,8 +121,9 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
     omitted = covariance_of_omitted(search)
+    variances = {term.key: np.diag(omitted)[at] for term, at in search.posterior.at.items()}
     stds = {term.key: np.sqrt(
-        published.std(term) ** 2 + np.diag(omitted)[published.at[term]]
+        published.std(term) ** 2 + variances[term.key]
         + (options.law_error * scores[term.key].leverage(
             published.beta[published.at[term]])) ** 2) for term in published.terms}
     covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])

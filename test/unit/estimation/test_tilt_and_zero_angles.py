@@ -69,6 +69,16 @@ def test_a_tilt_is_identified(tilt):
     assert worst(result.model, arm) < 0.3
 
 
+def test_a_model_of_a_tilted_arm_is_updated_with_a_level_description():
+    """The model has no description; that of the update must get its tilt, below 20 degrees."""
+    arm = with_base_tilt(ARM, *(np.radians(3.0) * np.array([0.8, 0.6])))
+    model = fit(moved(3, 0.15, 0.3, arm, rate=5.0)[1]).model
+    loaded = with_payload(arm, Payload(2.0))
+    result = update(model, moved(4, 0.1, 0.1, loaded, rate=5.0)[1], geometry=AXES)
+    assert result.report.payload.mass.value == pytest.approx(2.0, abs=0.1)
+    assert worst(result.model, loaded) < 0.5
+
+
 def test_uneven_motion_uses_accelerations_of_the_whole_recording():
     motion, samples = moved(0, 0.15, 0.6)
     slow = Recording(samples).slow
