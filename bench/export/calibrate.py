@@ -19,8 +19,8 @@ from zlib import crc32
 from bench.real_robots.arms import arm_of, SOURCES, urdf
 from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
-from gravity_comp_ros.calibration.known_weight import (
-    calibrate, Weight, WeightCalibration, WeightOptions)
+from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
+from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import described_arm
@@ -60,7 +60,7 @@ def trial(name: str, seed: int, is_known: bool,
     weight = Weight(f'{joints[-1]}_link', float(mass), tuple(centre) if is_known else None)
     try:
         return calibrate(*parts, described, weight,
-                         WeightOptions(same_offset=is_same),
+                         CalibrationOptions(same_offset=is_same),
                          described.inertials()), constants
     except DataError:  # no joint
         return WeightCalibration({}, {}, {}, {}, {}), constants

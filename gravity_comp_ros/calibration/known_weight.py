@@ -9,9 +9,9 @@ where Y are the columns of the gravity of a chain on known axes with moments b, 
 mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
 is the small dynamic torque by the inertias of the description, if it has any.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
-viscous friction. Its direction is a sum of functions of the speed and of Dahl's elements
-(`effects.motion_direction`): after a reversal friction builds up over a distance, which on a joint
-with little load is as large as the effect of the weight. Torque sensors may have another offset
+viscous friction. Its direction is a sum of those of all laws (`effects.motion_direction`): after a
+reversal friction builds up over a distance, which on a joint with little load is as large as the
+effect of the weight. Torque sensors may have another offset
 after a restart; without one, both recordings have the same. The masses of the arm are used for the
 order of magnitude of its weight alone: the known weight gives the absolute scale, and the moments,
 which all joints share, their ratios. Moments, gains and an unknown centre are fitted together by
@@ -24,14 +24,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.differentiation import accelerations
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
-from gravity_comp_ros.effects.motion_direction import direction, path_of
+from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
@@ -39,39 +40,6 @@ from gravity_comp_ros.models.noise import correlation_times
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import rows_of
 import numpy as np
-
-
-_STEPS = 50
-
-
-@dataclass(frozen=True)
-class WeightOptions:
-    """
-    Options of a calibration.
-
-    `correlation` in s is the least time over which errors are dependent: those of the law of
-    friction are, however white the residual is. `distance` in m is the prior standard deviation of
-    each coordinate of an unknown centre of mass. `significance` is the least size of 1 / k in
-    standard deviations, `min_samples` the number of samples of each recording. `widths` in rad/s
-    and `distances` in rad are those of the direction of friction: several, whose sum has the law
-    of a gear. `same_offset` is whether both recordings have the same offset. The weight of the arm
-    is that of the description within a factor of `arm_factor`: descriptions have rough masses; a
-    wrong mass of the known weight gives others, and exchanged recordings negative ones.
-
-    :raises OptionError: if a number is not positive.
-    """
-
-    correlation: float = 2.0
-    distance: float = 0.2
-    significance: float = 20.0
-    min_samples: int = 50
-    widths: tuple[float, ...] = (0.003, 0.01, 0.03)
-    distances: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3)
-    same_offset: bool = False
-    arm_factor: float = 10.0
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'calibration', *(x for x in vars(self) if x != 'same_offset'))
 
 
 @dataclass(frozen=True)
@@ -111,7 +79,7 @@ class WeightCalibration:
 
 
 def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weight: Weight,
-              options: WeightOptions = WeightOptions(),
+              options: CalibrationOptions = CalibrationOptions(),
               inertials: Mapping[str, Inertial] = MappingProxyType({})) -> WeightCalibration:
     """
     Return the torque per unit of effort of each joint that the weight loads.
@@ -124,9 +92,9 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     joints = arm.geometry.joints
     parts = [part.joints(joints) for part in (empty, loaded)]
     for name, part in zip(('without', 'with'), parts):
-        if part.n_samples < options.min_samples:
+        if part.n_samples < FactOptions().min_slow_samples:
             raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
-                            f'least {options.min_samples} are needed')
+                            f'least {FactOptions().min_slow_samples} are needed')
     problem = _Problem(parts[0], parts[1], arm, weight, options, inertials)
     fit = problem.fitted()
     result = _result(joints, fit, weight, options)
@@ -171,10 +139,11 @@ class _Problem:
     """Efforts and columns of both recordings without offset and friction, by joint."""
 
     def __init__(self, empty: JointSamples, loaded: JointSamples, arm: DescribedArm,
-                 weight: Weight, options: WeightOptions,
+                 weight: Weight, options: CalibrationOptions,
                  inertials: Mapping[str, Inertial]) -> None:
         samples, geometry = concatenate([empty, loaded]), arm.geometry
-        self.rows = rows = rows_of(samples, EngineOptions())
+        self.engine = EngineOptions()
+        self.rows = rows = rows_of(samples, self.engine)
         self.n, self.mass = geometry.n_joints, weight.mass
         is_loaded = (rows.run >= empty.n_runs).astype(np.float64)
         self.q, qd = rows.mean(samples.q), rows.mean(samples.qd)
@@ -187,13 +156,9 @@ class _Problem:
             rows.mean(samples.tau)[:, :, None],
             ForwardKinematics(geometry.rotations, self.q).moment_columns().transpose(2, 1, 0),
             dynamic[:, :, None], weight.mass * columns * is_loaded[:, None, None]], axis=2)
-        laws = [*({'width': x} for x in options.widths),
-                *({'distance': x} for x in options.distances)]
         for j in range(self.n):
             offset = [np.ones(len(qd))] if options.same_offset else [1.0 - is_loaded, is_loaded]
-            path = path_of(samples, samples.q[:, j])
-            signs = np.stack([rows.mean(direction(samples, path, samples.qd[:, j], law))
-                              for law in laws])
+            signs = rows.mean(directions(samples, j)).T
             friction = np.column_stack([*offset, *(signs * (1.0 - is_loaded)),
                                         *(signs * is_loaded), qd[:, j]])
             basis, size, _ = np.linalg.svd(friction, full_matrices=False)
@@ -206,13 +171,13 @@ class _Problem:
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
         # Number of rows per independent error, at least.
-        self.per_error = per_error(rows.t, rows.run, options.correlation)
+        self.per_error = per_error(rows.t, rows.run, self.engine.block_seconds)
 
     def fitted(self) -> _Fit:
         """Return gains and centre."""
         gains, noise = self._start()
         centre, moments = self.centre, self._moments(gains, self.centre, noise)
-        for _ in range(_STEPS):
+        for _ in range(self.engine.steps):
             rest, jacobian = self._linearised(gains, centre, moments, noise)
             noise = self._noise(rest * noise)
             rest, jacobian = self._linearised(gains, centre, moments, noise)
@@ -289,7 +254,7 @@ class _Problem:
 
 
 def _result(joints: tuple[str, ...], fit: _Fit, weight: Weight,
-            options: WeightOptions) -> WeightCalibration:
+            options: CalibrationOptions) -> WeightCalibration:
     std = np.sqrt(np.diag(fit.covariance))
     scales, left_out = {}, {}
     for joint, gain, error, load in zip(joints, fit.gains, std, fit.load):

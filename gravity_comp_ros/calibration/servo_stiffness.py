@@ -6,8 +6,8 @@ A servo without an integral part stops where its torque k (goal - q) balances th
     goal - q = tau(q) / k + offset + friction / k + delay qd.
 
 tau is the static torque of the model. 1 / k is fitted by least squares with an offset of the
-position, Coulomb friction, and a delay between goal and position, in which viscous friction is
-included. tau and k have the unit of the effort of the recordings to which the model was fitted:
+position, friction by direction, and a delay between goal and position, which includes viscous
+friction. tau and k have the unit of the effort of the recordings to which the model was fitted:
 the position offset tau / k is correct in any unit.
 """
 
@@ -16,35 +16,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.data.constants import HALF_95
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
-
-
-@dataclass(frozen=True)
-class StiffnessOptions:
-    """
-    Options of the stiffness.
-
-    `correlation` in s is the time over which the errors of samples are dependent, `significance`
-    the least size of 1 / k in standard deviations, `sign_widths` in rad/s those of friction,
-    `min_samples` the least number of samples.
-
-    :raises OptionError: if a number is not positive.
-    """
-
-    correlation: float = 2.0
-    significance: float = 10.0
-    sign_widths: tuple[float, ...] = (0.003, 0.01, 0.03)
-    min_samples: int = 50
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'stiffness')
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +44,7 @@ class ServoStiffness:
 
 
 def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray,
-                    options: StiffnessOptions = StiffnessOptions()) -> ServoStiffness:
+                    options: CalibrationOptions = CalibrationOptions()) -> ServoStiffness:
     """
     Return the stiffness of the servo of each joint.
 
@@ -76,17 +58,16 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
     if goal.shape != samples.q.shape:
         raise DataError(f'stiffness: goals of shape {goal.shape} for {samples.q.shape} samples')
     known = np.isfinite(goal).all(axis=1)
-    if known.sum() < options.min_samples:
+    if known.sum() < FactOptions().min_slow_samples:
         raise DataError(f'{known.sum()} slow samples have a goal of every joint; at least '
-                        f'{options.min_samples} are needed')
+                        f'{FactOptions().min_slow_samples} are needed')
     samples, goal = samples.select(known), goal[known]
     torque = model.predict(samples.q)
-    of_error = per_error(samples.t, samples.runs, options.correlation)
-    widths = np.array(options.sign_widths)[:, None]
+    of_error = per_error(samples.t, samples.runs, EngineOptions().block_seconds)
     stiffness, left_out, sag, rmse = {}, {}, {}, {}
     for j, joint in enumerate(model.joints):
         others = np.column_stack([np.ones(len(goal)), samples.qd[:, j],
-                                  *np.tanh(samples.qd[:, j] / widths)])
+                                  directions(samples, j)])
         # Without the part that the other columns explain, a torque of any size has its own error.
         load, error = (_without(others, values) for values in (torque[:, j],
                                                                goal[:, j] - samples.q[:, j]))

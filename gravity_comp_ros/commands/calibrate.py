@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 
 from gravity_comp_ros.api.read import read_recording
-from gravity_comp_ros.calibration.known_weight import (
-    calibrate, Weight, WeightCalibration, WeightOptions)
+from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
+from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Answer:
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
-                           arm, weight, WeightOptions(same_offset=args.same_zero),
+                           arm, weight, CalibrationOptions(same_offset=args.same_zero),
                            arm.inertials(required=False))
     # Relative to the scales with which the recordings were read.
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}

@@ -5,26 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import accelerations
-from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import (
     AXIS_REVERSED, AXIS_TURNED, Fault, MOUNT, possible_faults, ZERO)
-from gravity_comp_ros.description_check.search import (
-    CheckOptions, corrected, Evidence, FaultFit, search)
+from gravity_comp_ros.description_check.options import CheckOptions
+from gravity_comp_ros.description_check.search import corrected, Evidence, FaultFit, search
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 from gravity_comp_ros.models.noise import of_second_differences
+from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
-
-_MIN_SAMPLES = 50
-# Standard deviation in rad beyond which an angle counts as not checked.
-_UNCHECKED = 0.05
-# Number of searches, each with the noise and friction that the one before has left, and the factor
-# of a standard deviation above which there is another.
-_PASSES, _SAME = 3, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,26 +51,26 @@ def check_description(samples: JointSamples, arm: DescribedArm,
     """
     joints = arm.geometry.joints
     samples = samples.joints(joints)
-    if samples.n_samples < _MIN_SAMPLES:
+    if samples.n_samples < FactOptions().min_slow_samples:
         raise DataError(f'{samples.n_samples} slow samples are too few to check a description; '
-                        f'at least {_MIN_SAMPLES} are needed')
+                        f'at least {FactOptions().min_slow_samples} are needed')
     links = {name: (arm.place(name).joint, on_frame(arm, name, inertial))
              for name, inertial in inertials.items()}
     parameters = frame_parameters(arm, inertials)
     state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, parameters[:, :4])
     faults = possible_faults(state, joints, {
-        name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0})
+        name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0}, options)
     fits: list[FaultFit] = []
     noise = of_second_differences(samples.tau, np.ones(samples.n_samples - 2, dtype=bool))
     evidence = _evidence(samples, arm.geometry, state, parameters, noise, options)
-    for _ in range(_PASSES):
+    for _ in range(EngineOptions().passes):
         fits, following = search(evidence, state, faults)
         noise = np.minimum(noise, _rms(evidence, corrected(
             state, [*fits, *([] if fits else [following])])))
         earlier, evidence = evidence, _evidence(samples, arm.geometry, corrected(state, fits),
                                                 parameters, noise, options)
         # The residual of a wrong description looks like friction, which hides smaller faults.
-        if (evidence.weight < _SAME * earlier.weight).all():
+        if (options.smaller * evidence.weight < earlier.weight).all():
             break
     final = corrected(state, fits)
     return DescriptionCheck(joints, tuple(fits), _rms(evidence, state), _rms(evidence, final),
@@ -99,9 +93,7 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, paramete
     torque = inverse_dynamics(turned, arm.angles(q), arm.signs * qd[:, arm.order],
                               arm.signs * qdd[:, arm.order],
                               np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
-    tau = samples.tau - arm.recorded(torque)
-    return Evidence(q, qd, tau, noise, per_error(samples.t, samples.runs, options.correlation),
-                    arm, options)
+    return Evidence(replace(samples, tau=samples.tau - arm.recorded(torque)), noise, arm, options)
 
 
 def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
@@ -117,7 +109,8 @@ def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
         elif fault.kind in (ZERO, AXIS_TURNED, MOUNT):
             start = fault.starts[0]
             _, covariance, _ = evidence.fitted(arm, [fault], start, start)
-            is_visible = bool(np.sqrt(np.linalg.eigvalsh(covariance)[-1]) < _UNCHECKED)
+            std = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
+            is_visible = bool(std < evidence.options.unchecked)
         else:
             continue
         if not is_visible:

@@ -13,17 +13,13 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description_check.arm_state import ArmState
+from gravity_comp_ros.description_check.options import CheckOptions
 from gravity_comp_ros.models.kinematic.chain import tilt
 import numpy as np
 
 AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_angle', 'order'
 MOUNT, GAIN, UNIT, MASS, BODY = 'mount', 'effort_scale', 'effort_unit', 'mass', 'body'
 KINDS = (AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER, MOUNT, GAIN, UNIT, MASS, BODY)
-# Prior standard deviations: angles in rad, factors, masses and first moments relative to those of
-# the arm beyond the joint.
-_ANGLE, _FACTOR, _BODY = 0.3, 0.5, 0.5
-# Smallest mass in kg and lever in m for the prior of a body.
-_MIN_MASS, _MIN_LEVER = 0.2, 0.1
 _QUARTER = 0.5 * np.pi
 # Factors of efforts in another unit are near one of these: mN·m, N·cm, kgf·cm, percent, kgf·m.
 _UNITS = (1.0, 10.0, 100.0, 1000.0, 0.1, 0.01)
@@ -51,18 +47,20 @@ class Fault:
 
 
 def possible_faults(arm: ArmState, joints: tuple[str, ...],
-                    links: dict[str, tuple[int, FloatArray]]) -> list[Fault]:
+                    links: dict[str, tuple[int, FloatArray]],
+                    options: CheckOptions) -> list[Fault]:
     """
     Return all faults that are compared.
 
     :param links: by name, the frame of a link and its mass and first moment there (4,).
     """
-    faults = [_mount(), *map(_unit, _UNITS)]
+    angle, factor = options.angle, options.factor
+    faults = [_mount(angle), *(_unit(size, factor) for size in _UNITS)]
     for n, joint in enumerate(joints):
-        faults += [_reversed(n, joint), _zero(n, joint), _turned(n, joint), _gain(n, joint),
-                   _body(arm, n, joint)]
+        faults += [_reversed(n, joint), _zero(n, joint, angle), _turned(n, joint, angle),
+                   _gain(n, joint, factor), _body(arm, n, joint, options)]
         faults += [_swapped(n, m, joint, joints[m]) for m in range(n)]
-    return faults + [_mass(link, *place) for link, place in links.items()]
+    return faults + [_mass(link, *place, factor) for link, place in links.items()]
 
 
 def _reversed(n: int, joint: str) -> Fault:
@@ -83,52 +81,52 @@ def _swapped(n: int, m: int, joint: str, other: str) -> Fault:
     return _fixed(ORDER, (other, joint), change)
 
 
-def _zero(n: int, joint: str) -> Fault:
+def _zero(n: int, joint: str, angle: float) -> Fault:
     def change(arm: ArmState, p: FloatArray) -> ArmState:
         return replace(arm, zeros=arm.zeros + p[0] * (np.arange(len(arm.zeros)) == n))
 
     starts = np.array([[0.0], [_QUARTER], [-_QUARTER], [2 * _QUARTER]])
-    return Fault(ZERO, (joint,), np.array([_ANGLE]), starts, change)
+    return Fault(ZERO, (joint,), np.array([angle]), starts, change)
 
 
-def _turned(n: int, joint: str) -> Fault:
+def _turned(n: int, joint: str, angle: float) -> Fault:
     starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
                        [0.0, -_QUARTER]])
-    return Fault(AXIS_TURNED, (joint,), np.full(2, _ANGLE), starts,
+    return Fault(AXIS_TURNED, (joint,), np.full(2, angle), starts,
                  lambda arm, p: arm.turned_axis(n, tilt(p[None])[0]))
 
 
-def _mount() -> Fault:
+def _mount(angle: float) -> Fault:
     starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
                        [0.0, -_QUARTER], [2 * _QUARTER, 0.0]])
-    return Fault(MOUNT, ('base',), np.full(2, _ANGLE), starts,
+    return Fault(MOUNT, ('base',), np.full(2, angle), starts,
                  lambda arm, p: arm.turned_base(tilt(p[None])[0]))
 
 
-def _gain(n: int, joint: str) -> Fault:
+def _gain(n: int, joint: str, factor: float) -> Fault:
     def change(arm: ArmState, p: FloatArray) -> ArmState:
         gains = arm.gains.copy()
         gains[arm.order == arm.order[n]] *= p[0]
         return replace(arm, gains=gains)
 
-    return Fault(GAIN, (joint,), np.array([_FACTOR]), np.array([[1.0], [-1.0]]), change)
+    return Fault(GAIN, (joint,), np.array([factor]), np.array([[1.0], [-1.0]]), change)
 
 
-def _unit(factor: float) -> Fault:
-    return Fault(UNIT, ('all joints',), np.array([_FACTOR * factor]),
-                 np.array([[factor], [-factor]]),
+def _unit(size: float, factor: float) -> Fault:
+    return Fault(UNIT, ('all joints',), np.array([factor * size]),
+                 np.array([[size], [-size]]),
                  lambda arm, p: replace(arm, gains=arm.gains * p[0]))
 
 
-def _mass(link: str, frame: int, body: FloatArray) -> Fault:
-    return Fault(MASS, (link,), np.array([_FACTOR]), np.array([[0.0]]),
+def _mass(link: str, frame: int, body: FloatArray, factor: float) -> Fault:
+    return Fault(MASS, (link,), np.array([factor]), np.array([[0.0]]),
                  lambda arm, p: arm.with_body(frame, p[0] * body))
 
 
-def _body(arm: ArmState, n: int, joint: str) -> Fault:
-    mass = max(float(arm.bodies[n:, 0].sum()), _MIN_MASS)
-    lever = max(_MIN_LEVER, float(np.linalg.norm(arm.origins[n + 1:], axis=1).sum()))
-    return Fault(BODY, (joint,), _BODY * mass * np.array([1.0, lever, lever, lever]),
+def _body(arm: ArmState, n: int, joint: str, options: CheckOptions) -> Fault:
+    mass = max(float(arm.bodies[n:, 0].sum()), options.min_mass)
+    lever = max(options.min_lever, float(np.linalg.norm(arm.origins[n + 1:], axis=1).sum()))
+    return Fault(BODY, (joint,), options.factor * mass * np.array([1.0, lever, lever, lever]),
                  np.zeros((1, 4)), lambda state, p: state.with_body(n, p))
 
 

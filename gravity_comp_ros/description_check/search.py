@@ -1,7 +1,7 @@
 """
 Selection of the faults of a description by their evidence.
 
-    tau = g(q; faults) + dynamics + N_j c_j + e,   c_j: offset, Coulomb and viscous friction
+    tau = g(q; faults) + dynamics + N_j c_j + e,   N_j: 1, directions of friction, speed
 
 The dynamic torque is that of the description. The error e has the standard deviation of the sensor
 noise and of a stated discrepancy, and its samples are autocorrelated. The log evidence of a fault
@@ -16,46 +16,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.runs import per_error
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import Fault
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.description_check.options import CheckOptions
+from gravity_comp_ros.effects.motion_direction import directions
+from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
-_STEPS = 12
+_ENGINE = EngineOptions()
+# Step of a numerical derivative, in prior standard deviations.
 _STEP = 1e-5
-
-
-@dataclass(frozen=True)
-class CheckOptions:
-    """
-    Options of a check.
-
-    `discrepancy` is the share of a joint's torque range that no rigid arm explains, and
-    `friction_discrepancy` that of its friction that Coulomb and viscous friction do not
-    explain (Stribeck friction, presliding), as standard deviations. `resolution` is the least
-    deviation of a torque, as a share of the arm's largest torque range: simulated recordings
-    have joints without any. `correlation` in s is the time
-    over which the errors of samples are dependent. `min_evidence` in nats is the least log
-    evidence of a fault, and `margin` that by which a fault must exceed others to be named alone.
-    `max_faults` bounds the search. `sign_width` in rad/s is the speed over which friction changes
-    its sign.
-
-    :raises OptionError: if a number is not positive.
-    """
-
-    discrepancy: float = 0.005
-    friction_discrepancy: float = 0.3
-    resolution: float = 1e-4
-    correlation: float = 2.0
-    min_evidence: float = 5.0
-    margin: float = 3.0
-    max_faults: int = 4
-    sign_width: float = 0.01
-
-    def __post_init__(self) -> None:
-        if not min(vars(self).values()) > 0.0:
-            raise OptionError('check of a description: every option must be positive')
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,24 +50,23 @@ class Evidence:
     """
     The recording, and the log likelihood of arms.
 
-    :param q: recorded angles (M, N), rad. :param qd: speeds (M, N), rad/s.
-    :param tau: recorded torque minus the dynamic torque (M, N), N·m.
+    :param samples: recorded torques without the dynamic torque.
+    :param noise: standard deviation of the sensors (N,), N·m.
     :param arm: of which the residual shows the size of friction.
-    :param samples_per_error: number of samples over which errors are dependent.
     """
 
-    def __init__(self, q: FloatArray, qd: FloatArray, tau: FloatArray, noise: FloatArray,
-                 samples_per_error: float, arm: ArmState, options: CheckOptions) -> None:
-        self.q, self.options = q, options
-        columns = [np.column_stack([np.ones(len(q)), np.tanh(x / options.sign_width), x])
-                   for x in qd.T]
-        rest = tau - arm.gravity(q)
+    def __init__(self, samples: JointSamples, noise: FloatArray, arm: ArmState,
+                 options: CheckOptions) -> None:
+        self.q, self.options, tau = samples.q, options, samples.tau
+        columns = [np.column_stack([np.ones(len(tau)), directions(samples, j), qd])
+                   for j, qd in enumerate(samples.qd.T)]
+        rest = tau - arm.gravity(self.q)
         friction = [np.std(part[:, 1:] @ np.linalg.lstsq(part, y, rcond=None)[0][1:])
                     for part, y in zip(columns, rest.T)]
         sigma = np.sqrt(noise ** 2 + (options.discrepancy * np.ptp(tau, axis=0)) ** 2
                         + (options.friction_discrepancy * np.array(friction)) ** 2)
-        smallest = options.resolution * np.ptp(tau, axis=0).max() + 1e-12
-        self.weight = 1.0 / (np.maximum(sigma, smallest) * np.sqrt(samples_per_error))
+        of_error = per_error(samples.t, samples.runs, _ENGINE.block_seconds)
+        self.weight = 1.0 / (np.maximum(sigma, floor(tau)) * np.sqrt(of_error))
         self._bases = np.stack([_basis(part) for part in columns])
         self.target = self.weighted(tau)
 
@@ -120,7 +92,7 @@ class Evidence:
         residual = self.residual(changed(arm, faults, p))
         cost = _cost(residual, (p - prior) / scale)
         hessian = np.eye(len(p))
-        for _ in range(_STEPS if len(p) else 0):
+        for _ in range(_ENGINE.steps if len(p) else 0):
             jacobian = self._jacobian(arm, faults, p, scale, residual)
             hessian = jacobian.T @ jacobian + np.eye(len(p))
             gradient = jacobian.T @ residual - (p - prior) / scale
@@ -182,7 +154,7 @@ def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
     # Factors of one unit are near another one too: the same fault.
     other = {(fit.fault.kind, fit.fault.subjects): fit for fit in reversed(fits)}
     return replace(fits[0], alternatives=tuple(
-        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < evidence.options.margin
+        fit for fit in fits[1:] if fits[0].evidence - fit.evidence < _ENGINE.margin
         and fit is other[fit.fault.kind, fit.fault.subjects]))
 
 

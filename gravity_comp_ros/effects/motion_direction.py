@@ -96,6 +96,17 @@ def direction(samples: JointSamples, path: FloatArray, qd: FloatArray,
     return smooth_sign(qd, law)
 
 
+def directions(samples: JointSamples, joint: int) -> FloatArray:
+    """
+    Return the directions (M, K) of a joint by every law of friction that its speed noise allows.
+
+    A sum of them has the law of a gear: after a reversal friction builds up over a distance.
+    """
+    path, qd = path_of(samples, samples.q[:, joint]), samples.qd[:, joint]
+    return np.stack([direction(samples, path, qd, law)
+                     for law in laws(float(speed_noise(samples)[joint]))], axis=1)
+
+
 def smooth_sign(qd: FloatArray, law: Mapping[str, float]) -> FloatArray:
     """Return the direction of speeds in rad/s by a law that depends on speed alone."""
     if 'ramp' in law:

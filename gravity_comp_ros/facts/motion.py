@@ -13,8 +13,6 @@ from gravity_comp_ros.facts.friction import shares
 from gravity_comp_ros.facts.options import FactOptions
 import numpy as np
 
-# Minimum number of slow samples for the evaluation of a model.
-_MIN_SLOW_SAMPLES = 50
 # Minimum share of slow samples, and of the travel that they cover.
 _MIN_SLOW_SHARE, _MIN_SLOW_TRAVEL = 0.1, 0.3
 # Minimum motion in the opposite direction, in rad, that counts as a reversal.
@@ -146,7 +144,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
             f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
             f'inertia together', '`fit` can use it, with friction and inertia as nuisance '
             'terms, but gravity is more accurate from slow motion')]
-    if kept < _MIN_SLOW_SAMPLES:
+    if kept < _TRAVEL.min_slow_samples:
         return [_noted((), f'short: the gate keeps {kept} of {total} samples',
                        'too few to evaluate a model')]
     return []

@@ -18,6 +18,8 @@ class FactOptions:
 
     # Samples. With fewer, shares and spreads have no meaning.
     min_samples: float = 100
+    # Slow samples. With fewer, the errors of a model or of a calibration are not known.
+    min_slow_samples: float = 50
     # rad. Two turns either way: no cable survives more, counters of turns and degrees exceed it.
     max_angle: float = 4 * np.pi
     # N·m. The strongest joint of an arm that carries its own links needs more: 3 for the smallest.

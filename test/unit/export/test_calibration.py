@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 
 from bench.shared.rough_links import two_links
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightOptions
-from gravity_comp_ros.calibration.servo_stiffness import (
-    held_goals, servo_stiffness, StiffnessOptions)
+from gravity_comp_ros.calibration.known_weight import calibrate, Weight
+from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
@@ -93,11 +93,11 @@ def test_what_cannot_be_calibrated_is_refused(bags, arm):
     with pytest.raises(OptionError, match='not finite'):
         Weight(LINK, 1.0, (0.0, np.nan, 0.0))
     with pytest.raises(OptionError, match='must be positive'):
-        WeightOptions(distance=0.0)
+        CalibrationOptions(distance=0.0)
 
 
 def test_one_offset_for_both_recordings_gives_smaller_intervals(bags, arm):
-    free, same = (calibrate(*bags, arm, Weight(LINK, 2.0), WeightOptions(same_offset=same))
+    free, same = (calibrate(*bags, arm, Weight(LINK, 2.0), CalibrationOptions(same_offset=same))
                   for same in (False, True))
     for joint in ('iiwa_joint_2', 'iiwa_joint_4'):
         assert np.ptp(same.scales[joint].ci95) < 0.95 * np.ptp(free.scales[joint].ci95)
@@ -202,7 +202,7 @@ def test_unusable_goals_are_refused():
     with pytest.raises(ModelMismatchError):
         servo_stiffness(model(('a', 'b')), samples, goal)
     with pytest.raises(OptionError):
-        StiffnessOptions(correlation=0.0)
+        CalibrationOptions(significance=0.0)
 
 
 def test_a_goal_is_in_force_until_the_next_one():
