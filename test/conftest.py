@@ -17,7 +17,7 @@ LONGEST = (
     'test_workbench_loop.py', 'test_style.py', 'test_node_ros.py', 'test_joint_gains.py',
     'test_report_html.py', 'test_fleet.py', 'test_workbench_input.py',
     'test_workbench_sessions.py', 'test_demo.py', 'test_same_model.py', 'test_ten_minutes.py',
-    'test_payload.py', 'test_node_fitting.py', 'test_node_graph.py', 'test_first_hour.py',
+    'test_updates.py', 'test_node_fitting.py', 'test_node_graph.py', 'test_first_hour.py',
     'test_description_check.py', 'test_workbench_session.py', 'test_rigid_body.py',
     'test_node_core.py', 'test_node_faults.py', 'test_axis_directions.py', 'test_export_c.py',
     'test_offset_of_each_recording.py', 'test_command_add.py', 'test_estimator.py',

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from bench.cases.case_list import bristles, coulomb, offset
 from bench.cases.cases import ARMS, Case, Pair, Truth
-from bench.cases.degraded import (
-    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
 from bench.cases.drawn import draws
+from bench.cases.signals import (
+    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre, ThermalFriction

@@ -18,8 +18,6 @@ from __future__ import annotations
 import argparse
 from functools import partial
 import json
-from multiprocessing import get_context
-import os
 from pathlib import Path
 import resource
 import sys
@@ -27,12 +25,12 @@ from time import monotonic
 from typing import Any
 
 from bench.campaign.judging import judging_case, KINDS
-from bench.campaign.results import fingerprint, load, save, Task
 from bench.campaign.score import ALWAYS_THERE
-from bench.campaign.table import markdown, summary
+from bench.campaign.table import markdown, summary, Task
 from bench.cases.case_list import case, cases, ROLES
 from bench.cases.cases import Case, recordings
 from bench.cases.drawn import drawn_case
+from bench.shared.stored import fingerprint, load, run
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.errors import GravityCompError
@@ -50,11 +48,12 @@ def main() -> int:
     except GravityCompError as error:
         print(error, file=sys.stderr)
         return 1
-    missing = [task for task in tasks if load(folder, task, None if args.keep else code) is None]
+    missing = [task for task in tasks
+               if not load(folder / task.file, None if args.keep else code)]
     print(f'{len(tasks)} recordings, {len(tasks) - len(missing)} done before', flush=True)
-    run_all(missing, folder, code, args.jobs, not args.no_floor)
-    results = [(task, result) for task in tasks
-               if (result := load(folder, task, None)) is not None]
+    run(partial(run_one, floor=not args.no_floor), missing, lambda task: folder / task.file, code,
+        args.jobs, lambda result: f'{result["file"]} in {result["seconds"]:.1f} s')
+    results = [(task, result) for task in tasks if (result := load(folder / task.file))]
     (folder / 'campaign.json').write_text(json.dumps(summary(results), indent=1))
     (folder / 'campaign.md').write_text(markdown(results))
     print(markdown(results))
@@ -95,18 +94,6 @@ def chosen(args: argparse.Namespace, seed: int = 0) -> list[Case]:
     return [entry for arm in arms for entry in cases(arm)]
 
 
-def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) -> None:
-    """Diagnose the recordings of every task in parallel processes, and store the results."""
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    start = monotonic()
-    with get_context('spawn').Pool(jobs, maxtasksperchild=8) as pool:
-        work = partial(run_one, floor=floor)
-        for count, (task, result) in enumerate(pool.imap_unordered(work, tasks), start=1):
-            save(folder, task, {**result, 'code': code, 'rate': task.rate})
-            print(f'{count}/{len(tasks)} {monotonic() - start:.0f} s: {task.file} in '
-                  f'{result["seconds"]:.1f} s', flush=True)
-
-
 def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
     Return a recording's diagnosis, its time, and the error of a fit with the true effects.
@@ -115,7 +102,7 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
     samples = recordings(task.case, task.seed, task.rate)
     start = monotonic()
-    result: dict[str, Any] = {'diagnosis': diagnose(samples).to_json()}
+    result: dict[str, Any] = {'file': task.file, 'diagnosis': diagnose(samples).to_json()}
     result['seconds'] = monotonic() - start
     result['peak_mb'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result['joints'] = list(samples.names)

@@ -6,12 +6,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.campaign.results import Task
 from bench.campaign.score import Score, score
+from bench.cases.cases import Case
 import numpy as np
 
 # Required results of the diagnosis: shares, and the ratio of held-out errors.
 NAMED, FALSE_ALARMS, COVERED, ERROR, OPEN = 0.95, 0.02, (0.90, 0.98), 1.2, 0.90
+
+
+@dataclass(frozen=True)
+class Task:
+    """One recording to diagnose, at `rate` Hz."""
+
+    case: Case
+    seed: int
+    rate: float
+
+    @property
+    def file(self) -> str:
+        return f'{self.case.arm}.{self.case.name}.{self.seed}.{self.rate:g}.json'
+
 
 Result = tuple[Task, dict[str, Any]]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from math import radians
 
 from bench.cases.cases import ARMS, Case, Pair, Truth
-from bench.cases.grasp import Grasp
+from bench.cases.signals import Grasp
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Payload
 from gravity_comp_ros.simulation.disturbances.friction import (

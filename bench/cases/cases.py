@@ -7,11 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from zlib import crc32
 
-from bench.cases.degraded import Degradation
-from bench.cases.generated import generated_arm
-from bench.cases.pauses import Pause, with_pauses
-from bench.cases.sensors import measured, SensorOptions
-from bench.cases.six_axis import six_axis
+from bench.cases.arms import generated_arm, six_axis
+from bench.cases.signals import Degradation, measured, Pause, SensorOptions, with_pauses
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, iiwa7

@@ -18,14 +18,16 @@ import sys
 import time
 from typing import Any
 
-from bench.planning.baselines import MORE_SECONDS, played, random_slow
-from bench.planning.scenes import known_axes, Scene
+from bench.planning.poor import RATE
+from bench.planning.scenes import MORE_SECONDS, Scene, slow_sines
+from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.simulation import motions
 import numpy as np
 
 EFFECTS = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'joint_spring',
@@ -63,7 +65,7 @@ def main() -> int:
 def run(scene: Scene) -> dict[str, Any]:
     """Return the stated chances of a case, and what was found before and after each motion."""
     result: dict[str, Any] = {'name': scene.name, 'effect': scene.effect, 'poor': scene.poor}
-    axes = known_axes(scene.arm_model) if scene.described else None
+    axes = geometry_of(scene.arm_model) if scene.described else None
     options, target = FitOptions('chain', geometry=axes), scene.truth
     limits = PlanOptions(MORE_SECONDS)
     try:
@@ -75,8 +77,10 @@ def run(scene: Scene) -> dict[str, Any]:
         planned = plan(old, model, [target], limits, estimated=estimated)
         seconds = time.process_time() - started
         expected = planned.expectations[0]
-        ways = {'planned': played(planned.trajectory),
-                'random': random_slow(old, limits, scene.seed)}
+        trajectory = planned.trajectory
+        ways = {'planned': motions.sample('planned', trajectory.at, trajectory.duration, RATE),
+                'random': slow_sines(old.q.min(axis=0) - 1e-3, old.q.max(axis=0) + 1e-3,
+                                     limits.max_speed, scene.seed)}
         resolved = {
             way: _is_resolved(concatenate([old, sized.later(motion)]), options, model, target)
             for way, motion in ways.items()}

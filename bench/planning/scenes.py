@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+from bench.cases.arms import generated_arm
 from bench.cases.cases import ARMS as JUDGED
-from bench.cases.generated import generated_arm
-from bench.planning.baselines import slow_sines
 from bench.planning.poor import poor_motion, RATE, SECONDS
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm
@@ -23,10 +21,10 @@ import numpy as np
 ARMS: dict[str, Callable[[], Arm]] = {
     **JUDGED, **{f'drawn{k}': partial(generated_arm, k, right_angles=True) for k in (0, 1, 4, 5)}}
 _NOISE = 0.1
+# Duration of the additional motion, s.
+MORE_SECONDS = 20.0
 # Pause between both recordings, and travel time to the start of the second, s.
 _PAUSE, _TRAVEL = 30.0, 15.0
-# Speed of the motion that could show an effect, rad/s.
-_SPEED = 0.3
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -134,13 +132,7 @@ class Scene:
         return synthesise(self.arm_model, motion, options)
 
 
-def wide_motion(arm: Arm, seed: int) -> motions.Motion:
-    """Return 20 s of slow motion of all joints in the middle half of their range."""
-    return slow_sines(0.5 * arm.lower, 0.5 * arm.upper, _SPEED, seed)
-
-
-def known_axes(arm: Arm) -> Geometry:
-    """Return the geometry of the axes of a simulated arm."""
-    placed = [arm.model.jointPlacements[k + 1] for k in range(arm.n_joints)]
-    return Geometry(arm.joints, np.array([p.rotation for p in placed]),
-                    np.array([p.translation for p in placed]), 'hand', np.eye(3))
+def slow_sines(low: FloatArray, high: FloatArray, speed: float, seed: int) -> motions.Motion:
+    """Return random sines of all joints between position limits (N,), up to `speed` rad/s."""
+    sines = motions.MultisineOptions(speed, MORE_SECONDS, 0.25, 5, 2.0)
+    return motions.multisine(low, high, np.full(len(low), speed), seed, sines, MORE_SECONDS, RATE)

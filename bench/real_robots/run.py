@@ -38,14 +38,8 @@ lenient.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
-import hashlib
-import json
-from multiprocessing import get_context
-import os
 from pathlib import Path
 import sys
-from time import monotonic
 from typing import Any
 
 from bench.real_robots.arms import descriptions, PACKAGE, SOURCES
@@ -53,12 +47,9 @@ from bench.real_robots.cases import case
 from bench.real_robots.product import loop, oracle
 from bench.real_robots.score import error_ratios, score
 from bench.real_robots.table import table
+from bench.shared.stored import fingerprint, load, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.atomic import write_atomically
-
-_PACKAGE, _HERE = Path(gc.__file__).parent, Path(__file__).parent
-_ROOMS = ('api', 'data', 'diagnosis', 'effects', 'estimation', 'evaluation', 'models',
-          'regression', 'simulation')
 
 Task = tuple[str, int, bool, bool, Path]
 """Arm, seed, whether with description and oracle, folder."""
@@ -67,22 +58,19 @@ Task = tuple[str, int, bool, bool, Path]
 def main() -> int:
     """Judge the cases without a result, and print the table of all requested ones."""
     args = parser().parse_args()
-    folder, code = Path(args.folder), fingerprint()
+    folder, code = Path(args.folder), fingerprint(Path(__file__).parent)
     (folder / 'cases').mkdir(parents=True, exist_ok=True)
     tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
                          for seed in args.seeds for arm in args.arms]
-    missing = [task for task in tasks if not usable(stored(task), None if args.keep else code)
-               or args.oracle and 'no_oracle' not in stored(task)]
+    missing = []
+    for task in tasks:
+        stored = load(result_file(task), None if args.keep else code)
+        if not stored or args.oracle and 'no_oracle' not in stored:
+            missing.append(task)
     print(f'{len(tasks)} cases, {len(tasks) - len(missing)} done before', flush=True)
-    start = monotonic()
-    with get_context('spawn').Pool(args.jobs, maxtasksperchild=4) as pool:
-        for count, (task, result) in enumerate(pool.imap_unordered(judged, missing), start=1):
-            write_atomically(result_file(task), json.dumps(
-                {**result, 'code': code}, indent=1, ensure_ascii=False).encode(),
-                gc.GravityCompError)
-            print(f'{count}/{len(missing)} {monotonic() - start:.0f} s: {result["case"]} '
-                  f'{"; ".join(result["why"]) or "right"}', flush=True)
-    text = table([stored(task) for task in tasks])
+    run(judged, missing, result_file, code, args.jobs,
+        lambda result: f'{result["case"]} {"; ".join(result["why"]) or "right"}')
+    text = table([load(result_file(task)) for task in tasks])
     name = f'table{"-described" if args.described else ""}.md'
     write_atomically(folder / name, text.encode(), gc.GravityCompError)
     print(text)
@@ -157,28 +145,5 @@ def result_file(task: Task) -> Path:
     return folder / f'{arm}.{seed}{of}.json'
 
 
-def stored(task: Task) -> dict[str, Any]:
-    """Return the stored result of a task, empty if there is none."""
-    try:
-        return dict(json.loads(result_file(task).read_text(encoding='utf-8')))
-    except (OSError, ValueError):
-        return {}
-
-
-def usable(result: Mapping[str, Any], code: str | None) -> bool:
-    """Return whether a result is there, and of this code unless `code` is None."""
-    return bool(result) and (code is None or result.get('code') == code)
-
-
-def fingerprint() -> str:
-    """Return a hash of the code that makes and judges cases."""
-    digest = hashlib.sha256()
-    rooms: Iterable[Path] = (_PACKAGE / room for room in _ROOMS)
-    for path in sorted(path for room in (*rooms, _HERE) for path in room.rglob('*.py')):
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
 if __name__ == '__main__':
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     sys.exit(main())

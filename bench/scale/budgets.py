@@ -60,7 +60,7 @@ def _twelve(seed: int, seconds: float = 100.0, rate: float = 20.0) -> Callable[[
         from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
         from gravity_comp_ros.simulation.disturbances.friction import Friction
         from gravity_comp_ros.simulation.disturbances.friction import LuGre
-        from bench.cases.generated import generated_arm
+        from bench.cases.arms import generated_arm
         from gravity_comp_ros.simulation.motions import multisine
         from gravity_comp_ros.simulation.synthesise import NoiseOptions
         from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from bench.cases.pauses import Pause, with_pauses
-from bench.cases.six_axis import six_axis
+from bench.cases.arms import six_axis
+from bench.cases.signals import Pause, with_pauses
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion import Motion

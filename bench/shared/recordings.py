@@ -31,6 +31,15 @@ def messages(count=50, rate=50.0, names=NAMES):
             for ns, a, b, c in zip(stamps, q, qd, tau)]
 
 
+def check_motion(recording) -> None:
+    """Check that a recording is `motion`."""
+    samples, (t, *values) = recording.samples, motion()
+    assert samples.names == NAMES
+    np.testing.assert_allclose(samples.t, t, atol=1e-9)
+    for field, expected in zip(('q', 'qd', 'tau'), values):
+        np.testing.assert_array_equal(getattr(samples, field), expected)
+
+
 def write_folder(path: Path, topics, plugin='sqlite3', version=8, compression=None) -> Path:
     """
     Write a rosbag2 folder.

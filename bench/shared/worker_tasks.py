@@ -1,4 +1,4 @@
-"""Tasks of worker processes in tests."""
+"""Tasks of worker processes in tests, and whether a process is running."""
 
 import os
 import signal
@@ -50,3 +50,12 @@ class LastJob:
         os.kill(self.worker.pid, signal.SIGUSR1)
         time.sleep(0.1)
         return str, ()
+
+
+def is_running(pid):
+    """Return whether a process is running; a zombie is not."""
+    try:
+        with open(f'/proc/{pid}/stat') as stream:
+            return stream.read().rpartition(')')[2].split()[0] != 'Z'
+    except OSError:
+        return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bench.cases import generated
+from bench.cases.arms import generated_arm
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -64,7 +64,7 @@ def long_arm(n_joints: int, own: int = 6, seed: int = 0, count: int = 1000) -> P
     The gravity of a drawn arm of twelve joints with mass is not sparse in the dictionary.
     """
     own = min(own, n_joints)
-    arm = generated.generated_arm(seed, own, right_angles=True)
+    arm = generated_arm(seed, own, right_angles=True)
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, (count, n_joints))
     torque = arms.gravity_torque(arm, q[:, :own])

@@ -2,6 +2,7 @@
 
 import json
 
+from bench.shared.command_line import refused, run_json
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.recordings.bag import read_bag
@@ -46,9 +47,8 @@ def files(tmp_path_factory):
 def test_errors_are_one_line_and_write_nothing(files, tmp_path, capsys, monkeypatch, status, call,
                                                message):
     monkeypatch.chdir(tmp_path)
-    assert main([files.get(word, word) for word in call.split()]) == status
-    output = capsys.readouterr()
-    assert message in output.err and output.err.count('\n') == 1 and output.out == ''
+    argv = (files.get(word, word) for word in call.split())
+    assert message in refused(capsys, *argv, status=status)
     assert not list(tmp_path.iterdir())
 
 
@@ -64,19 +64,17 @@ def test_a_joint_is_a_name_or_a_number_in_every_verb(files, capsys, call):
     argv = [files.get(word, word) for word in call.split()]
     results = []
     for joints in ('2,1', 'elbow,shoulder'):
-        assert main([joints if word == '2,1' else word for word in argv] + ['--json']) == 0
-        document = json.loads(capsys.readouterr().out)
+        document = run_json(capsys, *(joints if word == '2,1' else word for word in argv))
         results.append(document.get('recordings', [document])[0]['joints'])
     assert list(results[0]) == ['elbow', 'shoulder'] and results[0] == results[1]
 
 
 def test_effort_scale_and_effect_by_joint_number(files, capsys):
-    assert main(['info', files['GOOD'], '--effort-scale', '2=-1', '--json']) == 0
-    facts = json.loads(capsys.readouterr().out)['recordings'][0]
+    facts = run_json(capsys, 'info', files['GOOD'], '--effort-scale', '2=-1')['recordings'][0]
     assert facts['effort_scale'] == {'elbow': -1.0}
-    assert main(['add', 'torque_offset:2', files['GOOD'], '--model', files['MODEL'], '--dry-run',
-                 '--json']) == 0
-    assert json.loads(capsys.readouterr().out)['added'] == ['torque_offset:elbow']
+    result = run_json(capsys, 'add', 'torque_offset:2', files['GOOD'], '--model', files['MODEL'],
+                      '--dry-run')
+    assert result['added'] == ['torque_offset:elbow']
 
 
 def test_names_take_precedence_over_numbers():
@@ -101,8 +99,8 @@ def test_values_out_of_range_are_dropped(tmp_path, capsys, what):
 
 
 def test_efforts_out_of_range_throughout_are_refused(tmp_path, capsys):
-    assert main(['info', bag(tmp_path / 'x.mcap', tau=1e300 * TAU)]) == 1
-    assert 'beyond 1e+09 in 500 of 500' in capsys.readouterr().err
+    path = bag(tmp_path / 'x.mcap', tau=1e300 * TAU)
+    assert 'beyond 1e+09 in 500 of 500' in refused(capsys, 'info', path)
 
 
 def test_gaps_are_noted(tmp_path):

@@ -83,20 +83,16 @@ def test_a_part_has_the_samples_between_two_times(bag, tmp_path):
     assert part.report.topic == '/joint_states'
 
 
-def test_joints_are_written_in_the_requested_order(bag, tmp_path):
-    out = tmp_path / 'b.mcap'
-    assert cli.main(['cut', str(bag), '-o', str(out), '--joints', 'b,a']) == 0
-    assert read_bag(out).samples.names == ('b', 'a')
-
-
 def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     out = tmp_path / 'part.mcap'
-    result = run_json(capsys, 'cut', bag, '-o', out, '--split', '2,4')
+    result = run_json(capsys, 'cut', bag, '-o', out, '--split', '2,4', '--joints', 'b,a')
     files = [part['output'] for part in result['parts']]
     assert [part['n_samples'] for part in result['parts']] == [100, 100, 100]
     assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
     parts, whole = gc.read(files), read_bag(bag)
-    np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau)
+    # The joints are in the requested order.
+    assert parts.samples.names == ('b', 'a')
+    np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau[:, ::-1])
     np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
 
 

@@ -3,6 +3,7 @@
 import json
 
 from bench.shared import urdf_snippets as robots
+from bench.shared.command_line import refused, run_json
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAIST, WAISTED
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.read import read_recording
@@ -35,30 +36,24 @@ def bags(tmp_path_factory):
     return folder
 
 
-def run(capsys, *argv):
-    capsys.readouterr()
-    status = main([*map(str, argv)])
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    return json.loads(out.out), out.err
-
-
 def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     model = tmp_path / 'arm.json'
-    result, errors = run(capsys, 'fit', bags / 'own', '-o', model, '--json')
+    assert main(['fit', str(bags / 'own'), '-o', str(model), '--json']) == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
     assert result['description'] == {
         'source': '/robot_description in own', 'joints': list(JOINTS), 'link': 'iiwa_link_7',
         'left_out': [], 'held': {}}
-    assert result['joint_order'] == 'description' and errors.count('warning') == 0
+    assert result['joint_order'] == 'description' and 'warning' not in printed.err
     assert load_model(model).joints == JOINTS
     assert load_model(model).provenance['description']['source'] == '/robot_description in own'
     assert result['report']['known_axes']
     # The payload is estimated without a file argument.
-    payload, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--json')
+    update = 'update', bags / 'tool', '--model', model, '--dry-run'
+    payload = run_json(capsys, *update)
     assert payload['description']['source'] == '/robot_description in tool'
     assert payload['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
-    bare, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--urdf', 'none',
-                  '--json')
+    bare = run_json(capsys, *update, '--urdf', 'none')
     assert bare['payload'] is None and bare['description'] is None
 
 
@@ -106,5 +101,4 @@ def test_a_moving_waist_is_reported(bags):
     (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
 ])
 def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, message):
-    assert main(['fit', str(bags / 'own'), *argv]) == 1
-    assert message in capsys.readouterr().err
+    assert message in refused(capsys, 'fit', bags / 'own', *argv)

@@ -122,6 +122,7 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     (['one.mcap', '--effects', 'viscos_friction'], 'did you mean viscous_friction?'),
     (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
     (['one.mcap', 'other.mcap'], 'different robots'),
+    (['one.mcap', '--model', 'arm.json', '--holdout'], 'was fitted without --holdout'),
 ])
 def test_bad_input_gets_one_line(capsys, argv, message):
     assert message in refused(capsys, 'diagnose', *argv)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture
-def slow(tmp_path):
-    path = tmp_path / 'slow.mcap'
+@pytest.fixture(scope='module')
+def slow(tmp_path_factory):
+    path = tmp_path_factory.mktemp('info') / 'slow.mcap'
     assert main(['synth', '--noise', '0.1', '-o', str(path)]) == 0
     return path
 
@@ -30,11 +30,9 @@ def test_words(slow, capsys):
     # Two pairs of joints move in step.
     assert 'iiwa_joint_4' in text and text.count('•') == 1
     assert 'the poses of 7 moving joints span 5 directions' in ' '.join(text.split())
-
-
-def test_how_to_check_the_unit_of_effort_that_is_not_given(slow, capsys):
+    # The unit of effort is not given.
     command = f'gravity_comp check {slow} --urdf robot.urdf'
-    assert command in info(capsys, slow)
+    assert command in text
     assert command not in info(capsys, slow, '--effort-scale', 'iiwa_joint_1=2')
 
 

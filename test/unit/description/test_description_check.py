@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 from xml.etree import ElementTree
 
+from bench.shared.command_line import refused
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm
@@ -200,7 +201,6 @@ def test_the_command(samples, tmp_path, capsys):
 def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path('other.urdf').write_text(URDF.replace('iiwa_joint', 'joint'))
-    assert main(['check', str(BAGS / 'random_poses.mcap'), *arguments, '--html', 'r.html']) == 1
-    captured = capsys.readouterr()
-    assert captured.out == '' and captured.err.count('\n') == 1 and message in captured.err
+    assert message in refused(capsys, 'check', BAGS / 'random_poses.mcap', *arguments, '--html',
+                              'r.html')
     assert message in Path('r.html').read_text()

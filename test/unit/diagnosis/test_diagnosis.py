@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from bench.cases.generated import generated_arm
-from bench.planning.scenes import Scene, wide_motion
+from bench.cases.arms import generated_arm
+from bench.planning.scenes import Scene, slow_sines
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import NOISE as LINK_NOISE, two_links, WIDE
 from bench.shared.serial_arms import serial_arm
@@ -151,7 +151,8 @@ def poor_model(scene):
 
 def with_wide_motion(scene):
     """Return a poor recording, followed by 20 s of slow motion in half of the joints' range."""
-    new = scene.later(wide_motion(scene.arm_model, scene.seed))
+    arm = scene.arm_model
+    new = scene.later(slow_sines(0.5 * arm.lower, 0.5 * arm.upper, 0.3, scene.seed))
     return concatenate([scene.recorded(), new])
 
 

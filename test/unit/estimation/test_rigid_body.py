@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from bench.cases.generated import generated_arm
-from bench.planning.scenes import known_axes
+from bench.cases.arms import generated_arm
 from bench.shared.campaign import campaign
 from bench.shared.fast_arms import drawn, moved, of_motion, recording, worst
 from bench.shared.serial_arms import geometry_of
@@ -140,7 +139,7 @@ ARM = iiwa7()
 @pytest.mark.parametrize('known, seed, limit', [
     (False, 0, 0.06), *campaign((True, 7, 0.05), (True, 0, 0.03), (False, 7, 0.1))])
 def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
-    options = FitOptions(geometry=known_axes(ARM) if known else None)
+    options = FitOptions(geometry=geometry_of(ARM) if known else None)
     samples = moved(ARM, seed, 1.0, 0.3, 0.0, 60.0)
     result = fit(samples, options)
     assert worst(ARM, result.model) < limit

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from functools import cache
 
-from bench.planning.scenes import known_axes
 from bench.shared.campaign import campaign
+from bench.shared.serial_arms import geometry_of
 from bench.vertical import tilted
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
@@ -29,7 +29,7 @@ import numpy as np
 import pytest
 
 ARM = iiwa7()
-AXES = known_axes(ARM)
+AXES = geometry_of(ARM)
 
 
 def moved(seed, speed, band, arm=ARM, rate=50.0, noise=0.1):

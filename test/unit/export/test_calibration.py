@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from bench.shared.command_line import refused
 from bench.shared.rough_links import two_links
 from gravity_comp_ros.calibration.known_weight import calibrate, Weight
 from gravity_comp_ros.calibration.options import CalibrationOptions
@@ -87,13 +88,6 @@ def test_what_cannot_be_calibrated_is_refused(bags, arm):
         calibrate(empty, loaded.select(np.arange(20)), arm, Weight(LINK, 2.0))
     with pytest.raises(GravityCompError, match='carries no link tool'):
         calibrate(empty, loaded, arm, Weight('tool', 2.0))
-    for wrong in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(OptionError, match='must be positive'):
-            Weight(LINK, wrong)
-    with pytest.raises(OptionError, match='not finite'):
-        Weight(LINK, 1.0, (0.0, np.nan, 0.0))
-    with pytest.raises(OptionError, match='must be positive'):
-        CalibrationOptions(distance=0.0)
 
 
 def test_one_offset_for_both_recordings_gives_smaller_intervals(bags, arm):
@@ -135,9 +129,7 @@ def test_the_printed_option_calibrates(recordings, capsys):
     (lambda a: [*a[:4], '1e9', *a[5:]], 1, 'check the mass'),
     (lambda a: a[:5], 1, 'name a file with --urdf')])
 def test_bad_input_is_one_line(recordings, capsys, change, status, message):
-    assert main(change(recordings)) == status
-    captured = capsys.readouterr()
-    assert captured.out == '' and captured.err.count('\n') == 1 and message in captured.err
+    assert message in refused(capsys, *change(recordings), status=status)
 
 
 STIFFNESS = np.array([150.0, 60.0])
@@ -201,8 +193,6 @@ def test_unusable_goals_are_refused():
         servo_stiffness(model(), samples, goal)
     with pytest.raises(ModelMismatchError):
         servo_stiffness(model(('a', 'b')), samples, goal)
-    with pytest.raises(OptionError):
-        CalibrationOptions(significance=0.0)
 
 
 def test_a_goal_is_in_force_until_the_next_one():
@@ -259,9 +249,7 @@ def test_the_verb_prints_the_parameter(folder, capsys):
     ('a.mcap --goals /nothing --model m.json', 1, 'no topic /nothing'),
     ('a.mcap --goals /other --model m.json', 1, 'no joint')])
 def test_wrong_usage_is_one_line(folder, capsys, words, status, reason):
-    assert main(['calibrate', *words.split()]) == status
-    error = capsys.readouterr().err
-    assert reason in error and error.count('\n') == 1
+    assert reason in refused(capsys, 'calibrate', *words.split(), status=status)
 
 
 def test_goals_have_the_signs_and_zeros_of_the_positions(folder):

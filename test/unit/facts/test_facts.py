@@ -2,9 +2,8 @@
 
 from bench.shared.campaign import campaign
 from bench.shared.recordings import write_folder
-from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
-from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.outliers import median_of_five
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.cleaning import NOT_FINITE
@@ -226,14 +225,6 @@ def test_other_units_of_position_are_refused_with_the_option(tmp_path, unit, fac
     np.testing.assert_allclose(recording.samples.q, Q, atol=1e-3)
 
 
-def test_an_unknown_unit_is_refused():
-    for unit in ('grad', 'ticks=0', 'ticks'):
-        with pytest.raises(OptionError, match='position unit'):
-            ReadOptions(position_unit=unit)
-    with pytest.raises(OptionError, match='no kind of fact is named spikes'):
-        ReadOptions(accept=('spikes',))
-
-
 @pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3)])
 def test_a_reversed_sign_is_refused(tmp_path, seed):
     tau = torque(Q, QD, seed=seed)
@@ -300,9 +291,3 @@ def test_facts_have_json_and_sentences():
     assert fact.to_json() == {
         'kind': 'effort_spikes', 'joints': ['a'], 'evidence': 'spikes in a', 'action': 'left_out',
         'done': '3 left out', 'option': '--accept x', 'values': {'a': 3.0}}
-
-
-@pytest.mark.parametrize('name', ['min_samples', 'max_angle', 'spike_spread'])
-def test_thresholds_must_be_positive(name):
-    with pytest.raises(OptionError, match=name):
-        FactOptions(**{name: 0.0})

@@ -1,8 +1,10 @@
-"""ADMM on a few columns: known solutions, optimality, and reported failure."""
+"""ADMM on a few columns, and the L1 problem on a working set: known solutions, optimality."""
 
-from bench.shared.dense import breach, coordinate_descent, objective
-from gravity_comp_ros.errors import FitError, OptionError
+from bench.shared.dense import breach, coordinate_descent, DenseDesign, objective
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.sparse import admm
+from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
+from gravity_comp_ros.models.sparse.regressor import Design, EnergyDesign, TorqueDesign
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
@@ -160,16 +162,170 @@ def test_input_that_is_not_finite_is_refused(value):
         admm.solve(np.full((2, 2), value), np.ones(2), np.ones(2), fresh(2))
 
 
-@pytest.mark.parametrize('option, value', [
-    ('max_iterations', 0), ('polish_every', 0), ('tolerance', 0.0), ('tolerance', 1.0),
-    ('tolerance', float('nan')), ('over_relaxation', 0.9), ('over_relaxation', 2.0),
-    ('rho', 0.0), ('rho', -1.0), ('rho', float('inf')), ('rho', float('nan'))])
-def test_options_out_of_range(option, value):
-    with pytest.raises(OptionError, match=option.split('_')[0]):
-        admm.AdmmOptions(**{option: value})
-
-
 def test_the_polish_of_an_empty_support_stays_empty():
     # Older releases of SciPy refuse to factorise an empty matrix.
     z = admm.polish(np.eye(2), np.array([0.5, -0.5]), np.ones(2), np.zeros(2), 1e-9)
     assert z.tolist() == [0.0, 0.0]
+
+
+def full_matrix(design: Design) -> np.ndarray:
+    return design.columns(np.arange(design.n_columns))
+
+
+def lasso(design: Design, b: np.ndarray, usable=None, **options) -> LassoProblem:
+    usable = np.ones(design.n_columns, dtype=bool) if usable is None else usable
+    return LassoProblem(design, b, usable, admm.AdmmOptions(**options))
+
+
+def dense_x(solution: LassoSolution, n_columns: int) -> np.ndarray:
+    x = np.zeros(n_columns)
+    x[solution.indices] = solution.x
+    return x
+
+
+def check_certificate(a: np.ndarray, b: np.ndarray, solution: LassoSolution) -> None:
+    """Compare objective, dual objective and gap with dense algebra."""
+    x, lengths = dense_x(solution, a.shape[1]), np.linalg.norm(a, axis=0)
+    unit = a[:, lengths > 1e-9 * lengths.max()] / lengths[lengths > 1e-9 * lengths.max()]
+    primal = objective(a, b, solution.lam * lengths, x)
+    residual = b - a @ x
+    point = residual * min(1.0, solution.lam / np.abs(unit.T @ residual).max())
+    dual = 0.5 * b @ b - 0.5 * np.sum((b - point) ** 2)
+    certificate = solution.certificate
+    assert certificate.objective == pytest.approx(primal, rel=1e-9)
+    assert certificate.dual_objective == pytest.approx(dual, rel=1e-6, abs=1e-9 * primal)
+    assert certificate.gap == pytest.approx((primal - dual) / primal, abs=1e-9)
+    assert np.abs(unit.T @ point).max() <= solution.lam * (1 + 1e-9)
+    z = (x * lengths)[lengths > 1e-9 * lengths.max()]
+    step = admm.soft_threshold(z + unit.T @ residual, solution.lam)
+    scale = max(np.abs(z).max(), 1.0)
+    assert certificate.primal_residual == pytest.approx(np.linalg.norm(z - step),
+                                                        rel=1e-6, abs=1e-8 * scale)
+
+
+@st.composite
+def torques(draw):
+    """Draw a design of 1 to 5 joints, a sparse torque with noise, and a share of lambda."""
+    n_joints, count = draw(st.integers(1, 5)), draw(st.integers(4, 40))
+    rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
+    kind = draw(st.sampled_from([TorqueDesign, EnergyDesign]))
+    q = rng.uniform(-1, 1, (count, n_joints)) * draw(st.sampled_from([0.3, 3.0]))
+    if draw(st.booleans()):
+        q[:, rng.integers(n_joints)] = rng.uniform(-3, 3)   # columns that are copies
+    weights = rng.uniform(0.5, 2.0, (count, n_joints if kind is EnergyDesign else 1))
+    design = kind(q, weights)
+    x = np.zeros(design.n_columns)
+    x[rng.choice(design.n_columns, min(4, design.n_columns), replace=False)] = rng.normal(
+        0, 10, min(4, design.n_columns))
+    b = full_matrix(design) @ x + draw(st.sampled_from([1e-2, 1.0])) * rng.normal(
+        size=design.n_rows)
+    return design, b, draw(st.floats(0.02, 0.9))
+
+
+@given(torques())
+def test_every_solution_is_optimal_over_all_columns(problem):
+    design, b, share = problem
+    a, problem = full_matrix(design), lasso(design, b)
+    solution = problem.solve(share * problem.lambda_max)
+    lengths = np.linalg.norm(a, axis=0)
+    nonzero = lengths > 1e-9 * lengths.max()
+    assert solution.converged
+    assert nonzero[solution.indices].all()
+    x = dense_x(solution, design.n_columns)
+    assert breach(a[:, nonzero], b, solution.lam * lengths[nonzero], x[nonzero]) <= 1e-6
+    check_certificate(a, b, solution)
+    assert -1e-9 <= solution.certificate.gap <= 1e-6
+    assert solution.certificate.violation <= 1e-6
+    assert solution.certificate.dual_residual <= 1e-6 * solution.lam
+    # A 2-norm over all columns, in which many small violations add up.
+    assert solution.certificate.primal_residual <= 1e-6 * solution.lam * np.sqrt(a.shape[1])
+
+
+def test_residuals_of_one_column_by_hand():
+    # One unit column, b = 5 of it and lambda 2: x = 3, y = 2, and both residuals are 0. At x = 1
+    # y = 4, Eq. (13) steps to 1 + 4 - 2 = 3, and y is 2 more than the subdifferential allows.
+    problem = lasso(DenseDesign(np.array([[1.0], [0.0]])), np.array([5.0, 7.0]))
+    solution = problem.solve(2.0)
+    assert solution.x == pytest.approx([3.0])
+    assert solution.certificate.primal_residual == pytest.approx(0.0, abs=1e-6)
+    assert solution.certificate.dual_residual == pytest.approx(0.0, abs=1e-6)
+    off = problem._certify(np.array([0]), np.array([1.0]), 2.0)
+    assert (off.primal_residual, off.dual_residual) == pytest.approx((2.0, 2.0))
+    # 1/2 (16 + 49) + 2 against the dual point 2/4 of the residual: (2, 3.5).
+    assert off.objective == pytest.approx(34.5)
+    assert off.dual_objective == pytest.approx(2 * 5 + 3.5 * 7 - 0.5 * (4 + 12.25))
+
+
+def test_orthogonal_columns_give_the_soft_threshold():
+    rng = np.random.default_rng(0)
+    basis, scale = np.linalg.qr(rng.normal(size=(30, 9)))[0], np.arange(1.0, 10.0)
+    b = 5 * rng.normal(size=30)
+    problem = lasso(DenseDesign(basis * scale), b)
+    solution = problem.solve(1.5)
+    np.testing.assert_allclose(dense_x(solution, 9),
+                               admm.soft_threshold(basis.T @ b, 1.5) / scale, atol=1e-8)
+
+
+def pendulum() -> tuple[TorqueDesign, np.ndarray]:
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2, 2, (60, 3))
+    torque = 8 * np.sin(q[:, 0]) * np.cos(q[:, 1]) - 3 * np.sin(q[:, 2])
+    return TorqueDesign(q, np.full((60, 1), 10.0)), 10 * (torque + 0.1 * rng.normal(size=60))
+
+
+@pytest.mark.parametrize('share', [1.0 + 1e-9, 1.5, 100.0])
+def test_lambda_of_lambda_max_and_more_gives_zero(share):
+    problem = lasso(*pendulum())
+    solution = problem.solve(share * problem.lambda_max)
+    assert solution.indices.size == 0 and solution.converged
+    assert solution.certificate.gap == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_path_ends_at_the_solution_of_a_single_solve():
+    design, b = pendulum()
+    path, single = lasso(design, b), lasso(design, b)
+    for lam in np.geomspace(0.5 * path.lambda_max, 4.0, 8)[:-1]:
+        path.approach(float(lam), 1e-2)
+    warm, cold = path.solve(4.0), single.solve(4.0)
+    np.testing.assert_array_equal(warm.indices, cold.indices)
+    np.testing.assert_allclose(warm.x, cold.x, atol=1e-6)
+    np.testing.assert_allclose(path.solve(4.0).x, warm.x, atol=1e-9)
+
+
+def test_the_working_set_stays_small():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2, 2, (300, 7))
+    design = TorqueDesign(q, np.ones((300, 1)))
+    b = 20 * np.sin(q[:, 1]) + 5 * np.cos(q[:, 3]) * np.sin(q[:, 1]) + rng.normal(size=300)
+    solution = lasso(design, b).solve(4.0)
+    assert solution.converged and solution.working_set < 400
+    assert {3 ** 5, 3 ** 5 + 2 * 3 ** 3} <= set(solution.indices)   # s2 and s2 c4
+    correlation = design.correlate(b - design.columns(solution.indices) @ solution.x)
+    assert (np.abs(correlation) <= 4.0 * np.sqrt(design.squared_norms()) * (1 + 1e-6)).all()
+
+
+def test_unusable_columns_stay_zero():
+    design, b = pendulum()
+    usable = np.ones(27, dtype=bool)
+    free = lasso(design, b).solve(4.0)
+    usable[free.indices[0]] = False
+    solution = lasso(design, b, usable).solve(4.0)
+    assert free.indices[0] not in solution.indices and solution.indices.size
+    a, lengths = full_matrix(design), np.linalg.norm(full_matrix(design), axis=0)
+    assert breach(a[:, usable], b, 4.0 * lengths[usable],
+                  dense_x(solution, 27)[usable]) <= 1e-6
+
+
+def test_columns_of_zeros_are_not_selected():
+    a = np.zeros((10, 3))
+    a[:, 1] = 1.0
+    solution = lasso(DenseDesign(a), np.full(10, 2.0)).solve(1.0)
+    np.testing.assert_array_equal(solution.indices, [1])
+    # 1/2 * 10 (x - 2)^2 + sqrt(10) |x|: x = 2 - sqrt(10) / 10.
+    assert solution.x[0] == pytest.approx(2 - np.sqrt(10) / 10, abs=1e-8)
+
+
+def test_zero_torque():
+    design, b = pendulum()
+    solution = lasso(design, np.zeros_like(b)).solve(1.0)
+    assert solution.indices.size == 0 and solution.converged

@@ -1,9 +1,8 @@
 """Fits of the chain: accuracy outside the motion, kinds of arms, local minima, alternatives."""
 
-from bench.cases import generated
+from bench.cases.arms import generated_arm, small_motion
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of, worst
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, estimate_again, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.chain_fit import search, SearchOptions
@@ -47,12 +46,8 @@ def test_a_small_motion_yields_accuracy_over_the_whole_joint_range(iiwa):
     assert worst(result.model, arm, wide) <= 0.15
     assert result.report.white and result.converged
     assert result.report.warnings == ()
-
-
-def test_the_band_covers_95_percent(iiwa):
-    arm, result, _ = iiwa
+    # The band covers 95 %.
     model = result.model
-    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
     for q in (motions.eq17(start=100.0).q, wide):
         tau = arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(2).normal(size=q.shape)
         inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
@@ -64,18 +59,18 @@ def test_the_band_covers_95_percent(iiwa):
 @pytest.mark.parametrize('right_angles', [False, True])
 def test_generated_arms(seed, right_angles):
     # Six and seven axes, level and tilted. The floor with true axes is 0.01 and 0.02 to 0.03.
-    arm = generated.generated_arm(seed, right_angles=right_angles)
-    q = generated.small_motion(arm, seed).q
+    arm = generated_arm(seed, right_angles=right_angles)
+    q = small_motion(arm, seed).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
     model = fit(samples, CHAIN).model
-    assert worst(model, arm, generated.small_motion(arm, seed, start=100.0).q) <= 0.04
+    assert worst(model, arm, small_motion(arm, seed, start=100.0).q) <= 0.04
     assert worst(model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.15
 
 
 @pytest.mark.parametrize('n', [1, 4, 10, *campaign(2, 3, 5, 8, 9)])
 def test_any_number_of_joints(n):
-    arm = generated.generated_arm(2, n)
-    q = generated.small_motion(arm, 0, duration=60.0).q
+    arm = generated_arm(2, n)
+    q = small_motion(arm, 0, duration=60.0).q
     result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
     assert worst(result.model, arm, poses(100, n, reach=2.6)) <= 0.1
     wide = poses(3, n)
@@ -86,7 +81,7 @@ def test_any_number_of_joints(n):
 @pytest.mark.parametrize('level', [True, False])
 def test_parallel_axes(level):
     arm = arms.with_base_tilt(parallel_arm(3, level), 0.0 if level else 0.1, 0.2)
-    q = generated.small_motion(arm, 1, duration=60.0).q
+    q = small_motion(arm, 1, duration=60.0).q
     model = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN).model
     assert worst(model, arm, poses(200, 3)) <= 0.1
 
@@ -96,23 +91,23 @@ def test_parallel_axes(level):
 def test_six_axes_three_of_them_parallel(tilt):
     # Tilted, on a wall, upright, on a ceiling.
     arm = arms.with_base_tilt(parallel_axis_arm(), *tilt)
-    q = generated.small_motion(arm, 2).q
+    q = small_motion(arm, 2).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     model = fit(samples, CHAIN).model
-    assert worst(model, arm, generated.small_motion(arm, 2, start=100.0).q) <= 0.03
+    assert worst(model, arm, small_motion(arm, 2, start=100.0).q) <= 0.03
     assert worst(model, arm, poses(300, 6, reach=2.6)) <= 0.15
 
 
 def test_vertical_axes_have_no_gravity_torque():
     arm = parallel_arm(3, level=False)
-    q = generated.small_motion(arm, 1, duration=60.0).q
+    q = small_motion(arm, 1, duration=60.0).q
     model = fit(samples_of(q, np.zeros_like(q), 0.05, 0, arm.joints), CHAIN).model
     assert np.abs(model.predict(poses(100, 3))).max() < 0.05
 
 
 def test_joints_at_rest():
     arm = arms.iiwa7()
-    q = generated.small_motion(arm, 1).q.copy()
+    q = small_motion(arm, 1).q.copy()
     q[:, 2], q[:, 6] = 0.3, 0.0
     result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
     assert max(result.report.rmse.values()) < 0.07
@@ -134,8 +129,8 @@ def test_a_single_wrong_start_is_detected():
 
 def error_and_band(seed: int, right_angles: bool, duration: float):
     """Return errors in N·m over the joint range, their standard deviations, and the report."""
-    arm = generated.generated_arm(seed, right_angles=right_angles)
-    q = generated.small_motion(arm, seed, duration=duration).q
+    arm = generated_arm(seed, right_angles=right_angles)
+    q = small_motion(arm, seed, duration=duration).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
     result = fit(samples, CHAIN)
     wide = poses(300, arm.n_joints, reach=2.6)
@@ -156,11 +151,6 @@ def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, second
     assert report.warnings == () or seconds < 100.0
 
 
-def test_search_options_are_checked():
-    with pytest.raises(OptionError, match='starts'):
-        SearchOptions(starts=0)
-
-
 def energy_samples(features: dict[str, float], n: int, noise: float):
     """Return samples of an arm whose energy is a sum of named features."""
     names = {dictionary.feature_name(k, n): k for k in range(3 ** n)}
@@ -171,13 +161,10 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
     return samples_of(q, tau, noise, 0)
 
 
-def test_auto_selects_the_chain_if_its_residual_is_white(iiwa):
+def test_auto_selects_the_chain_if_its_residual_is_white_and_else_the_potential(iiwa):
     result = fit(iiwa[2], FitOptions('auto'))
     assert result.model.formulation == 'chain'
     assert 'is white' in result.report.choice.why
-
-
-def test_auto_selects_the_potential_if_the_arm_is_not_a_chain():
     # No serial arm has this combination of features.
     samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
     result = fit(samples, FitOptions('auto'))

@@ -1,17 +1,17 @@
 """External torque: a push is found with its size, friction at rest and bad input are not."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 import json
 
 from bench.shared.rough_links import JOINTS, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.errors import ModelMismatchError, OptionError
-from gravity_comp_ros.evaluation.drift import drift, DriftOptions
+from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.evaluation.drift import drift
 from gravity_comp_ros.evaluation.expected_residual import static_limit
 from gravity_comp_ros.evaluation.external_torque import (
-    external_torque, ExternalTorqueObserver, ExternalTorqueOptions, mean_weights)
+    external_torque, ExternalTorqueObserver, mean_weights)
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.arm_columns import described_columns
@@ -236,13 +236,6 @@ def test_an_effect_of_another_version_is_left_out_and_its_joint_is_uncertain():
     assert np.isnan(external_torque(model(COULOMB, whole_arm), samples).std).all()
 
 
-@pytest.mark.parametrize('name', [each.name for each in fields(ExternalTorqueOptions)])
-@pytest.mark.parametrize('value', [0.0, -1.0, float('nan'), float('inf')])
-def test_options_that_cannot_be_are_refused(name, value):
-    with pytest.raises(OptionError, match=f'{name} is'):
-        ExternalTorqueOptions(**{name: value})
-
-
 def test_samples_of_another_arm_are_refused():
     with pytest.raises(ModelMismatchError):
         external_torque(MODEL, JointSamples.single_run(
@@ -283,15 +276,12 @@ def test_the_same_arm_has_not_drifted_and_a_changed_one_has(folder):
     assert viscous.after.value == pytest.approx(12.5, rel=0.2)
 
 
-def test_other_joints_and_wrong_options_are_refused(folder):
+def test_other_joints_are_refused(folder):
     a = load_model(folder / 'a.json')
     other = replace(a, joints=('x', 'y'), geometry=None, applied=type(a.applied)(),
                     fitted=type(a.fitted)())
     with pytest.raises(ModelMismatchError, match='different joints'):
         drift(other, a, two_links(4))
-    for wrong in (0.0, float('nan'), float('inf')):
-        with pytest.raises(OptionError, match='significance'):
-            DriftOptions(wrong)
 
 
 def test_compare_shows_the_drift_in_the_terminal_and_as_json(folder, monkeypatch, capsys):

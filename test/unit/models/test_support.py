@@ -251,6 +251,8 @@ def test_close_poses_are_merged_to_their_mean():
     np.testing.assert_allclose(merged.q, [[0.001, 1.0], [0.0, 1.003], [0.5, 1.0], [0.5, 1.0]])
     np.testing.assert_allclose(merged.tau, [[2, 2], [9, 9], [4, 6], [6, 6]])
     assert merged.runs.tolist() == [0, 0, 0, 1]
+    # Different poses are not merged.
+    assert merged.merged(0.0025) is merged
 
 
 def test_slow_creep_is_not_rest():
@@ -259,11 +261,6 @@ def test_slow_creep_is_not_rest():
     assert 80 < len(merged.q) < 120
     assert np.diff(merged.q[:-1, 0]).min() > 0.009
     np.testing.assert_allclose(merged.tau, 2 * merged.q)
-
-
-def test_different_poses_are_not_merged():
-    whole = problem([[0.0], [1.0], [2.0]], [[1], [2], [3]], [0, 0, 0])
-    assert whole.merged(0.1) is whole
 
 
 @given(seed=st.integers(0, 10 ** 6), count=st.integers(1, 40), runs=st.integers(1, 3))

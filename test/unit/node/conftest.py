@@ -1,7 +1,6 @@
 """Nodes without ROS, and a model of two joints, for all tests of the node."""
 
-from bench.shared.node_messages import Nodes
-from bench.shared.two_joints import motion, torque
+from bench.shared.node_messages import motion, Nodes, torque
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from bench.shared.node_messages import send_message, until
-from bench.shared.two_joints import feed, joint_state, motion, status, torque
+from bench.shared.node_messages import (
+    feed, motion, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.gravity_model import Coverage
@@ -18,7 +18,7 @@ def test_it_learns_the_torque_and_publishes_it(live):
     node = live(ramp_time=0.0, max_torque_rate=())
     now = feed(node, 140)
     until(node, lambda: node.models.model is not None)
-    last = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
+    last = slow_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
     reading, tau = send_message(node, last, now + 0.2, 0.0)
     np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
 
@@ -30,7 +30,7 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     path.write_bytes(content)
     node = live(model_file=str(path))
     assert status(node, 'model').level == ERROR
-    assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, slow_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
     answers = []
     node.models.save(lambda *reply: answers.append(reply))
     assert not answers[0][0] and path.read_bytes() == content
@@ -52,7 +52,7 @@ def test_payload_changed_in_an_empty_epoch_drops_the_sample_that_waits(live, mod
         if k == 21:
             assert 'open already' in node.learner.payload_changed(t[k] - 0.15)[1]
             assert node.arm.epoch.number == 1 and len(node.arm.epoch) == 0
-        send_message(node, joint_state(1.0 + t[k], q[k], torque(q[k])), t[k])
+        send_message(node, slow_state(1.0 + t[k], q[k], torque(q[k])), t[k])
     # The last of three samples waits for later messages; the one before the call is gone.
     assert len(node.arm.epoch) == 2
 
@@ -60,21 +60,21 @@ def test_payload_changed_in_an_empty_epoch_drops_the_sample_that_waits(live, mod
 def test_a_first_message_that_names_no_arm(live):
     node = live()
     names = [f'j{k}' for k in range(11)]
-    large = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    large = slow_state(1.0, [0.0] * 11, [0.0] * 11, names)
     assert send_message(node, large, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
-    assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
+    assert send_message(node, slow_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
     assert node.arm.joints == ('a', 'b') and status(node, 'model').level == WARN
 
 
 def test_levels_of_the_input(live):
     node = live(joints=('a', 'b'))
     assert status(node, 'input').level == STALE
-    send_message(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
+    send_message(node, slow_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
     assert status(node, 'input', 1.0).level == ERROR
-    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    send_message(node, slow_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert status(node, 'input', 1.1).level == OK
-    send_message(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
+    send_message(node, slow_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
     report = status(node, 'input', 1.2)
     assert report.level == WARN and 'effort_not_finite 1' in report.message
     assert status(node, 'input', 9.0).level == STALE
@@ -107,7 +107,7 @@ def test_messages_that_wait_are_answered_by_the_newest_alone(live, model_file):
     assert status(node, 'input', now).level == OK
     node.arm.epoch.restart()
     t, q = motion(50, 2)
-    read = node.read_all([joint_state(now + 0.2 + t[k], q[k], torque(q[k]))
+    read = node.read_all([slow_state(now + 0.2 + t[k], q[k], torque(q[k]))
                           for k in range(50)], 0.0)
     tau = node.arm.torque(now + 0.2, read[-1][1])
     np.testing.assert_allclose(tau, node.models.model.predict_one(q[-1]))
@@ -126,10 +126,10 @@ def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     """Its message and those of the arm are read at once; it continues to publish."""
     node = live()
     t, q = motion(5)
-    finger = joint_state(0.5, [0.1], [0.0], ['finger'])
+    finger = slow_state(0.5, [0.1], [0.0], ['finger'])
     send_message(node, finger, 0.5)
     assert node.arm.joints == ('finger',) and node.arm.enable(False)[0]
-    arm = [joint_state(1.0 + t[k], q[k], torque(q[k])) for k in range(4)]
+    arm = [slow_state(1.0 + t[k], q[k], torque(q[k])) for k in range(4)]
     read = node.read_all([finger, *arm[:2], finger, *arm[2:]], 0.0)
     assert node.arm.joints == ('a', 'b') and not node.arm.feed.enabled
     assert [message for message, _ in read] == arm
@@ -139,7 +139,7 @@ def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
     node = live(joints=('a', 'b'), max_age=0.3)
     for arrival in (10.0, 10.1):
         poses = [[0.1 * k, arrival] for k in range(3)]
-        read = node.read_all([joint_state(0.0, q, [0.0, 0.0]) for q in poses], arrival)
+        read = node.read_all([slow_state(0.0, q, [0.0, 0.0]) for q in poses], arrival)
         assert [reading.q.tolist() for _, reading in read] == poses
 
 
@@ -147,25 +147,25 @@ def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
 def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, reason):
     node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(), max_age=0.3)
     for k in range(40):
-        late = joint_state(stamp + 0.2 * k, [0.4, 0.1], [0.0, 0.0])
+        late = slow_state(stamp + 0.2 * k, [0.4, 0.1], [0.0, 0.0])
         assert send_message(node, late, 5.0 + 0.2 * k, 2000.0 + 0.2 * k) == (None, None)
     report = status(node, 'input', 5.0)
     assert report.level == ERROR and f'{reason} 40' in report.message
     assert '1e+03 s' in report.message and 'max_age' in report.message
-    recent = joint_state(2007.9, [0.4, 0.1], [0.0, 0.0])
+    recent = slow_state(2007.9, [0.4, 0.1], [0.0, 0.0])
     assert send_message(node, recent, 13.0, 2008.0)[1] is not None
 
 
 def test_the_limits_are_those_of_the_first_description(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
                 max_torque_rate=())
-    assert send_message(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, slow_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert status(node, 'feed-forward').level == ERROR
     success, why = node.arm.enable(True)
     assert not success and 'max_torque' in why
     for effort in ('1.5', '40'):
         node.describe(URDF.replace('effort="1.5"', f'effort="{effort}"'))
-        tau = send_message(node, joint_state(2.0 + float(effort), [0.4, 0.1], [0.0, 0.0]), 2.0,
+        tau = send_message(node, slow_state(2.0 + float(effort), [0.4, 0.1], [0.0, 0.0]), 2.0,
                            0.0)[1]
         assert np.abs(tau).max() == 1.5
     assert status(node, 'feed-forward').values['torque limits'] == 'robot_description'
@@ -195,7 +195,7 @@ def test_a_description_gives_axes_limits_and_continuous_joints():
 def test_joints_in_alphabetical_order_cause_a_warning(live, step):
     names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
     node = live()
-    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::step]), 1.0)
+    send_message(node, slow_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::step]), 1.0)
     warnings = [text for is_warning, text in node.events.log if is_warning]
     assert len(warnings) == (step == 1) and all(', '.join(names[::-1]) in w for w in warnings)
 
@@ -205,7 +205,7 @@ def test_a_description_does_not_limit_torque_that_is_published_without_limits(li
     now = feed(node, 20)
     node.describe(URDF)
     pose = np.array([1.2, 0.9])
-    tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
+    tau = send_message(node, slow_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
     np.testing.assert_allclose(tau, node.models.model.predict_one(pose))
     assert tau[0] > 4.0 and node.arm.described.geometry is not None
     assert 'effort limits none' in node.events.log[-1][1]
@@ -221,5 +221,5 @@ def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, mode
     change = UncertainChange(unknown, base, Coverage.of(samples))
     node.arm.use(unknown, base, 60, change)
     pose = np.array([0.4, 0.1])
-    tau = send_message(node, joint_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
+    tau = send_message(node, slow_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
     np.testing.assert_allclose(tau, base.predict_one(pose))

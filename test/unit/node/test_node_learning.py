@@ -6,8 +6,8 @@ import signal
 from threading import Event
 import time
 
-from bench.shared.node_messages import refit, send_message, until
-from bench.shared.two_joints import feed, joint_state, motion, status, torque
+from bench.shared.node_messages import (
+    feed, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -132,7 +132,7 @@ def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt
     t, q = motion(121)
     for k in range(121):
         tau = corrupt(k, torque(q[k]), rng) + 0.01 * rng.standard_normal(2)
-        send_message(node, joint_state(now + 1.0 + t[k], q[k], tau), now + 1.0 + t[k])
+        send_message(node, slow_state(now + 1.0 + t[k], q[k], tau), now + 1.0 + t[k])
     success, text = refit(node)
     learning = status(node, 'learning')
     assert reply in text and report in learning.message and learning.level == level
@@ -171,7 +171,7 @@ def test_a_save_that_fails_is_answered_and_the_next_one_succeeds(live, model_fil
 def feed_efforts(node, tau):
     """Send slow motion with these efforts (M, 2)."""
     for t, q, effort in zip(*motion(len(tau)), tau):
-        send_message(node, joint_state(1.0 + t, q, effort), t)
+        send_message(node, slow_state(1.0 + t, q, effort), t)
 
 
 def test_samples_that_were_left_out_as_outliers_are_a_warning(live):

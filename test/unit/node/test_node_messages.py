@@ -1,7 +1,18 @@
-"""Conversion of joint states to vectors, and the name of each fault."""
+"""
+Messages of the input: conversion to vectors, and faults, which cause no wrong torque.
 
-from bench.shared.node_messages import joint_state as message
+After each fault every torque is that of the model at the pose of its message, the next valid
+message is answered, and the status `input` counts the fault by its reason.
+"""
+
+from pathlib import Path
+
+from bench.shared.node_messages import joint_state, send_message
+from gravity_comp_ros.node.diagnostics import WARN
 from gravity_comp_ros.node.messages import JointStateReader
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.recordings.bag import read_bag
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
@@ -9,8 +20,8 @@ import pytest
 NAN, INF = float('nan'), float('inf')
 
 
-def joint_state(t=1.0, names=('a', 'b'), q=(0.1, 0.2), qd=(0.0, 0.0), tau=(1.0, 2.0)):
-    return message(names, t, q, qd, tau)
+def state(t=1.0, names=('a', 'b'), q=(0.1, 0.2), qd=(0.0, 0.0), tau=(1.0, 2.0)):
+    return joint_state(names, t, q, qd, tau)
 
 
 def reader(**options):
@@ -19,20 +30,20 @@ def reader(**options):
 
 def test_order_of_the_message_does_not_matter():
     ours = reader()
-    assert ours.read(joint_state(0.5), 0.0) is not None
-    reading = ours.read(joint_state(
-        names=('b', 'gripper', 'a'), q=(2, 9, 1), qd=(20, 90, 10), tau=(200, 900, 100)), 0.0)
+    assert ours.read(state(0.5), 0.0) is not None
+    reading = ours.read(state(
+        names=('b', 'gripper', 'a'), q=(2, NAN, 1), qd=(20, 90, 10), tau=(200, 900, 100)), 0.0)
     np.testing.assert_array_equal(reading.q, [1, 2])
     np.testing.assert_array_equal(reading.qd, [10, 20])
     np.testing.assert_array_equal(reading.tau, [100, 200])
 
 
 def test_scale_converts_units_and_sign():
-    reading = reader(effort_scale=(-2.0, 0.5)).read(joint_state(), 0.0)
+    reading = reader(effort_scale=(-2.0, 0.5)).read(state(), 0.0)
     np.testing.assert_array_equal(reading.tau, [-2.0, 1.0])
     # Finite numbers whose product with the scale is not.
     ours = reader(effort_scale=(10.0,))
-    assert ours.read(joint_state(tau=(1e308, 1.0)), 0.0).tau is None
+    assert ours.read(state(tau=(1e308, 1.0)), 0.0).tau is None
     assert ours.counts == {'effort_absurd': 1}
 
 
@@ -40,31 +51,31 @@ def test_velocity_is_the_slope_where_the_message_has_none():
     ours, results = reader(), []
     for k in range(30):
         t = 1.0 + 0.01 * k
-        reading = ours.read(joint_state(t, q=(0.05 * t, -0.1 * t), qd=()), 0.0)
+        reading = ours.read(state(t, q=(0.05 * t, -0.1 * t), qd=()), 0.0)
         results.append(reading.qd)
     assert results[5] is None
     np.testing.assert_allclose(results[-1], [0.05, -0.1], atol=1e-9)
     # After a gap it is unknown.
-    assert ours.read(joint_state(9.0, q=(1.0, 1.0), qd=()), 0.0).qd is None
+    assert ours.read(state(9.0, q=(1.0, 1.0), qd=()), 0.0).qd is None
 
 
 def test_a_constant_earlier_stamp_is_never_accepted():
     ours = reader()
-    ours.read(joint_state(100.0), 0.0)
-    assert all(ours.read(joint_state(7.0), 0.0) is None for _ in range(50))
+    ours.read(state(100.0), 0.0)
+    assert all(ours.read(state(7.0), 0.0) is None for _ in range(50))
 
 
 def test_without_a_stamp_the_time_of_arrival_is_used():
     ours = reader()
-    assert ours.read(joint_state(0.0), 17.5).t == 17.5
+    assert ours.read(state(0.0), 17.5).t == 17.5
     assert ours.counts == {'no_stamp': 1}
 
 
 def test_a_simulation_that_begins_at_zero_loses_nothing():
     ours = reader()
-    readings = [ours.read(joint_state(0.1 * k), 1.7e9) for k in range(4)]
+    readings = [ours.read(state(0.1 * k), 1.7e9) for k in range(4)]
     assert [r.new_run for r in readings] == [False, True, False, False]
-    assert ours.read(joint_state(0.0), 1.7e9 + 1) is None
+    assert ours.read(state(0.0), 1.7e9 + 1) is None
     assert ours.counts == {'no_stamp': 1, 'time_back': 1}
 
 
@@ -89,7 +100,7 @@ def test_no_message_can_break_the_reader(messages):
     ours, last = reader(), -np.inf
     for joint_names, q, qd, tau, t in messages:
         before = dropped(ours)
-        reading = ours.read(joint_state(float(t), joint_names, q, qd, tau), 20.0)
+        reading = ours.read(state(float(t), joint_names, q, qd, tau), 20.0)
         if reading is None:
             assert dropped(ours) == before + 1
             continue
@@ -101,14 +112,14 @@ def test_no_message_can_break_the_reader(messages):
 
 
 def one_joint(t, q=0.0, qd=0.0):
-    return joint_state(t, ('a',), (q,), (qd,), (1.0,))
+    return state(t, ('a',), (q,), (qd,), (1.0,))
 
 
 def test_angles_in_degrees_are_dropped_except_for_continuous_joints():
     ours = JointStateReader(['a', 'b'], continuous=['b'])
-    assert ours.read(joint_state(1.0, q=(90.0, 0.0)), 0.0) is None
+    assert ours.read(state(1.0, q=(90.0, 0.0)), 0.0) is None
     assert ours.counts['position_absurd'] == 1
-    assert ours.read(joint_state(2.0, q=(9.4, 90.0)), 0.0) is not None
+    assert ours.read(state(2.0, q=(9.4, 90.0)), 0.0) is not None
 
 
 def test_a_velocity_that_positions_contradict_is_replaced():
@@ -134,3 +145,101 @@ def test_lost_stamps_are_replaced_by_the_time_of_arrival():
     assert ours.counts['stamp_lost'] == 1
     again = ours.read(one_joint(102.0), 5003.0)
     assert again.t == 102.0 and again.new_run
+
+
+NAMES = [f'iiwa_joint_{k}' for k in range(1, 8)]
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+SEVEN = [0.1] * 7
+
+
+class Field:
+    """Sends the messages of a recording and faults among them, and checks each torque."""
+
+    def __init__(self, model_file, recording):
+        settings = Parameters(model_file=str(model_file), ramp_time=0.0, max_torque_rate=(),
+                              max_torque=(176.0,), max_age=0.0, auto_fit=False)
+        self.core = NodeCore(settings, '/joint_states', 0.0)
+        self.recording, self.k, self.t, self.now = recording, 0, 100000.0, 0.0
+
+    def message(self, **change):
+        """Return the next valid joint state, or one with replaced fields."""
+        self.k, self.t, self.now = self.k + 1, self.t + 0.2, self.now + 0.2
+        row = self.k % len(self.recording)
+        message = joint_state(NAMES, change.pop('t', self.t), self.recording.q[row],
+                              self.recording.qd[row], self.recording.tau[row])
+        for field, value in change.items():
+            setattr(message, field, value)
+        return message
+
+    def send(self, message):
+        """Send a message; return whether it was answered."""
+        reading, tau = send_message(self.core, message, self.now, 5.0)
+        if tau is None:
+            return False
+        places = [list(message.name).index(name) for name in NAMES]
+        pose = np.array(message.position)[places]
+        np.testing.assert_allclose(tau, self.core.models.model.predict_one(pose), atol=1e-9)
+        np.testing.assert_array_equal(reading.q, pose)
+        return True
+
+    def status(self):
+        return {each.name: each for each in self.core.statuses(self.now)}['input']
+
+    def count(self, reason):
+        return self.core.arm.reader.counts[reason]
+
+
+@pytest.fixture(scope='module')
+def field(iiwa_model_file):
+    field = Field(iiwa_model_file, read_bag(BAGS / 'eq17_later.mcap').samples)
+    assert field.send(field.message())
+    yield field
+    field.core.close()
+
+
+# Replaced fields, the reason, and whether the message is answered.
+FAULTS = {
+    'no names': ({'name': []}, 'other_joints', False),
+    'a missing joint': ({'name': NAMES[:6], 'position': SEVEN[:6]}, 'missing_joint', False),
+    'a joint twice': ({'name': [*NAMES[:6], NAMES[0]]}, 'duplicate_joint', False),
+    'no positions': ({'position': []}, 'wrong_size', False),
+    'short positions': ({'position': SEVEN[:5]}, 'wrong_size', False),
+    'NaN': ({'position': [*SEVEN[:6], NAN]}, 'position_not_finite', False),
+    'infinite': ({'position': [INF, *SEVEN[:6]]}, 'position_not_finite', False),
+    'an encoder fault': ({'position': [1e300, *SEVEN[:6]]}, 'position_absurd', False),
+    'no effort': ({'effort': []}, 'no_effort', True),
+    'short effort': ({'effort': [1.0]}, 'wrong_size', True),
+    'infinite effort': ({'effort': [*SEVEN[:6], INF]}, 'effort_not_finite', True),
+    'effort of uninitialised memory': ({'effort': [1e308, *SEVEN[:6]]}, 'effort_absurd', True),
+    'no velocity': ({'velocity': []}, 'no_velocity', True),
+    'velocity NaN': ({'velocity': [NAN, *SEVEN[:6]]}, 'velocity_not_finite', True),
+}
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_a_faulty_message_is_counted_and_causes_no_wrong_torque(field, name):
+    change, reason, is_answered = FAULTS[name]
+    before = field.count(reason)
+    field.status()
+    assert field.send(field.message(**change)) == is_answered
+    assert field.count(reason) == before + 1
+    report = field.status()
+    assert report.values[f'count {reason}'] == str(before + 1)
+    if reason not in ('other_joints', 'no_velocity'):
+        assert report.level == WARN and f'{reason} 1' in report.message
+    assert field.send(field.message()) and field.core.models.problem == ''
+
+
+@pytest.mark.parametrize('shift, reason', [(0.0, 'time_still'), (-0.5, 'time_back'),
+                                           (-900.0, 'time_back'), (None, 'time_back')])
+def test_an_equal_earlier_or_missing_stamp_is_dropped(field, shift, reason):
+    before, last = field.count(reason), field.t
+    assert not field.send(field.message(t=0.0 if shift is None else last + shift))
+    assert field.count(reason) == before + 1 and field.send(field.message())
+
+
+@pytest.mark.parametrize('seconds', [-500.0, -9000.0])
+def test_a_clock_that_is_set_back_is_accepted(field, seconds):
+    before, field.t = field.count('clock_jump'), field.t + seconds
+    answered = [field.send(field.message()) for _ in range(6)]
+    assert answered == [False] * 4 + [True] * 2 and field.count('clock_jump') == before + 1

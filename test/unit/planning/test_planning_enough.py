@@ -6,9 +6,9 @@ import json
 from bench.shared.serial_arms import parallel_axis_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Kind
-from gravity_comp_ros.planning.enough import enough_motion, EnoughOptions
+from gravity_comp_ros.planning.enough import enough_motion
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
@@ -109,8 +109,6 @@ def test_unusable():
         enough_motion(recorded(q[:20]))
     with pytest.raises(FitError):
         enough_motion(recorded(np.repeat(q[:1], 100, axis=0)))
-    with pytest.raises(OptionError):
-        EnoughOptions(max_std=0.0)
 
 
 def test_info_prints_it_once_for_all_recordings(tmp_path, capsys):

@@ -110,15 +110,6 @@ def test_custom_start_and_limits():
             plan(old, model(), [FRICTION], wrong)
 
 
-@pytest.mark.parametrize('wrong', [
-    {'duration': 0.0}, {'max_speed': -1.0}, {'max_jerk': float('nan')}, {'reach': 0.0},
-    {'low': np.zeros(3)}, {'low': np.ones(3), 'high': np.zeros(3)},
-    {'start': np.full(3, np.nan)}])
-def test_options_are_checked(wrong):
-    with pytest.raises(OptionError, match='plan: '):
-        PlanOptions(**wrong)
-
-
 @pytest.fixture(scope='module')
 def motion() -> Trajectory:
     return plan(one_way(0), model(), [FRICTION], PlanOptions(12.0)).trajectory

@@ -49,8 +49,10 @@ def test_mcap_library_reads_it(tmp_path):
 
 
 def test_rosbags_reads_names_stamps_and_values(tmp_path):
-    path = tmp_path / 'x.mcap'
+    path, again = tmp_path / 'x.mcap', tmp_path / 'again.mcap'
     write_bag(path, topics())
+    write_bag(again, topics())
+    assert path.read_bytes() == again.read_bytes()
     with AnyReader([path]) as reader:
         result = {}
         for connection, log_ns, raw in reader.messages():
@@ -64,13 +66,6 @@ def test_rosbags_reads_names_stamps_and_values(tmp_path):
     np.testing.assert_array_equal([m.effort for m in result['/joint_states']], -Q)
     np.testing.assert_array_equal([m.effort for m in result['/extra']], Q)
     assert [m.position.size for m in result['/extra']] == [0, 0, 0]
-
-
-def test_same_samples_give_the_same_bytes(tmp_path):
-    one, two = tmp_path / '1.mcap', tmp_path / '2.mcap'
-    write_bag(one, topics())
-    write_bag(two, topics())
-    assert one.read_bytes() == two.read_bytes()
 
 
 def test_empty_topic_and_nan_are_written_as_they_are(tmp_path):

@@ -2,7 +2,7 @@
 
 import json
 
-from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.table import read_table, TableOptions
 from gravity_comp_ros.recordings.table_units import decoded
 import numpy as np
@@ -149,13 +149,6 @@ def test_encodings_of_signed_numbers(encode, name):
 def test_counts_without_sign_are_not_changed():
     values = np.round(np.column_stack([2048 + 1500 * np.sin(T), 3000 + 1000 * np.cos(T)]))
     assert decoded(values)[1] == '' and decoded(values + 0.5)[1] == ''
-
-
-def test_shares_need_a_rated_torque():
-    with pytest.raises(OptionError, match='needs a rated torque'):
-        TableOptions(effort_unit='percent')
-    with pytest.raises(OptionError, match='is for effort in percent'):
-        TableOptions(rated_torque=(3.0,))
 
 
 def data_set(folder, features, columns):

@@ -8,8 +8,7 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 import pytest
 
 # The campaign is not part of the installed package.
-results, run, table, score = (
-    import_module(f'bench.campaign.{name}') for name in ('results', 'run', 'table', 'score'))
+run, table, score = (import_module(f'bench.campaign.{name}') for name in ('run', 'table', 'score'))
 
 JOINTS = ARMS['iiwa7']().joints
 SHOULDER, ELBOW = JOINTS[1], JOINTS[3]
@@ -100,7 +99,7 @@ def done(name, seed, *findings, floor=0.1):
               'joints': list(JOINTS), 'peak_mb': 100.0, 'code': 'x', 'rate': 50.0}
     if entry.verdict == 'found':
         result['floor'] = dict.fromkeys(JOINTS, floor)
-    return results.Task(entry, seed, 50.0), result
+    return table.Task(entry, seed, 50.0), result
 
 
 def test_totals_by_hand():

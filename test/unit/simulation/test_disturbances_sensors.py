@@ -1,10 +1,8 @@
 """Disturbances of sensors, base and tool; pauses, sensor noise and the six-axis arm."""
 
-from bench.cases.grasp import Grasp
-from bench.cases.pauses import Pause, with_pauses
-from bench.cases.sensors import ornstein_uhlenbeck, SensorOptions
-from bench.cases.six_axis import six_axis
-from gravity_comp_ros.errors import OptionError
+from bench.cases.arms import six_axis
+from bench.cases.signals import (
+    Grasp, ornstein_uhlenbeck, Pause, with_pauses)
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.disturbances.joint_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
@@ -139,13 +137,6 @@ def test_correlated_noise_has_its_correlation_time():
     assert noise.std() == pytest.approx(1.0, rel=0.02)
     lag = 25  # 0.5 s
     assert np.mean(noise[lag:] * noise[:-lag]) == pytest.approx(np.exp(-1), abs=0.03)
-
-
-@pytest.mark.parametrize('make', [
-    lambda: Pause(1.0, -1.0), lambda: SensorOptions((0.1,), correlated=1.5)])
-def test_invalid_parameters_are_refused(make):
-    with pytest.raises(OptionError):
-        make()
 
 
 def test_the_six_axis_arm_has_three_parallel_axes_and_its_mass():

@@ -216,10 +216,3 @@ def test_disturbances_act_in_order_and_do_not_change_the_noise():
         noise=noise, disturbances=(Offset(3.0), Gain())))
     added = plain.tau - clean.tau
     np.testing.assert_allclose(both.tau, 2 * (clean.tau + 3.0) + added, atol=1e-12)
-
-
-@pytest.mark.parametrize('options', [
-    {'relative': -1.0}, {'absolute': float('nan')}, {'absolute': float('inf')}])
-def test_invalid_noise(options):
-    with pytest.raises(OptionError, match=next(iter(options))):
-        NoiseOptions(**options)

@@ -8,8 +8,7 @@ import sys
 from threading import get_ident
 import time
 
-from bench.shared.running_process import is_running
-from bench.shared.worker_tasks import LastJob
+from bench.shared.worker_tasks import is_running, LastJob
 from gravity_comp_ros.worker.worker_process import (
     command, Done, Failed, Progress, Ready, WorkerProcess)
 import pytest

@@ -1,9 +1,11 @@
-"""Randomly generated arms: six or seven axes with random twists, links and base tilts."""
+"""Arms of the cases: six axes like a UR10, and randomly generated arms with their slow motion."""
 
 from __future__ import annotations
 
+from math import pi
+
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.simulation.arms import Arm, empty_model, with_base_tilt
+from gravity_comp_ros.simulation.arms import Arm, empty_model, serial_model, with_base_tilt
 from gravity_comp_ros.simulation.motions import Motion, sample, sines
 import numpy as np
 import pinocchio as pin
@@ -11,6 +13,50 @@ import pinocchio as pin
 # Joint limit in rad, and largest speed of the slow motion in rad/s.
 _LIMIT = 2.6
 _SPEED = 0.15
+# One row per joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
+_ORIGINS = (
+    ((0.0, 0.0, 0.127), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0, 0.0), (pi / 2, 0.0, 0.0)),
+    ((-0.612, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ((-0.572, 0.0, 0.164), (0.0, 0.0, 0.0)),
+    ((0.0, -0.116, 0.0), (pi / 2, 0.0, 0.0)),
+    ((0.0, 0.092, 0.0), (pi / 2, pi, pi)),
+)
+# One row per link: mass in kg, centre of mass in m in the link's frame; radius in m, length in m
+# and axis of the substitute cylinder.
+_LINKS = (
+    (7.1, (0.021, -0.027, 0.0), 0.075, 0.18, 2),
+    (12.7, (-0.232, 0.002, 0.158), 0.075, 0.61, 0),
+    (4.27, (-0.331, 0.001, 0.068), 0.06, 0.57, 0),
+    (2.0, (0.003, -0.018, 0.006), 0.06, 0.12, 1),
+    (2.0, (-0.003, 0.016, 0.004), 0.06, 0.12, 1),
+    (0.62, (0.015, -0.011, -0.024), 0.045, 0.06, 2),
+)
+_SPEEDS = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
+_NAMES = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint',
+          'wrist_2_joint', 'wrist_3_joint')
+
+
+def six_axis() -> Arm:
+    """
+    Return an arm with parallel shoulder, elbow and first wrist axes, limits of ±2.6 and ±2.8 rad.
+
+    Lengths and masses are rounded from the public description of Universal Robots' UR10 (10 kg
+    payload, 1.3 m reach); inertias are those of solid cylinders of the links' size.
+    """
+    bodies = [pin.Inertia(mass, np.array(com), _cylinder(mass, radius, length, axis))
+              for mass, com, radius, length, axis in _LINKS]
+    upper = np.array([2.8, 2.8, 2.6, 2.8, 2.8, 2.8])
+    return Arm('six_axis', _NAMES, serial_model('six_axis', _NAMES, _ORIGINS, bodies), -upper,
+               upper, np.array(_SPEEDS))
+
+
+def _cylinder(mass: float, radius: float, length: float, axis: int) -> np.ndarray:
+    """Return the inertia (3, 3) in kg·m² of a solid cylinder about its centre."""
+    across = mass * (3 * radius ** 2 + length ** 2) / 12
+    diagonal = np.full(3, across)
+    diagonal[axis] = mass * radius ** 2 / 2
+    return np.diag(diagonal)
 
 
 def generated_arm(seed: int, n_joints: int | None = None, right_angles: bool = False) -> Arm:

@@ -1,40 +1,45 @@
-"""Payload estimates on known axes, and fits of chains on known axes."""
+"""Updates after a payload change, without and with known axes, and fits on known axes."""
 
 from dataclasses import replace
 from pathlib import Path
 
-from bench.cases.generated import generated_arm, small_motion
+from bench.cases.arms import generated_arm, small_motion
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
-from gravity_comp_ros.errors import ModelMismatchError, OptionError
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
-from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.estimation.update import reversal_std, update
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse.dictionary import Expansion
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 import numpy as np
 import pytest
 
-NOISE = 0.1
+ARM, NOISE = arms.iiwa7(), 0.1
 LATER = motions.eq17(start=100.0).q
 IIWA = parse_urdf((Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf').read_bytes(),
-                  arms.iiwa7().joints)
+                  ARM.joints)
 COM = (0.02, 0.03, 0.1)
 
 
-def recorded(arm, q, seed: int) -> JointSamples:
-    return samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
+def recorded(arm, q, seed: int = 1) -> JointSamples:
+    return samples_of(q, gravity_torque(arm, q), NOISE, seed, arm.joints)
 
 
 @pytest.fixture(scope='module')
 def old():
     """Return models of the bare iiwa from Yu 2022, Eq. (17), by formulation."""
-    samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
+    samples = recorded(ARM, motions.eq17().q, 0)
     return {name: fit(samples, FitOptions(name)).model
             for name in ('chain', 'potential', 'per_joint')}
 
@@ -42,7 +47,7 @@ def old():
 @pytest.mark.parametrize('formulation, seed, mass, com', [
     ('chain', 1, 2.0, COM), ('chain', 2, 2.0, (0.0, 0.0, 0.1)), ('potential', 3, 4.0, COM)])
 def test_mass_and_centre_from_ten_seconds(old, formulation, seed, mass, com):
-    loaded = arms.with_payload(arms.iiwa7(), arms.Payload(mass, com))
+    loaded = with_payload(ARM, Payload(mass, com))
     result = update(old[formulation], recorded(loaded, LATER[:50], seed), geometry=IIWA)
     payload = result.report.payload
     assert payload.mass.value == pytest.approx(mass, rel=0.03)
@@ -54,11 +59,11 @@ def test_mass_and_centre_from_ten_seconds(old, formulation, seed, mass, com):
     assert result.model.formulation == 'chain'
     assert worst(result.model, loaded, LATER) <= 0.05
     assert worst(result.model, loaded, np.random.default_rng(1).uniform(
-        -arms.iiwa7().upper, arms.iiwa7().upper, (300, 7))) <= 0.15
+        -ARM.upper, ARM.upper, (300, 7))) <= 0.15
 
 
 def test_intervals_cover_the_truth(old):
-    loaded = arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM))
+    loaded = with_payload(ARM, Payload(2.0, COM))
     truth = np.array([2.0, *COM])
     # The trials share the error of the old model, so they are not independent.
     inside = []
@@ -71,15 +76,15 @@ def test_intervals_cover_the_truth(old):
 
 
 def test_a_removed_payload_has_a_negative_mass(old):
-    loaded = arms.with_payload(arms.iiwa7(), arms.Payload(1.5, COM))
+    loaded = with_payload(ARM, Payload(1.5, COM))
     held = update(old['chain'], recorded(loaded, LATER[:50], 1), geometry=IIWA).model
-    bare = update(held, recorded(arms.iiwa7(), LATER[50:100], 2), geometry=IIWA)
+    bare = update(held, recorded(ARM, LATER[50:100], 2), geometry=IIWA)
     assert bare.report.payload.mass.value == pytest.approx(-1.5, rel=0.03)
-    assert worst(bare.model, arms.iiwa7(), LATER) <= 0.05
+    assert worst(bare.model, ARM, LATER) <= 0.05
 
 
 def test_no_payload_has_no_centre(old):
-    updated = update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=IIWA)
+    updated = update(old['chain'], recorded(ARM, LATER[:50], 1), geometry=IIWA)
     low, high = updated.report.payload.mass.ci95
     assert low < 0.0 < high and updated.report.payload.centre is None
 
@@ -87,7 +92,7 @@ def test_no_payload_has_no_centre(old):
 def test_a_change_that_is_no_payload_is_reported(old):
     # A weight on the upper arm: no payload changes the torque of joint 2 alone.
     q = LATER[:50]
-    tau = arms.gravity_torque(arms.iiwa7(), q)
+    tau = gravity_torque(ARM, q)
     tau[:, 1] += 6.0 * np.sin(q[:, 1])
     result = update(old['chain'], samples_of(q, tau, NOISE, 1, IIWA.joints), geometry=IIWA)
     assert any('rigid body' in line for line in result.report.warnings)
@@ -96,35 +101,34 @@ def test_a_change_that_is_no_payload_is_reported(old):
 
 
 def test_known_axes_are_kept():
-    arm = arms.iiwa7()
-    result = fit(recorded(arm, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
+    result = fit(recorded(ARM, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
     assert same_axes(result.model.geometry, IIWA)
     assert result.report.known_axes and result.report.base_tilt == 0.0
     assert result.report.zero_angles == {}
-    assert worst(result.model, arm, LATER) <= 0.02
+    assert worst(result.model, ARM, LATER) <= 0.02
 
 
 def test_axes_of_another_arm_are_rejected(old):
     wrong = Geometry(IIWA.joints, np.concatenate([IIWA.rotations[:3], IIWA.rotations[4:],
                                                   IIWA.rotations[3:4]]),
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
-    samples = recorded(arms.iiwa7(), motions.eq17().q[::5], 0)
+    samples = recorded(ARM, motions.eq17().q[::5], 0)
     result = fit(samples, FitOptions('chain', geometry=wrong))
     assert not result.report.known_axes and result.report.warnings
     with pytest.raises(ModelMismatchError, match='do not reproduce the model'):
-        update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=wrong)
+        update(old['chain'], recorded(ARM, LATER[:50], 1), geometry=wrong)
 
 
 def test_joints_in_another_order_are_matched(old):
     order = (3, 1, 0, 2, 6, 5, 4)
-    loaded = arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM))
+    loaded = with_payload(ARM, Payload(2.0, COM))
     new = recorded(loaded, LATER[:50], 1)
     mixed = new.joints([new.names[k] for k in order])
     result = update(old['chain'], mixed, geometry=IIWA)
     assert result.model.joints == IIWA.joints
     assert result.report == update(old['chain'], new, geometry=IIWA).report
     # A potential may have its joints in any order.
-    samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
+    samples = recorded(ARM, motions.eq17().q, 0)
     model = fit(samples.joints(mixed.names), FitOptions('potential')).model
     updated = update(model, mixed, geometry=IIWA)
     assert updated.model.joints == IIWA.joints
@@ -132,12 +136,12 @@ def test_joints_in_another_order_are_matched(old):
 
 
 def test_axes_of_other_joints_are_refused(old):
-    samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
+    samples = recorded(ARM, motions.eq17().q, 0)
     with pytest.raises(ModelMismatchError, match='the known axes are of'):
         fit(samples.joints(samples.names[::-1]), FitOptions('chain', geometry=IIWA))
     other = Geometry(tuple('abcdefg'), IIWA.rotations, IIWA.origins, 'l', np.eye(3))
     with pytest.raises(ModelMismatchError, match='model is of'):
-        update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=other)
+        update(old['chain'], recorded(ARM, LATER[:50], 1), geometry=other)
     with pytest.raises(OptionError, match='potential does not use known axes'):
         FitOptions('potential', geometry=IIWA)
 
@@ -146,21 +150,153 @@ def test_axes_of_other_joints_are_refused(old):
     ('chain', 0.03), ('known axes', 0.0), ('potential', 0.03)])
 def test_a_payload_where_the_drive_subtracts_its_own_gravity(kind, share):
     """The share is the error of the drive's model; inertia remains in the effort."""
-    bare, names = arms.iiwa7(), arms.iiwa7().joints
+    bare, names = ARM, ARM.joints
 
     def effort(arm, motion, seed):
         tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
-        tau -= (1.0 - share) * arms.gravity_torque(bare, motion.q)
+        tau -= (1.0 - share) * gravity_torque(bare, motion.q)
         tau += np.random.default_rng(seed).normal(0.0, 0.05, tau.shape)
         return JointSamples.single_run(names, motion.t, motion.q, motion.qd, tau)
 
     options = FitOptions('chain', geometry=IIWA) if kind == 'known axes' else FitOptions(kind)
     model = fit(effort(bare, motions.eq17(), 0), options).model
-    loaded = arms.with_payload(bare, arms.Payload(2.0, COM))
+    loaded = with_payload(bare, Payload(2.0, COM))
     payload = update(model, effort(loaded, motions.eq17(start=100.0), 1),
                      geometry=IIWA).report.payload
     assert payload.mass.value == pytest.approx(2.0, rel=0.03)
     assert [payload.centre[axis].value for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
+
+
+@pytest.fixture(scope='module')
+def wide():
+    return np.random.default_rng(1).uniform(ARM.lower, ARM.upper, (500, 7))
+
+
+@pytest.mark.parametrize('com, count, on_motion, over_range', [
+    ((0.0, 0.0, 0.1), 50, 0.05, 0.2), ((0.02, 0.03, 0.1), 25, 0.1, 0.3)])
+def test_two_kilograms_from_seconds_of_motion(old, wide, com, count, on_motion, over_range):
+    arm = with_payload(ARM, Payload(2.0, com))
+    result = update(old['chain'], recorded(arm, LATER[:count]))
+    assert worst(old['chain'], arm, LATER) > 5.0
+    assert worst(result.model, arm, LATER) <= on_motion
+    assert worst(result.model, arm, wide) <= over_range
+
+
+def test_band_after_an_update(old, wide):
+    arm = with_payload(ARM, Payload(2.0, (0.02, 0.03, 0.1)))
+    model = update(old['chain'], recorded(arm, LATER[:50])).model
+    for q in (LATER, wide):
+        tau = recorded(arm, q, seed=9).tau
+        inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
+                                                                   model.noise)
+        assert inside.mean() >= 0.9
+
+
+def test_a_payload_is_added_and_removed(old, wide):
+    model = old['chain']
+    loaded = with_payload(ARM, Payload(2.0, (0.0, 0.0, 0.1)))
+    loaded_result = update(model, recorded(loaded, LATER[:50]))
+    without = update(loaded_result.model, recorded(ARM, LATER[50:100], 2))
+    assert worst(without.model, ARM, LATER) <= 0.1
+    assert worst(without.model, ARM, wide) <= 0.3
+    assert len(without.model.provenance['updates']) == 2
+
+
+def test_no_change_changes_little(old, wide):
+    model = old['chain']
+    result = update(model, recorded(ARM, LATER[:50]))
+    assert worst(result.model, ARM, wide) <= 1.5 * worst(model, ARM, wide)
+    assert result.report.changed == {}
+
+
+def test_report_contains_the_torque_of_the_payload(old, tmp_path):
+    arm = with_payload(ARM, Payload(2.0, (0.0, 0.0, 0.1)))
+    result = update(old['chain'], recorded(arm, LATER[:50]))
+    report = result.report
+    expected = (gravity_torque(arm, LATER[:50])
+                - gravity_torque(ARM, LATER[:50])).mean(axis=0)
+    assert list(report.effect_mean.values()) == pytest.approx(expected, abs=0.1)
+    assert report.rmse['iiwa_joint_2'] < 0.2 < report.rmse_before['iiwa_joint_2']
+    assert report.solver.converged and report.n_samples == 50
+    assert {name.split()[0] for name in report.changed} <= set(arm.joints)
+    save_model(tmp_path / 'm.json', result.model)
+    loaded = load_model(tmp_path / 'm.json')
+    np.testing.assert_array_equal(loaded.predict_std(LATER), result.model.predict_std(LATER))
+
+
+def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
+    # The axis of joint 7 without payload has no moment; that of the payload identifies it.
+    arm = with_payload(ARM, Payload(2.0, (0.05, 0.0, 0.1)))
+    model = old['chain']
+    moments, std = model.chain.moments[6], np.sqrt(np.diag(model.uncertainty.covariance)[-2:])
+    assert (np.abs(moments) < 3.0 * std).all() and np.abs(moments).max() < 0.05
+    model = update(model, recorded(arm, LATER[:50])).model
+    error = (model.predict(wide) - gravity_torque(arm, wide))[:, 6]
+    assert np.sqrt((error ** 2).mean()) <= 0.1
+
+
+def test_an_update_warns_of_a_large_uncertainty(old):
+    loaded = with_payload(ARM, Payload(2.0, (0.02, 0.03, 0.1)))
+    few = update(old['chain'], recorded(loaded, LATER[:12]))
+    assert any('may be off by' in message for message in few.report.warnings)
+    assert update(old['chain'], recorded(loaded, LATER[:100])).report.warnings == ()
+
+
+def test_update_of_a_potential(old):
+    model = old['potential']
+    loaded = with_payload(ARM, Payload(2.0, (0.0, 0.0, 0.1)))
+    result = update(model, recorded(loaded, LATER[:100]))
+    assert result.model.formulation == 'potential'
+    np.testing.assert_array_equal(result.model.energy.indices, model.energy.indices)
+    assert worst(result.model, loaded, LATER[:100]) <= 0.3 < worst(model, loaded, LATER[:100])
+    assert np.isfinite(result.model.predict_std(LATER)).all()
+
+
+def test_invalid_updates_are_refused(old):
+    model = old['chain']
+    with pytest.raises(FitError, match='an update needs 10'):
+        update(model, recorded(ARM, LATER[:9]))
+    others = samples_of(LATER[:50], np.zeros((50, 7)), 0.1, 0, tuple('abcdefg'))
+    with pytest.raises(ModelMismatchError, match='no joint'):
+        update(model, others)
+    with pytest.raises(ModelMismatchError, match='per_joint'):
+        update(old['per_joint'], recorded(ARM, LATER[:50]))
+
+
+def test_differences_between_hypotheses_are_part_of_the_uncertainty(old, wide):
+    """Two equally probable chains whose last axes differ by 0.1 rad, without other uncertainty."""
+    chain = old['chain'].chain
+    loaded = chain.moved(np.concatenate([np.zeros(14), np.full(14, 2.0)]))
+    step = np.zeros(28)
+    step[12] = 0.1
+    other = loaded.moved(step)
+    torques = np.array([loaded.torque(wide), other.torque(wide)])
+    covariance = _spread(loaded, wide, torques, np.full(2, 0.5))
+    std = ChainUncertainty(loaded, covariance).std(wide)
+    difference = np.abs(other.torque(wide) - loaded.torque(wide))
+    np.testing.assert_allclose(std, difference / np.sqrt(2.0), atol=0.05 * difference.max())
+    assert difference.max() > 0.1
+    single = _spread(loaded, wide, torques[:1], np.ones(1))
+    np.testing.assert_allclose(single, 0.0, atol=1e-12)
+
+
+NO_ENERGY = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+@pytest.mark.parametrize('law', [{'width': 0.02}, {'ramp': 0.02}])
+def test_friction_is_uncertain_near_reversals_only(law):
+    speeds = np.array([0.0, 0.02, 0.1, -0.02])
+    samples = JointSamples.single_run(('a', 'b'), np.arange(4.0), np.zeros((4, 2)),
+                                      np.column_stack([speeds, speeds]), np.zeros((4, 2)))
+    friction = AppliedEffect('coulomb_friction', 'a', law, {
+        'F_c': Value(3.0, 'N·m', (2.8, 3.2))})
+    model = GravityModel(('a', 'b'), 'potential', (NO_ENERGY, NO_ENERGY), NO_ENERGY, np.zeros(2),
+                         Coverage(np.zeros(2), np.zeros(2), 4), fitted=Applied((friction,)))
+    std = reversal_std(model, samples)
+    # The speed of the reversal changes by the factor 1.8 with the payload.
+    slow, quick = (1.0 / 1.8, 1.0) if 'ramp' in law else (np.tanh(1.0 / 1.8), np.tanh(1.8))
+    assert std[1, 0] == std[3, 0] == pytest.approx(1.5 * (quick - slow))
+    assert std[0, 0] == 0.0 and std[2, 0] < 0.05 and not std[:, 1].any()
 
 
 FIRST, SECOND = Payload(2.0, (0.02, -0.01, 0.1)), Payload(0.9, (-0.03, 0.02, 0.06))
