@@ -43,7 +43,7 @@ def axis_facts(fit: ArmFit, rotations: FloatArray, earlier: GravityModel | None 
     for _ in range(n):
         trials = [(sign * signs, zeros + shift) for sign, shift in changes]
         errors = np.array([_misfit(fit, _changed(rotations, *trial)) for trial in trials])
-        if errors.min(initial=np.inf) > options.better_axes * error:
+        if errors.min(initial=np.inf) > options.better * error:
             break
         # Reversals come first: a shift of half a turn of the joint before may have equal torques.
         equal = np.flatnonzero(errors <= _EQUAL * errors.min())

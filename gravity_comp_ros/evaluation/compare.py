@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, percent, TextTable
@@ -16,13 +17,31 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 from scipy import special
 
-# Minimum ratio of a region's RMSE to that of the other samples.
-_MIN_RATIO = 1.5
-_MIN_SAMPLES = 10
-_MIN_VISITS = 2
-_MAX_REGIONS = 3
-# Maximum speed, in rad/s, of a joint at rest.
-_MAX_REST_SPEED = 1e-3
+
+@dataclass(frozen=True)
+class RegionOptions:
+    """
+    Constants of the regions of large residual.
+
+    - `min_ratio`: of a region's RMSE to that of the other samples.
+    - `min_samples`: inside and outside; of a region that is visited once three times as many.
+    - `max_regions`: number that is reported; `bins`: parts of each range.
+    - `rest_speed`, rad/s: maximum speed of a joint at rest.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    min_ratio: float = 1.5
+    min_samples: int = 10
+    max_regions: int = 3
+    bins: int = 6
+    rest_speed: float = 1e-3
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'regions')
+
+
+REGIONS = RegionOptions()
 
 
 @dataclass(frozen=True)
@@ -63,7 +82,7 @@ def find_regions(samples: JointSamples, predicted: FloatArray, outside: BoolArra
     best: dict[str, ResidualRegion] = {}
     for region in sorted(regions, key=lambda each: -each.ratio):
         best.setdefault(region.axis, region)
-    return list(best.values())[:_MAX_REGIONS]
+    return list(best.values())[:REGIONS.max_regions]
 
 
 def _region(samples: JointSamples, residual: FloatArray,
@@ -71,11 +90,11 @@ def _region(samples: JointSamples, residual: FloatArray,
     """Return a candidate with its errors, None if they are not larger than elsewhere."""
     axis, low, high, text, mask = candidate
     n = int(mask.sum())
-    if n < _MIN_SAMPLES or len(mask) - n < _MIN_SAMPLES:
+    if min(n, len(mask) - n) < REGIONS.min_samples:
         return None
     rmse, elsewhere = (float(np.sqrt((residual[m] ** 2).mean())) for m in (mask, ~mask))
     ratio = rmse / max(elsewhere, 1e-12)
-    if ratio < _MIN_RATIO or not _is_repeated(samples, residual, mask, elsewhere):
+    if ratio < REGIONS.min_ratio or not _is_repeated(samples, residual, mask, elsewhere):
         return None
     sentence = f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)'
     return ResidualRegion(axis, low, high, n, rmse, float(residual[mask].mean()), ratio, sentence)
@@ -86,31 +105,31 @@ def _is_repeated(samples: JointSamples, residual: FloatArray, mask: BoolArray,
     """Return whether most visits to a region, not a single one, are worse than elsewhere."""
     border = np.flatnonzero(np.diff(mask.astype(int)) | np.diff(samples.runs)) + 1
     visits = [part for part in np.split(np.arange(len(mask)), border) if mask[part[0]]]
-    if len(visits) < _MIN_VISITS:
-        return int(mask.sum()) >= 3 * _MIN_SAMPLES
-    worse = [np.sqrt((residual[part] ** 2).mean()) > elsewhere for part in visits]
-    return bool(np.mean(worse) > 0.6)
+    if len(visits) < 2:
+        return int(mask.sum()) >= 3 * REGIONS.min_samples
+    return bool(np.median([(residual[part] ** 2).mean() for part in visits]) > elsewhere ** 2)
 
 
 def _candidates(samples: JointSamples, predicted: FloatArray, outside: BoolArray,
                 joint: int) -> Iterator[_Candidate]:
     q, qd = samples.q[:, joint], samples.qd[:, joint]
-    yield from _bins('position', q, 'at {:.2f} to {:.2f} rad', 6)
-    yield ('direction', None, None, 'moving up', qd > _MAX_REST_SPEED)
-    yield ('direction', None, None, 'moving down', qd < -_MAX_REST_SPEED)
-    yield ('direction', None, None, 'standing still', np.abs(qd) <= _MAX_REST_SPEED)
-    yield from _bins('speed', np.abs(qd), 'at a speed of {:.3f} to {:.3f} rad/s', 4)
-    yield from _bins('load', predicted[:, joint], 'at a load of {:.1f} to {:.1f} N·m', 4)
+    yield from _bins('position', q, 'at {:.2f} to {:.2f} rad')
+    yield ('direction', None, None, 'moving up', qd > REGIONS.rest_speed)
+    yield ('direction', None, None, 'moving down', qd < -REGIONS.rest_speed)
+    yield ('direction', None, None, 'standing still', np.abs(qd) <= REGIONS.rest_speed)
+    yield from _bins('speed', np.abs(qd), 'at a speed of {:.3f} to {:.3f} rad/s')
+    yield from _bins('load', predicted[:, joint], 'at a load of {:.1f} to {:.1f} N·m')
     yield ('trained range', None, None, 'outside the trained range', outside)
     if samples.n_runs > 1:
         for number, label in enumerate(samples.run_labels):
             yield ('run', float(number), None, f'in run {label}', samples.runs == number)
     else:
-        yield from _bins('time', samples.t - samples.t[0], 'from {:.1f} to {:.1f} s', 5)
+        yield from _bins('time', samples.t - samples.t[0], 'from {:.1f} to {:.1f} s')
 
 
-def _bins(axis: str, values: FloatArray, text: str, count: int) -> Iterator[_Candidate]:
+def _bins(axis: str, values: FloatArray, text: str) -> Iterator[_Candidate]:
     """Yield bins of equal width, not of equal sample numbers."""
+    count = REGIONS.bins
     if np.ptp(values) <= 0.0:
         return
     edges = np.linspace(values.min(), values.max(), count + 1)

@@ -8,8 +8,10 @@ does not predict them (`GravityModel.fitted`). The noise is that of the residual
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import torque_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -17,28 +19,50 @@ from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
-# Relative change of friction with temperature and load.
-DRIFT = 0.3
-# Minimum noise of a joint as a fraction of the largest; a joint without gravity has almost none.
-MIN_NOISE_FRACTION = 0.05
-# Family of the effects that are friction, number of steps of a motion that measures its size, and
-# their speed, rad/s.
-FRICTION, _SWEEP, TYPICAL_SPEED = 'friction', 20, 0.1
-# Low speeds: at twice its width a law of direction has 0.96 of its friction.
-_LOW = (0.25, 0.5, 1.0, 2.0)
+# Family of the effects that are friction.
+FRICTION = 'friction'
+
+
+@dataclass(frozen=True)
+class ResidualOptions:
+    """
+    Constants of the expected residual.
+
+    - `drift`: relative change of friction with temperature and load.
+    - `min_noise`: minimum noise of a joint as a share of the largest; a joint without gravity has
+      almost none.
+    - `speed`, rad/s: of the motion that measures the size of friction, in `steps` through the
+      trained range.
+    - `slow`: low speeds, relative to the width of a law of direction; at twice its width it has
+      0.96 of its friction.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    drift: float = 0.3
+    min_noise: float = 0.05
+    speed: float = 0.1
+    steps: int = 20
+    slow: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'expected residual')
+
+
+RESIDUAL = ResidualOptions()
 
 
 @lru_cache(maxsize=8)
 def residual_noise(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,), N·m, of the residual without friction and offset."""
     noise = model.noise_with_nuisance
-    return np.maximum(noise, MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
+    return np.maximum(noise, RESIDUAL.min_noise * float(noise.max()) + 1e-9)
 
 
 @lru_cache(maxsize=8)
 def expected_residual(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,), N·m, of that residual plus the drift of friction."""
-    return np.hypot(residual_noise(model), DRIFT * friction_size(model))
+    return np.hypot(residual_noise(model), RESIDUAL.drift * friction_size(model))
 
 
 @lru_cache(maxsize=8)
@@ -50,13 +74,13 @@ def friction_size(model: GravityModel) -> FloatArray:
 
 
 def size(model: GravityModel, effects: Iterable[AppliedEffect],
-         speed: float | FloatArray = TYPICAL_SPEED) -> FloatArray:
+         speed: float | FloatArray = RESIDUAL.speed) -> FloatArray:
     """
     Return the RMS torque (N,) in N·m of effects over a sweep through the trained range.
 
     :param speed: of all joints, or (N,), rad/s.
     """
-    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + _SWEEP)[:, None]
+    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + RESIDUAL.steps)[:, None]
     q = coverage.q_min + share * (coverage.q_max - coverage.q_min)
     sweep = JointSamples.single_run(model.joints, np.arange(len(q)), q,
                                     np.zeros_like(q) + speed, np.zeros_like(q))
@@ -72,7 +96,8 @@ def static_limit(model: GravityModel, friction: Iterable[AppliedEffect],
     :param slow: (N,) the speed in rad/s at which friction has its direction.
     """
     effects = tuple(friction)
-    return np.asarray(np.max([size(model, effects, share * slow) for share in _LOW], axis=0))
+    return np.asarray(np.max([size(model, effects, share * slow) for share in RESIDUAL.slow],
+                             axis=0))
 
 
 def rms(values: FloatArray) -> FloatArray:

@@ -37,7 +37,7 @@ from gravity_comp_ros.effects.motion_direction import speed_law
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import (
-    FRICTION, residual_noise, size, static_limit)
+    FRICTION, RESIDUAL, residual_noise, size, static_limit)
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -54,8 +54,8 @@ class ExternalTorqueOptions:
     last `scatter_delay` s do not count: the time in which a push must be found.
     `significance` is the size in standard deviations, without the friction at rest, above which
     torque is significant.
-    `friction_share` and `inertia_share` are relative errors of friction (temperature, load) and of
-    dynamic torque; `rest_speed` in rad/s is the speed below which the direction of friction is
+    `share` is the relative error of friction (temperature, load) and of dynamic torque;
+    `rest_speed` in rad/s is the speed below which the direction of friction is
     uncertain, if its law has none that is larger. Farther than `margin` in rad outside the trained
     range nothing is significant. A result is computed every `period` s at most, the uncertainty of
     the model every `std_period` s.
@@ -69,8 +69,7 @@ class ExternalTorqueOptions:
     scatter_time: float = 1.0
     scatter_delay: float = 0.05
     significance: float = 3.5
-    friction_share: float = 0.3
-    inertia_share: float = 0.3
+    share: float = RESIDUAL.drift
     rest_speed: float = 0.01
     margin: float = 0.1
     period: float = 0.005
@@ -216,8 +215,8 @@ class ExternalTorqueObserver:
         drive = np.maximum((values[:, 4] * np.sign(dynamics)).max(axis=0), 0.0)
         variance = (self._noise ** 2 + self._scatter(t, float(np.ptp(times)), torque)
                     + self._std_of_model(t, q) ** 2
-                    + (options.friction_share * np.maximum(high, -low)) ** 2
-                    + (options.inertia_share * np.minimum(drive, np.abs(dynamics))) ** 2)
+                    + (options.share * np.maximum(high, -low)) ** 2
+                    + (options.share * np.minimum(drive, np.abs(dynamics))) ** 2)
         std = np.sqrt(variance)
         if (self._model.coverage.distance(q) > options.margin).any():
             std = np.full_like(std, np.nan)

@@ -8,10 +8,6 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals, spans, stretches
 import numpy as np
 
-# Samples at most that a search for exact limits needs.
-_MAX_SAMPLES = 20000
-# Share of the motion in one direction at the limit, from which it is friction.
-_ALWAYS = 0.5
 # Share of the limit by which equal values may differ.
 _ROUNDING = 1e-9
 
@@ -79,7 +75,7 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
 
 def _whole(raw: FloatArray, options: FactOptions) -> BoolArray:
     """Return the mask (N,) of joints with large whole numbers, of several values."""
-    part = raw[::-(-len(raw) // _MAX_SAMPLES)]
+    part = raw[::-(-len(raw) // options.max_samples)]
     whole = np.asarray((part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2))
     is_large = whole.any() and np.abs(part[:, whole]).max() >= options.min_count
     return whole & is_large
@@ -90,7 +86,7 @@ def disabled(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | 
     rows: BoolArray = np.asarray(~signals.tau.any(axis=1))
     longest = max((signals.t[part.stop - 1] - signals.t[part.start] for part in stretches(rows)),
                   default=0.0)
-    if rows.all() or longest < options.disabled_time:
+    if rows.all() or longest < options.min_time:
         return np.zeros(len(rows), dtype=bool), None
     return rows, rows_left_out(
         Kind.DISABLED, (), f'effort of every joint is exactly 0 from {spans(signals.t, rows)}',
@@ -133,12 +129,12 @@ def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
     rows = np.zeros(len(values), dtype=bool)
     for part in stretches(same):
         first, last = part.start, part.stop
-        if (last - first >= options.frozen_samples and t[last] - t[first] >= options.frozen_time
+        if (last - first >= options.equal_values and t[last] - t[first] >= options.min_time
                 and travel[last] - travel[first] >= options.frozen_travel):
             rows[first:last + 1] = True
     others = same[~rows[1:]]
     # A coarse signal repeats its values elsewhere too.
-    if not others.size or others.mean() > options.coarse_share:
+    if not others.size or others.mean() > options.max_outliers:
         rows[:] = False
     return rows
 
@@ -161,7 +157,7 @@ def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact |
             if at_limit.any():
                 clipped |= at_limit
                 limits[name] = float(tau[at_limit][0])
-        if 0 < clipped.mean() <= options.max_clipped:
+        if clipped.any():
             rows |= clipped
             counts[name] = float(clipped.mean())
     if not counts:
@@ -177,10 +173,8 @@ def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
     """Return the mask (M,) of samples at the upper limit of tau (M,), if it is clipped."""
     limit = tau.max()
     at_limit = np.asarray(tau >= limit - _ROUNDING * abs(limit))
-    share = at_limit.mean()
     none = np.zeros_like(at_limit)
-    # Friction alone has two usual values: a limit is rarer, and most values lie below it.
-    if limit <= 0 or not options.min_clipped <= share <= options.max_clipped:
+    if limit <= 0 or at_limit.mean() < options.min_clipped:
         return none
     near = tau[(tau > 0.8 * limit) & ~at_limit]
     levels = np.unique(near)
@@ -188,12 +182,12 @@ def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
         return none
     per_level = len(near) / len(levels)
     is_symmetric = abs(tau.min() + limit) <= 1e-6 * limit
-    if is_symmetric and any(at_limit[way].mean() > _ALWAYS and not at_limit[~way].any()
+    if is_symmetric and any(at_limit[way].mean() > 0.5 and not at_limit[~way].any()
                             for way in (qd > 0, qd < 0) if way.any()):
         return none  # friction alone: the same effort whenever the joint moves this way
     moves = np.ptp(q[at_limit]) > options.min_travel
     in_stretches = np.count_nonzero(at_limit[1:] & at_limit[:-1]) > 0.5 * at_limit.sum()
-    if at_limit.sum() < options.clipped_excess * per_level or not (moves and in_stretches):
+    if at_limit.sum() < options.equal_values * per_level or not (moves and in_stretches):
         return none
     return at_limit
 

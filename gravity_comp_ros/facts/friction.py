@@ -11,9 +11,6 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
-# Samples that are fitted, at most.
-_MAX_SAMPLES = 4000
-
 
 @dataclass(frozen=True)
 class Shares:
@@ -40,7 +37,7 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
 
     :param moves: the joint whose direction of motion counts; None for n.
     """
-    step = -(-max(len(q), 1) // _MAX_SAMPLES)
+    step = -(-max(len(q), 1) // options.max_samples)
     moves = n if moves is None else moves
     q, speed, effort = q[::step], qd[::step, moves], tau[::step, n]
     moving = np.ptp(q, axis=0) > options.min_travel
@@ -58,13 +55,13 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
     no_friction = effort - friction @ _solved(friction, effort)
     both = effort - with_poses @ _solved(with_poses, effort)
     gravity = float(1 - both.var() / max(float(no_friction.var()), 1e-18))
-    if gravity * no_friction.var() < (options.min_gravity * effort.std()) ** 2:
+    if gravity * no_friction.var() < (options.min_part * effort.std()) ** 2:
         gravity = 0.0
     direction = direction - poses @ _solved(poses, direction)
     if direction.std() < 1e-6:
         return Shares(pose, None, gravity)
     slope = float(direction @ rest / (direction @ direction))
-    if abs(slope) < options.min_direction_torque * np.ptp(effort):
+    if abs(slope) < options.min_part * effort.std():
         return Shares(pose, 0.0, gravity)
     share = slope ** 2 * float(direction.var() / rest.var())
     return Shares(pose, float(np.copysign(share, slope)), gravity)
@@ -86,13 +83,13 @@ def _exchanged(signals: Signals, by_joint: Mapping[str, Shares],
     """Return the fact that efforts have the friction of other joints, in a cycle."""
     names = list(by_joint)
     foreign = [n for n, each in enumerate(by_joint.values()) if each.direction is not None
-               and abs(each.direction) < options.min_direction_share]
+               and abs(each.direction) < options.min_share]
     of, share = {}, {}
     for n in foreign if len(foreign) > 1 else []:
         by = {m: shares(signals.q, signals.qd, signals.tau, n, options, m).direction or 0.0
               for m in foreign if m != n}
         best = max(by, key=by.__getitem__)
-        if by[best] > options.min_direction_share:
+        if by[best] > options.min_share:
             of[n], share[n] = best, by[best]
     cycle = {n: m for n, m in of.items() if m in of}
     if (not cycle or set(cycle) != set(cycle.values())
@@ -108,9 +105,9 @@ def _exchanged(signals: Signals, by_joint: Mapping[str, Shares],
 
 def _sign(by_joint: Mapping[str, Shares], options: FactOptions) -> Fact | None:
     known = {name: each.direction for name, each in by_joint.items() if each.direction is not None}
-    against = [name for name, share in known.items() if share < -options.min_direction_share]
+    against = [name for name, share in known.items() if share < -options.min_share]
     # Several joints show another sign convention of the driver, a single one its wiring.
-    several = len(against) > 1 and max(known.values()) < options.min_direction_share
+    several = len(against) > 1 and max(known.values()) < options.min_share
     if not several:
         against = [name for name, share in known.items() if share < -options.min_single_share]
     if not against:
@@ -130,7 +127,7 @@ def _compensated(signals: Signals, by_joint: Mapping[str, Shares],
                  options: FactOptions) -> Fact | None:
     wide = signals.named(np.ptp(signals.q, axis=0) > options.wide_travel)
     values = {name: share for name in wide if (share := by_joint[name].gravity) is not None}
-    if len(values) < options.min_wide_joints or max(values.values()) >= options.min_pose_share:
+    if len(values) < options.min_wide_joints or max(values.values()) >= options.min_share:
         return None
     return Fact(
         Kind.COMPENSATED, tuple(values), f'effort hardly depends on the pose of {len(values)} '

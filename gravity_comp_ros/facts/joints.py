@@ -85,7 +85,7 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
     """
     if len(signals) < options.min_samples:
         return []
-    part = signals.thinned(2000)
+    part = signals.thinned(options.max_samples)
     wide = np.ptp(part.q, axis=0) > options.degrees_travel
     if np.count_nonzero(wide) < 2:
         return []
@@ -97,7 +97,7 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
             (part.q,), (np.sin(part.q), np.cos(part.q))))
         if min(lines, waves) < (1 - options.min_explained) * _variance_left(friction, tau):
             ratios[name] = lines / max(waves, 1e-18)
-    if not ratios or max(ratios.values()) > options.better_unit:
+    if not ratios or max(ratios.values()) > options.better:
         return []
     names = tuple(ratios)
     return [Fact(

@@ -75,7 +75,7 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     signals = replace(signals, tau=raw * scale[here])
     add_all(efforts.dead(signals, options))
     add_all(efforts.unit(signals, raw, options))
-    q, wraps = outliers.unwrapped(signals)
+    q, wraps = outliers.unwrapped(signals, options)
     if wraps is not None and add(wraps):
         signals = replace(signals, q=q)
     for step in _ROWS if len(signals) >= options.min_samples else ():

@@ -10,13 +10,6 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
-# Time constants that are tried, s, and then factors on the best one, twice.
-_CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
-_FACTORS = ((0.7, 0.85, 1.0, 1.2, 1.4), (0.9, 1.0, 1.1))
-# Angles over which friction may build up after a reversal, rad: those of gears, and of belts.
-_ANGLES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
-# Samples that are fitted, at most, and their minimum interval, s.
-_MAX_SAMPLES, _MIN_INTERVAL = 5000, 0.02
 # Ridge of unit columns, against rounding of those that are collinear over short travel.
 _RIDGE = 1e-10
 
@@ -29,10 +22,11 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     joint, both behind a filter. If the driver filters, the residual of the joints is much smaller
     than with friction that builds up after a reversal (geometric mean).
     """
-    step = max(1, int(np.ceil(_MIN_INTERVAL / max(signals.interval, 1e-9))))
+    # Ten samples in the shortest time constant resolve it.
+    step = max(1, int(np.ceil(0.1 * options.lags[0] / max(signals.interval, 1e-9))))
     part = signals.keep(np.arange(len(signals)) % step == 0)
-    part = part.keep(np.arange(len(part)) < _MAX_SAMPLES)
-    if len(part) < options.min_samples or part.interval > min(_CONSTANTS[-1], 0.5):
+    part = part.keep(np.arange(len(part)) < options.max_samples)
+    if len(part) < options.min_samples or part.interval > options.lags[1]:
         return signals, None
     poses, friction, joints = _columns(part, options)
     if len(joints) < 2:
@@ -46,20 +40,22 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     def cost(constant: float) -> float:
         return float(np.log(residuals(constant)).sum())
 
-    constant = min(_CONSTANTS, key=cost)
-    if constant < 2 * signals.interval:
+    constant, factor = min(options.lags, key=cost), 2.0
+    for _ in range(3):
+        constant = _minimum({constant * x: cost(constant * x) for x in (1 / factor, 1.0, factor)})
+        factor = float(np.sqrt(factor))
+    # A longer one is the residual of slow motion.
+    if not 2 * signals.interval <= constant <= options.lags[-1]:
         return signals, None
-    for factors in _FACTORS:
-        constant = _minimum({constant * factor: cost(constant * factor) for factor in factors})
     # Friction that builds up over an angle, another one of each joint, is late in another shape.
     way = np.abs(np.diff(part.q[:, joints], axis=0))[:, None]
     other = np.min([_rest(tau, poses, friction), *(
-        _rest(tau, poses, _behind(friction, way, angle)) for angle in _ANGLES)], axis=0)
+        _rest(tau, poses, _behind(friction, way, angle)) for angle in options.angles)], axis=0)
     ratio = residuals(constant) / other
     # The driver has one filter for all joints.
-    if np.log(ratio).mean() >= np.log(options.better_lag):
+    if np.log(ratio).mean() >= np.log(options.better):
         return signals, None
-    clear = ratio < options.better_lag
+    clear = ratio < options.better
     names = tuple(signals.names[n] for n, is_clear in zip(joints, clear) if is_clear)
     ratios = dict(zip(names, ratio[clear].tolist()))
     fact = Fact(

@@ -13,11 +13,7 @@ from gravity_comp_ros.facts.friction import shares
 from gravity_comp_ros.facts.options import FactOptions
 import numpy as np
 
-# Minimum share of slow samples, and of the travel that they cover.
-_MIN_SLOW_SHARE, _MIN_SLOW_TRAVEL = 0.1, 0.3
-# Minimum motion in the opposite direction, in rad, that counts as a reversal.
-_MIN_REVERSAL = 0.01
-_TRAVEL = FactOptions()
+_OPTIONS = FactOptions()
 # Columns of a table of joints; see `JointFacts.cells`.
 MOTION = ('range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
 
@@ -113,11 +109,11 @@ def count_reversals(q: FloatArray) -> int:
     count, direction, extreme = 0, 0, q[0]
     for angle in q:
         if direction == 0:
-            if abs(angle - extreme) > _MIN_REVERSAL:
+            if abs(angle - extreme) > _OPTIONS.min_travel:
                 direction, extreme = (1 if angle > extreme else -1), angle
         elif (angle - extreme) * direction >= 0:
             extreme = angle
-        elif abs(angle - extreme) > _MIN_REVERSAL:
+        elif abs(angle - extreme) > _OPTIONS.min_travel:
             count, direction, extreme = count + 1, -direction, angle
     return count
 
@@ -136,7 +132,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
                  options: GateOptions) -> list[Fact]:
     limit = options.max_speed
     limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
-    if slow_share < _MIN_SLOW_SHARE:
+    if slow_share < _OPTIONS.min_slow:
         fastest = max(joints, key=lambda name: joints[name].max_speed)
         return [_noted(
             (), f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
@@ -144,7 +140,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
             f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
             f'inertia together', '`fit` can use it, with friction and inertia as nuisance '
             'terms, but gravity is more accurate from slow motion')]
-    if kept < _TRAVEL.min_slow_samples:
+    if kept < _OPTIONS.min_slow_samples:
         return [_noted((), f'short: the gate keeps {kept} of {total} samples',
                        'too few to evaluate a model')]
     return []
@@ -153,9 +149,9 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
 def _slow_facts(joints: dict[str, JointFacts], slow_share: float) -> list[Fact]:
     """Return a fact if the slow samples cover little of the recorded travel."""
     missed = {name: f'{name} ({facts.slow_travel:.2g} of {facts.travel:.2g} rad)'
-              for name, facts in joints.items() if facts.travel >= _TRAVEL.min_travel
-              and facts.slow_travel < _MIN_SLOW_TRAVEL * facts.travel}
-    if slow_share < _MIN_SLOW_SHARE or not missed:
+              for name, facts in joints.items() if facts.travel >= _OPTIONS.min_travel
+              and facts.slow_travel < _OPTIONS.min_slow * facts.travel}
+    if slow_share < _OPTIONS.min_slow or not missed:
         return []
     return [_noted(tuple(missed),
                    f'slow samples cover little of the motion: {", ".join(missed.values())}')]
@@ -163,7 +159,7 @@ def _slow_facts(joints: dict[str, JointFacts], slow_share: float) -> list[Fact]:
 
 def _travel_facts(joints: dict[str, JointFacts], at_rest: bool) -> list[Fact]:
     result: list[Fact] = []
-    low, wide = _TRAVEL.min_travel, _TRAVEL.wide_travel
+    low, wide = _OPTIONS.min_travel, _OPTIONS.wide_travel
     still = tuple(name for name, facts in joints.items() if facts.travel < low)
     narrow = {name: f'{name} ({facts.travel:.2g} rad)' for name, facts in joints.items()
               if low <= facts.travel < wide}

@@ -30,55 +30,57 @@ class FactOptions:
     dead_torque: float = 1e-6
     # Recorded units. Smaller whole numbers may be torques of a coarse sensor.
     min_count: float = 10
-    # rad. Deviation of a single sample from its neighbours: several counts of a coarse encoder.
-    min_glitch: float = 0.01
     # rad/s^2. No joint that carries links accelerates faster.
     max_acceleration: float = 100
     # Standard deviations of the deviation from the median of five samples: never noise.
     spike_spread: float = 20
     # Share of the range of a joint's effort by which a spike exceeds the range.
     spike_margin: float = 0.5
-    # Share of samples above which outliers are a property of the signal.
+    # Share of samples above which outliers, or unchanged values, are a property of the signal.
     max_outliers: float = 0.1
-    # Share of samples at a limit of the effort, above which it may be clipped, and below which
-    # it is still a limit rather than the usual value.
+    # Share of samples at a limit of the effort and next to it, above which it may be clipped.
     min_clipped: float = 0.01
-    max_clipped: float = 0.95
-    # Times the usual number of samples per level next to the limit.
-    clipped_excess: float = 10
+    # Equal values beyond coincidence: consecutive samples, and those at a limit relative to the
+    # usual number per level next to it.
+    equal_values: float = 10
     # rad. Motion of a joint while its effort or position stays exactly the same.
     frozen_travel: float = 0.1
-    # s and samples. Longer than any plausible hold of a sample by a driver.
-    frozen_time: float = 2.0
-    frozen_samples: float = 20
-    # Share of unchanged consecutive samples, above which a signal is coarse rather than frozen.
-    coarse_share: float = 0.2
-    # s. Drives are enabled by hand: the effort is 0 before it for longer than a lost message.
-    disabled_time: float = 0.5
-    # rad. Travel of a joint that counts as motion, and travel at which sine and cosine of its
-    # angle differ from a line.
+    # s. Values that are exactly the same, or efforts of exactly 0, for longer are no hold of a
+    # sample by a driver: it is frozen, or the drives are not enabled yet.
+    min_time: float = 1.0
+    # rad. Travel of a joint that counts as motion, several counts of a coarse encoder, and travel
+    # at which sine and cosine of its angle differ from a line.
     min_travel: float = 0.01
     wide_travel: float = 0.3
-    # Share of the effort's variance that depends on the pose, if gravity acts on the joint.
-    min_pose_share: float = 0.3
-    # Share of the effort's standard deviation: less of it with friction may be its shape.
-    min_gravity: float = 0.1
-    # Shares of the residual variance of the pose that the direction of motion explains, for a
-    # decision on the sign on several joints and on one. Friction of real arms explains 0.2 to 1.
-    min_direction_share: float = 0.2
+    # rad. Maximum difference between a jump and a whole turn: motion and noise of one sample.
+    near_turn: float = 0.5
+    # Ratio of the variances of the step and of the position, under which positions are those of a
+    # motion rather than poses in a random order (2). s. Maximum interval of a stream; static poses
+    # are recorded less often.
+    smooth: float = 0.2
+    max_interval: float = 0.06
+    # Share of slow samples, and of the travel that they cover, below which a recording is fast.
+    min_slow: float = 0.2
+    # Share of the effort's variance that depends on the pose, if gravity acts on the joint, and of
+    # the rest that the direction of motion explains, for a decision on the sign on several joints.
+    # Friction of real arms explains 0.2 to 1. Share for a decision on one joint.
+    min_share: float = 0.2
     min_single_share: float = 0.5
-    # Share of the effort's range: a smaller torque of the direction may be gravity that the
-    # first-order fit does not model.
-    min_direction_torque: float = 0.02
-    # Ratio of squared residuals, from which another direction or zero of an axis is right.
-    better_axes: float = 0.5
-    # Ratio of squared residuals, from which the effort is behind a filter: of real arms without
-    # one it is 0.6 at least.
-    better_lag: float = 0.5
-    # Ratio of squared residuals, from which angles are degrees; travel in the recorded unit, from
-    # which sines and cosines of true angles differ from lines.
-    better_unit: float = 0.5
+    # Share of the effort's standard deviation: less gravity may be the shape of friction, and less
+    # friction gravity that the first-order fit does not model.
+    min_part: float = 0.1
+    # Ratio of squared residuals, from which another explanation is right: a direction or zero of
+    # an axis, angles in degrees, effort behind a filter; of real arms without one the last is 0.6
+    # at least.
+    better: float = 0.5
+    # Travel in the recorded unit, from which sines and cosines of true angles differ from lines.
     degrees_travel: float = 3.0
+    # Samples that a fit or a search for exact values needs, at most.
+    max_samples: int = 5000
+    # s. Time constants of a filter from which the search begins; the last is the longest one.
+    lags: tuple[float, ...] = (0.1, 0.5, 2.5)
+    # rad. Angles over which friction may build up after a reversal: those of gears, and of belts.
+    angles: tuple[float, ...] = (3e-4, 3e-3, 3e-2)
     # Share of the variance of the effort without friction that a fit must explain to count.
     min_explained: float = 0.75
     # Number of joints that move widely, above which one of them at least carries gravity: a

@@ -10,11 +10,9 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 
 _TURN = 2 * np.pi
-# rad. Maximum difference between a jump and a whole turn: motion and noise of one sample.
-_NEAR_TURN = 0.5
 
 
-def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
+def unwrapped(signals: Signals, options: FactOptions) -> tuple[FloatArray, Fact | None]:
     """
     Return the positions (M, N) without jumps of whole turns, and the fact if there were any.
 
@@ -26,8 +24,10 @@ def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
     for n, name in enumerate(signals.names):
         step = np.diff(q[:, n])
         turns = np.rint(step / _TURN)
-        is_wrap = (turns != 0) & (np.abs(step - turns * _TURN) < _NEAR_TURN)
-        if not is_wrap.any() or not _is_smooth(step - np.where(is_wrap, turns * _TURN, 0.0)):
+        is_wrap = (turns != 0) & (np.abs(step - turns * _TURN) < options.near_turn)
+        # Most steps of a motion are small against 2 pi, unlike those between random poses.
+        rest = np.abs(step - np.where(is_wrap, turns * _TURN, 0.0))
+        if not is_wrap.any() or np.quantile(rest, 0.95) >= options.near_turn:
             continue
         jumps[name] = float(is_wrap.sum())
         q = q.copy() if q is signals.q else q
@@ -41,11 +41,6 @@ def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
         '--accept wrapped_positions reads it as recorded', jumps)
 
 
-def _is_smooth(step: FloatArray) -> bool:
-    """Return whether most steps are small against 2 pi, unlike those between random poses."""
-    return bool(np.quantile(np.abs(step), 0.95) < _NEAR_TURN)
-
-
 def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
     bad = np.zeros_like(signals.q, dtype=bool)
@@ -53,7 +48,7 @@ def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | 
     reversal = 0.5 * options.max_acceleration * signals.interval ** 2
     for n, column in enumerate(signals.q.T):
         deviation = _deviation(column)
-        limit = max(options.min_glitch, reversal, options.spike_spread * _spread(deviation))
+        limit = max(options.min_travel, reversal, options.spike_spread * _spread(deviation))
         bad[:, n] = deviation > limit
     return _set_aside(signals, bad, options, Kind.GLITCHES,
                       'position is far from both neighbours in')

@@ -9,11 +9,6 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
-# Ratio of the variances of the step and of the position, under which the positions are those of a
-# motion rather than poses in a random order (2).
-_SMOOTH = 0.2
-# s. Maximum interval of a stream; static poses are recorded less often.
-_STREAM = 0.06
 _KEEP = '--accept velocity keeps it'
 
 
@@ -37,7 +32,7 @@ def velocity_facts(signals: Signals, missing: BoolArray,
     if zero.any():
         names = signals.named(zero)
         evidence = f'velocity of {listed(names, total)} is 0 throughout although the joint moves'
-        if not (zero | missing | ~moves).all() or _is_stream(signals, zero):
+        if not (zero | missing | ~moves).all() or _is_stream(signals, zero, options):
             replaced |= zero
             facts.append(Fact(Kind.VELOCITY, names, evidence, Action.CORRECTED,
                               'the driver does not measure it; it is differentiated from the '
@@ -66,9 +61,9 @@ def velocity_facts(signals: Signals, missing: BoolArray,
     return replaced, facts
 
 
-def _is_stream(signals: Signals, joints: BoolArray) -> bool:
+def _is_stream(signals: Signals, joints: BoolArray, options: FactOptions) -> bool:
     """Return whether positions are those of a motion, at the rate of a driver."""
-    if len(signals) < 20 or signals.interval > _STREAM:
+    if len(signals) < 20 or signals.interval > options.max_interval:
         return False
     q = signals.q[:, joints]
-    return bool((np.diff(q, axis=0).var(axis=0) < _SMOOTH * q.var(axis=0)).all())
+    return bool((np.diff(q, axis=0).var(axis=0) < options.smooth * q.var(axis=0)).all())

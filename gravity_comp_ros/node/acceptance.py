@@ -123,7 +123,7 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
         allowed = np.maximum(OPTIONS.max_own * spread,
                              OPTIONS.max_largest * float(spread.max(initial=0.0)))
     else:
-        allowed = np.maximum(OPTIONS.max_no_chain_noise * change[0],
+        allowed = np.maximum(OPTIONS.predicted * change[0],
                              OPTIONS.max_no_chain_change * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
@@ -165,7 +165,7 @@ def body_checks(tables: Sequence[Hypotheses],
     yield gravity_present(samples, table.before, window.reference)
     unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (table.carried, *forces)))
-    margin = OPTIONS.max_fault_lead
+    margin = OPTIONS.margin
     faults = [(fit.log_evidence, text, has_body) for one in tables
               for fit, text, has_body in one.faults()
               if abs(fit.mean[0]) >= OPTIONS.min_gain_change and fit.log_evidence > unchanged
@@ -236,6 +236,6 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     other = [
         Check(checks.NO_PUSH, body - table.push().log_evidence, OPTIONS.min_over_push, True,
               'something pushes or pulls the last link, not only downwards'),
-        Check(checks.NOT_VARYING, body - table.varying().log_evidence, OPTIONS.min_over_varying,
+        Check(checks.NOT_VARYING, body - table.varying().log_evidence, OPTIONS.margin,
               True, 'a varying force acts on the last link')]
     return present, other

@@ -13,6 +13,7 @@ from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.expected_residual import rms
+from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
@@ -75,7 +76,7 @@ def _effort(element: Element) -> float:
 
 
 # Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
-SHARE_PERIOD = 0.2
+SHARE_PERIOD = ExternalTorqueOptions().std_period
 
 
 class Arm:

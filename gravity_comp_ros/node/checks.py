@@ -77,32 +77,31 @@ class CheckOptions:
     Limits of the checks, and of the data that they use; ratios have no unit, evidence is in nats.
 
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
-    - `max_worse`: standard deviations by which a model of more samples may have a larger error on
-      held-out samples: its expected error is smaller, and the figures of two equal ones differ.
-    - `min_noise`: smallest noise, as a fraction of the largest torque of the samples.
-    - `min_error`: smallest error and noise of a joint in a comparison of two models, as a
-      fraction of the largest torque of the training samples.
-    - `min_explained`: share of a joint's effort variance explained by pose below which the
-      effort has no gravity, judged from the samples of a full fit and a range of `min_span` rad.
+    - `significant`: standard deviations of a change of the torque that is published, and by which
+      a model of more samples may have a larger error on held-out samples: its expected error is
+      smaller, and the figures of two equal ones differ.
+    - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
+    - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
+      explains too little (`FactOptions.min_share`) has no gravity.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
       variation, and of the largest one.
     - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
       5 kg it is 0.58 on an iiwa.
     - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
       Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
-    - `max_fault_lead`: log evidence by which a fault, with or without a body, may explain the
-      change better, a ratio of 20. After 7 s a dead wrist of an arm without known axes has 3.1
-      and more, a real payload 4.0 at most, and less with each second. A fault is a gain or a
-      factor that differs from 1 by at least `min_gain_change`.
+    - `margin`: log evidence by which a fault, with or without a body, may explain the change
+      better, and by which a body must do so better than a varying force, a ratio of 20. After 7 s
+      a dead wrist of an arm without known axes has 3.1 and more, a real payload 4.0 at most, and
+      less with each second. Payloads of 1 to 5 kg had 10 to 200 over a varying force in sixteen.
+      A fault is a gain or a factor that differs from 1 by at least `min_gain_change`.
     - `max_echo`: largest ratio of the model's residual to that of the published torque.
     - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
-    - `min_over_push`, `min_over_varying`: log evidence of a body over a push, and over a varying
-      force. Payloads of 0.5 to 5 kg had 11 to 54 over a push in six seconds of motion, of 1 to
-      5 kg 10 to 200 over a varying force in sixteen.
+    - `min_over_push`: log evidence of a body over a push. Payloads of 0.5 to 5 kg had 11 to 54 in
+      six seconds of motion.
     - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
       its first and last second, that the rest predicts.
-    - `max_no_chain_noise`, `max_no_chain_change`: residual of a change where no chain explains
-      the arm, in units of the noise, and as a fraction of the change.
+    - `max_no_chain_change`: residual of a change where no chain explains the arm, as a fraction
+      of the change, if it is above `predicted`.
     - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
       judged.
     - `limit_std`: standard deviations by which a mass or a reach may exceed its limit.
@@ -120,31 +119,38 @@ class CheckOptions:
     - `predicted`, `max_unpredicted`: residual in units of noise up to which a model predicts a
       new sample, and up to which it predicts a window of them; `max_previous`: largest ratio of
       the previous model's residual to it for a rollback.
+    - `large`, `min_large`: a test for a payload is due where this share of the samples of each
+      part of the window has a joint with a residual of this many times the noise.
     - `max_interval`: largest time in s between samples whose differences count as noise.
     - `end`: duration of the first and last part of a window that must show a body, s.
+
+    Priors of the hypotheses, as standard deviations:
+
+    - `correlated`: factor of the noise for the autocorrelated model error of slow samples.
+    - `body`: body on the last link, relative to half of the payload limits, or without known axes
+      to `moment` times the largest residual; the scale is that of the largest evidence.
+    - `friction`, `offset`: their change, relative to the friction of the joint.
+    - `force`: relative variation of the force of a hand within `force_time`, s.
+    - `converged`: change of a gain at which its linearisations end.
 
     :raises OptionError: if a limit is not positive.
     """
 
     max_rise: float = 1.2
-    max_worse: float = 2.0
-    min_noise: float = 2e-3
-    min_error: float = 1e-3
-    min_explained: float = 0.2
+    significant: float = 2.0
+    min_noise: float = 1e-3
     min_span: float = 0.5
     max_own: float = 0.35
     max_largest: float = 0.1
     min_gravity: float = 0.25
     max_residual: float = 2.5
-    max_fault_lead: float = 3.0
+    margin: float = 3.0
     min_gain_change: float = 0.1
     max_echo: float = 0.9
     min_body: float = 20.0
     min_over_push: float = 10.0
-    min_over_varying: float = 3.0
     min_part: float = 0.6
     min_end: float = 0.3
-    max_no_chain_noise: float = 4.0
     max_no_chain_change: float = 0.15
     min_gravity_ratio: float = 5.0
     limit_std: float = 3.0
@@ -158,8 +164,18 @@ class CheckOptions:
     predicted: float = 4.0
     max_unpredicted: float = 6.0
     max_previous: float = 0.5
+    large: float = 3.0
+    min_large: float = 0.75
     max_interval: float = 0.6
     end: float = 1.0
+    correlated: float = 2.0
+    body: tuple[float, ...] = (0.01, 1.0 / 30.0, 0.1, 1.0 / 3.0, 1.0)
+    moment: float = 30.0
+    friction: float = 0.5
+    offset: float = 0.25
+    force: float = 0.3
+    force_time: float = 2.0
+    converged: float = 1e-3
 
     def __post_init__(self) -> None:
         check_positive(self, 'checks')

@@ -10,15 +10,14 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import rms
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import moving, moving_rms
+from gravity_comp_ros.node.options import NODE
 import numpy as np
-
-# Steps between two delays of the published torque.
-_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     Return whether `new`, fitted to the training samples, predicts the others better than `old`.
 
     The compared figure is the RMSE relative to the smaller one of each joint, over all joints.
-    With more samples `new` may be worse by `max_worse` standard deviations.
+    With more samples `new` may be worse by `significant` standard deviations.
 
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
@@ -78,7 +77,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     old = old or Prediction(samples.tau[train].mean(axis=0), new.noise)
     error_new, error_old = new.residual(samples), old.residual(samples)
     rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
-    floor = OPTIONS.min_error * max(1e-9, float(np.abs(samples.tau[train]).max()))
+    floor = OPTIONS.min_noise * max(1e-9, float(np.abs(samples.tau[train]).max()))
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     judged, is_compensated = _pose_explains(
         samples, train, new, np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train])),
@@ -86,7 +85,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     noise = np.maximum(np.maximum(new.noise, old.noise), floor)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
-    tolerance = -1e-9 if is_first or not has_more_samples else OPTIONS.max_worse * ratio_std(
+    tolerance = -1e-9 if is_first or not has_more_samples else OPTIONS.significant * ratio_std(
         (error_new / level)[held_out], (error_old / level)[held_out], samples.qd[held_out], block)
     ratio = float(rms(rmse_new / level)) / max(float(rms(rmse_old / level)), 1e-30)
     worse = ', '.join(samples.names[j] for j in np.flatnonzero(rise > 1.0))
@@ -117,7 +116,7 @@ def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rms
     text = ('the effort of no joint depends on pose: this arm seems to compensate gravity itself, '
             'or its axes are all vertical; nothing to learn' if moves
             else 'pose does not explain the effort yet')
-    check = Check(checks.POSE_EXPLAINS, explained, OPTIONS.min_explained, True, text)
+    check = Check(checks.POSE_EXPLAINS, explained, FactOptions().min_share, True, text)
     return [check] * (is_first or moves), moves and not check.passed
 
 
@@ -165,7 +164,7 @@ def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Ch
     echo, delay = min(
         (_median_size((1.0 - share) * first + share * second), start + share * (end - start))
         for first, second, start, end in zip(echoes, echoes[1:], DELAYS, DELAYS[1:])
-        for share in _SHARES)
+        for share in np.linspace(0.0, 1.0, NODE.delay_steps + 1))
     residual = _median_size(model)
     return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), OPTIONS.max_echo, text=(
         'the effort is the torque that this node published '

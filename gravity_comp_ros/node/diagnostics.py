@@ -7,21 +7,17 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm, NO_LIMITS
+from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
 from gravity_comp_ros.node.messages import (
     FAULTS, FROM_FUTURE, HANDLED, MISSING_JOINT, REPLACED, TOO_OLD)
 from gravity_comp_ros.node.model_history import ModelHistory
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import Watch
 from gravity_comp_ros.worker.worker_process import BUSY, READY
 
 OK, WARN, ERROR, STALE = range(4)
-
-# Share of the messages that newer ones replaced from which there is a warning.
-MAX_LATE = 0.1
-
-# Ratio of residual to training residual from which another payload is suspected.
-CHANGED = 5.0
 
 
 @dataclass(frozen=True)
@@ -73,7 +69,7 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
         level, message = ERROR if age is None else WARN, f'dropped: {named}'
     elif replaced:
         level, message = WARN, f'replaced by other data: {replaced}'
-    elif late > MAX_LATE * new:
+    elif late > NODE.max_late * new:
         level, message = WARN, ('messages arrive faster than they are answered, and newer ones '
                                 'replace others: raise the priority of this process, or lower the '
                                 'rate')
@@ -169,7 +165,7 @@ def joint_statuses(arm: Arm) -> list[Status]:
             values['residual beside friction [Nm]'] = f'{other:.4f}'
             message = f'residual {whole:.3g} N·m'
             ratio = other / expected_residual(in_use.model)[k]
-            if not arm.epoch.is_open and ratio > CHANGED and (
+            if not arm.epoch.is_open and ratio > OPTIONS.max_unpredicted and (
                     outside is None or not outside.any()):
                 level = WARN
                 message += (f', {ratio:.0f} times that of the training: another payload? call '

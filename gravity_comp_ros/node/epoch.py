@@ -16,15 +16,26 @@ from operator import itemgetter
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
 from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
 # Possible delays of a driver from command to reported effort, s.
-DELAYS = (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
-# Maximum number of torques kept, enough for the longest delay at 5 kHz.
-_MAX_TORQUES = 1000
+DELAYS = (0.0, *NODE.delays)
+# Speed below which a joint is at rest for its friction, rad/s.
+REST_SPEED = ExternalTorqueOptions().rest_speed
+# Time over which the messages around a sample are averaged, s: that of a row of the regression.
+MEAN_OVER = EngineOptions().row_seconds
+# Minimum number of training samples of a full fit, and of an epoch that starts again after faulty
+# effort: samples after a repair must not be fitted together with faulty ones. With fewer a full
+# fit overfits and extrapolates badly (the change of an old model requires a fraction of them), and
+# more samples may resolve a refusal.
+FULL_FIT_SAMPLES = FactOptions().min_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +69,7 @@ class SentTorqueHistory:
     """The recently published torques."""
 
     def __init__(self, n_joints: int) -> None:
-        self._sent: deque[tuple[float, FloatArray]] = deque(maxlen=_MAX_TORQUES)
+        self._sent: deque[tuple[float, FloatArray]] = deque()
         self._none = np.full(n_joints, np.nan)
 
     def published(self, now: float, tau: FloatArray) -> None:
@@ -66,6 +77,9 @@ class SentTorqueHistory:
         if self._sent and now < self._sent[-1][0]:
             self._sent.clear()
         self._sent.append((now, tau))
+        # A message may be older than the torque published last.
+        while len(self._sent) > 1 and self._sent[1][0] < now - 2.0 * DELAYS[-1]:
+            self._sent.popleft()
 
     def before(self, now: float) -> FloatArray:
         """
@@ -90,12 +104,6 @@ class SlowSample:
     sent: FloatArray
     qdd: FloatArray | None = None
     mean_qdd: FloatArray | None = None
-
-
-# Speed below which a joint is at rest for its friction, rad/s.
-REST_SPEED = 0.01
-# Time over which the messages around a sample are averaged, s: that of a row of the regression.
-MEAN_OVER = 0.1
 
 
 class DelayedSamples:
@@ -151,21 +159,6 @@ def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> Complete
                    tau=np.mean([other.tau for other in near], axis=0))
 
 
-# One block of samples in this many is held out from fits.
-HELD_OUT_EVERY = 4
-# Growth of the number of samples after which the next fit is due.
-GROWTH = 1.25
-# Maximum number of samples, five minutes at 5 Hz; then new poses replace samples at similar poses.
-CAPACITY = 1500
-# Minimum number of training samples of a full fit, and of an epoch that starts again after faulty
-# effort: samples after a repair must not be fitted together with faulty ones. With fewer a full
-# fit overfits and extrapolates badly (the change of an old model requires a fraction of them), and
-# more samples may resolve a refusal.
-FULL_FIT_SAMPLES = 100
-# Range of motion that each joint needs before the last fit, rad; joints below it are reported.
-MIN_SPAN = 0.2
-
-
 def rows_of(ring: SampleRing) -> Rows:
     """
     Return the samples of a ring, whose further figures are a mark and the sent torques.
@@ -208,7 +201,7 @@ class Epoch:
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
         n_extra = 1 + len(DELAYS) * len(self._names)
-        self._ring = SampleRing(self._names, CAPACITY, n_extra)
+        self._ring = SampleRing(self._names, NODE.capacity, n_extra)
 
     def restart_after_broken_effort(self) -> None:
         """
@@ -222,7 +215,7 @@ class Epoch:
     def offer(self, sample: SlowSample) -> None:
         """Add a sample that passed the gate."""
         block = self._offered // self.settings.block
-        is_held_out = block % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+        is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
         r = sample.reading
         self._ring.offer(r.t, r.q, r.qd, r.tau, sample.qdd,
                          np.concatenate(([is_held_out], sample.sent.ravel())))
@@ -244,8 +237,9 @@ class Epoch:
         return self._ring.span()
 
     def short_of_range(self) -> tuple[str, ...]:
-        """Return the joints that have not yet moved over `MIN_SPAN`."""
-        return tuple(name for name, span in zip(self._names, self.span()) if span < MIN_SPAN)
+        """Return the joints that have not yet moved over `NODE.min_range`."""
+        return tuple(name for name, span in zip(self._names, self.span())
+                     if span < NODE.min_range)
 
     def missing_for_fit(self) -> str | None:
         """Return the missing data of a fit, None if it has enough."""
@@ -261,8 +255,8 @@ class Epoch:
             return (f'{n_train} training and {n_held_out} held-out samples; '
                     f'{minimum} and {settings.block} are needed{why}: keep moving slowly')
         if len(self.short_of_range()) == len(self._names):
-            return (f'no joint has moved over {MIN_SPAN:g} rad: move the arm slowly through '
-                    'its range')
+            return (f'no joint has moved over {NODE.min_range:g} rad: move the arm slowly '
+                    'through its range')
         return None
 
     def fit_is_due(self) -> bool:
@@ -270,7 +264,7 @@ class Epoch:
         if not self.is_open:
             return False
         # A fit that failed is repeated with more samples only: it may fail each time.
-        is_due = self._growing() >= GROWTH * self._fitted_at or (
+        is_due = self._growing() >= NODE.growth * self._fitted_at or (
             self._is_full() and not self._was_full)
         return is_due and self.missing_for_fit() is None
 
@@ -291,7 +285,7 @@ class Epoch:
 
     def _growing(self) -> int:
         """Return the number of samples, of a full ring with those that were replaced."""
-        return len(self) if len(self) < CAPACITY else self._offered
+        return len(self) if len(self) < NODE.capacity else self._offered
 
     def _is_full(self) -> bool:
         return len(self) >= self.settings.full_samples and not self.short_of_range()

@@ -19,6 +19,7 @@ import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import TorqueSource
 import numpy as np
@@ -32,19 +33,6 @@ ACTIVE = 'active'
 HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
-
-# Number of messages for the median period.
-PERIOD_MESSAGES = 20
-# Maximum time step of one message in units of that period, so that the first message after a
-# stall makes no large step.
-MAX_PERIODS = 2.0
-# Largest change of a joint's torque within `ramp_time` by a transition to a model, as a share of
-# its limit `max_torque`: a wrong model then moves an arm of any size slowly.
-RAMP_SHARE = 0.2
-# Rounding error of an offset, N·m.
-ROUNDING = 1e-9
-# Minimum period, and maximum time step of one call of the watchdog, s.
-MIN_PERIOD, WATCH_PERIOD = 1e-3, 0.02
 
 
 class FeedForward:
@@ -92,7 +80,7 @@ class FeedForward:
         self._phase: tuple[object, ...] = ()
         self._fresh: float | None = None
         self._now = None
-        self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
+        self._intervals: deque[float] = deque(maxlen=NODE.period_messages)
 
     @property
     def is_publishing(self) -> bool:
@@ -155,7 +143,7 @@ class FeedForward:
         self._fresh = min(self._fresh, now)
         if now - self._fresh <= self.options.stale_after and not self._failed:
             return None
-        dt = min(self._elapsed(now), max(WATCH_PERIOD, MAX_PERIODS * self._period()))
+        dt = min(self._elapsed(now), max(NODE.watch_period, NODE.max_periods * self._period()))
         if self._is_at_rest():
             return None
         if not self.enabled:
@@ -192,7 +180,7 @@ class FeedForward:
         self._offset = self._last - target if seconds > 0.0 else self._zero
         self._speed = np.abs(self._offset) / max(seconds, 1e-9)
         if is_capped and self._limit is not None and seconds > 0.0:
-            self._speed = np.minimum(self._speed, RAMP_SHARE * self._limit / seconds)
+            self._speed = np.minimum(self._speed, NODE.ramp_share * self._limit / seconds)
 
     def _published(self, target: FloatArray, dt: float) -> FloatArray:
         """Return the torque of a transition to `target` after a time step dt, within limits."""
@@ -200,7 +188,7 @@ class FeedForward:
         if self._offset.any():
             step = self._speed * dt
             offset = self._offset - np.minimum(np.maximum(self._offset, -step), step)
-            offset[np.abs(offset) < ROUNDING] = 0.0
+            offset[np.abs(offset) < NODE.rounding] = 0.0
             torque = np.minimum(np.maximum(target + offset, np.minimum(last, target)),
                                 np.maximum(last, target))
             self._offset = torque - target
@@ -234,7 +222,7 @@ class FeedForward:
     def _message_step(self, now: float) -> float:
         """Return the time step of a message."""
         dt = self._elapsed(now)
-        counted = min(dt, MAX_PERIODS * self._period()) if self._intervals else dt
+        counted = min(dt, NODE.max_periods * self._period()) if self._intervals else dt
         if dt > 0.0:
             self._intervals.append(dt)
         return counted
@@ -242,4 +230,4 @@ class FeedForward:
     def _period(self) -> float:
         """Return the median time between messages, s."""
         intervals = sorted(self._intervals)
-        return max(MIN_PERIOD, intervals[len(intervals) // 2]) if intervals else MIN_PERIOD
+        return max([NODE.min_period, *intervals[len(intervals) // 2:][:1]])

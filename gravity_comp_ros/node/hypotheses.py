@@ -26,27 +26,17 @@ from gravity_comp_ros.effects.motion_direction import law_of, smooth_sign, speed
 from gravity_comp_ros.estimation.chain_update import NewSamples, Trial
 from gravity_comp_ros.estimation.update import payload_change_weights
 from gravity_comp_ros.estimation.update_step import changed_model
-from gravity_comp_ros.evaluation.expected_residual import friction_size, rms, TYPICAL_SPEED
+from gravity_comp_ros.evaluation.expected_residual import friction_size, RESIDUAL, rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
+from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
-# Factor of the noise for the autocorrelated model error of consecutive slow samples.
-_CORRELATED = 2.0
-# Correlation time of the force of a hand, s, and its relative standard deviation.
-_FORCE_TIME, _FORCE_STD = 2.0, 0.3
-# Prior standard deviations of moments without known axes, relative to the largest residual.
-_MOMENT_SCALES = (0.3, 1.0, 3.0, 10.0, 30.0)
-# Prior standard deviations of a body on known axes, relative to half of the payload limits.
-_BODY_SCALES = (0.01, 0.03, 0.1, 0.3, 1.0)
-# Prior standard deviations relative to friction: of friction and of offset, both plus noise.
-_FRICTION_STD, _OFFSET_STD = 0.5, 0.25
-# Largest number of linearisations of a gain, and its change at which they end.
-_MAX_STEPS, _CONVERGED = 10, 1e-3
 _EVIDENCE = attrgetter('log_evidence')
 
 
@@ -133,7 +123,7 @@ class Hypotheses:
         self.window, samples, geometry = window, window.samples, window.geometry
         self.before = window.model.predict(samples.q)
         self._n, self._price = window.noise.size, trial.price
-        self._sigma = _CORRELATED * window.noise
+        self._sigma = OPTIONS.correlated * window.noise
         self._r = self._white((samples.tau - self.before).T[None])[0]
         friction_columns = _friction_columns(window)
 
@@ -143,16 +133,16 @@ class Hypotheses:
 
         self._base = base(trial.chain)
         # Moments (K, 2N) in N·m of one prior standard deviation of each coefficient of a body.
-        moments = np.eye(2 * self._n) * (np.abs(samples.tau - self.before).max() + 1e-9) \
-            if geometry is None else self._units()[:, None] * geometry.tool_moments()
+        largest = OPTIONS.moment * float(np.abs(samples.tau - self.before).max()) + 1e-9
+        moments = (largest * np.eye(2 * self._n) if geometry is None
+                   else self._units()[:, None] * geometry.tool_moments())
         kinematics = ForwardKinematics(trial.chain.axes, samples.q)
         # Columns of a body on the last link, then of forces along x and y of the base.
         forces = [self._white(np.tensordot(moments, kinematics.moment_columns(along), axes=1))
                   for along in (2, 0, 1)]
         # The size of the body is that of the largest evidence: a light one is as likely as a
         # heavy one.
-        self._scales = _MOMENT_SCALES if geometry is None else _BODY_SCALES
-        self._scale = max(self._scales,
+        self._scale = max(OPTIONS.body,
                           key=lambda scale: self.explain(scale * forces[0]).log_evidence)
         self._body, *self._horizontal = (self._scale * columns for columns in forces)
         # The uncertainty of an axis matters as much as the moments that it carries.
@@ -180,7 +170,7 @@ class Hypotheses:
         mean = inverse @ projection
         evidence = (-0.5 * float(r @ r - projection @ mean)
                     - 0.5 * float(np.linalg.slogdet(gram)[1])) - self._price
-        residual = _CORRELATED * (r - mean @ design).reshape(self._n, -1).T
+        residual = OPTIONS.correlated * (r - mean @ design).reshape(self._n, -1).T
         k = len(own)
         return Explanation(evidence, residual, mean[:k], inverse[:k, :k])
 
@@ -196,9 +186,10 @@ class Hypotheses:
     def varying(self) -> Explanation:
         """Return the fit of a body whose torque varies in time, as the force of a hand does."""
         torque, t = self.carried.mean @ self._body, self.window.samples.t
-        knots = np.arange(t[0], t[-1] + _FORCE_TIME, _FORCE_TIME)
-        hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / _FORCE_TIME)
-        return self.explain(self._body, _FORCE_STD * np.tile(hats, self._n) * torque,
+        time = OPTIONS.force_time
+        knots = np.arange(t[0], t[-1] + time, time)
+        hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / time)
+        return self.explain(self._body, OPTIONS.force * np.tile(hats, self._n) * torque,
                             base=self._loaded)
 
     def faults(self) -> Iterator[tuple[Explanation, str, bool]]:
@@ -224,7 +215,7 @@ class Hypotheses:
 
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
-        return max((fit for scale in self._scales for fit in self._gains(
+        return max((fit for scale in OPTIONS.body for fit in self._gains(
             joint, scale / self._scale * self._body, self._loaded)), key=_EVIDENCE)
 
     def _gains(self, joint: int, body: FloatArray, base: FloatArray) -> Iterator[Explanation]:
@@ -239,13 +230,13 @@ class Hypotheses:
         here, gain = self._rows_of(joint), 0.0
         fault, torque = self._fault([joint]), np.zeros(self._r.size)
         own = fault[0].copy()
-        for _ in range(_MAX_STEPS):
+        for _ in range(EngineOptions().steps):
             fault[0] = own + torque
             fit = self.explain(fault, np.where(here, 1.0 + gain, 1.0) * body, base=base,
                                r=self._r + gain * torque)
             before, gain = gain, float(fit.mean[0])
             torque = np.where(here, fit.mean[len(fault):] @ body, 0.0)
-            if abs(gain - before) < _CONVERGED:
+            if abs(gain - before) < OPTIONS.converged:
                 break
         yield fit
         for gain in (-1.0, -2.0):
@@ -320,10 +311,10 @@ def _friction_columns(window: Window) -> FloatArray:
         *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
-        qd, size = samples.qd[:, k], noise[k] + _FRICTION_STD * sizes[k]
+        qd, size = samples.qd[:, k], noise[k] + OPTIONS.friction * sizes[k]
         columns[k, :, k] = [
             size * smooth_sign(qd, laws.get(name, {'width': REST_SPEED})),
-            size * qd / TYPICAL_SPEED, np.full(m, noise[k] + _OFFSET_STD * sizes[k])]
+            size * qd / RESIDUAL.speed, np.full(m, noise[k] + OPTIONS.offset * sizes[k])]
     return columns.reshape(3 * n, n, m)
 
 

@@ -53,9 +53,9 @@ class Events:
     `log` has pairs (is it a warning, sentence), `checks` decisions as JSON, `payloads` suspicions.
     """
 
-    log: deque[tuple[bool, str]] = field(default_factory=lambda: deque(maxlen=100))
-    checks: deque[str] = field(default_factory=lambda: deque(maxlen=20))
-    payloads: deque[PayloadResult] = field(default_factory=lambda: deque(maxlen=10))
+    log: deque[tuple[bool, str]] = field(default_factory=deque)
+    checks: deque[str] = field(default_factory=deque)
+    payloads: deque[PayloadResult] = field(default_factory=deque)
 
 
 class Learner:

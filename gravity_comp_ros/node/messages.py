@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
+from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.node.options import NODE
 import numpy as np
 
 # Faults: the message, or the faulty field, is dropped.
@@ -41,22 +42,6 @@ FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSIT
           EFFORT_ABSURD, NO_EFFORT, CLOCK_JUMP)
 REPLACED = (VELOCITY_WRONG, STAMP_LOST)
 HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
-
-# Largest absolute position, rad, of a joint and of a continuous joint. Angles in degrees exceed
-# the first, encoder faults the second.
-MAX_POSITION, MAX_CONTINUOUS_POSITION = 4.0 * math.pi, 1000.0
-# Largest torque, N·m, that no joint has: memory that was not initialised exceeds it.
-MAX_EFFORT = 1e6
-# Number of consecutive messages with earlier but rising stamps after which the clock counts as
-# set back, or the recording as restarted.
-STAMPS_TO_ACCEPT_CLOCK = 5
-# Time over which velocity is the mean slope of position, s, and the largest such time.
-SLOPE_WINDOW = 0.1
-SLOPE_LIMIT = 0.5
-# Stamps at 10 Hz are closer than the window by a rounding error.
-_SHORTEST = SLOPE_WINDOW - 1e-6
-# Velocity contradicts the positions if their slope exceeds this factor times it, plus this, rad/s.
-SLOPE_FACTOR, SLOPE_MARGIN = 1.5, 0.05
 
 
 @dataclass(eq=False)
@@ -105,8 +90,8 @@ class JointStateReader:
         # Whether messages of the last report had earlier or equal stamps.
         self.are_out_of_order = False
         self._scale = np.broadcast_to(np.array(effort_scale or (1.0,)), (len(joints),))
-        self._efforts = Bounds(MAX_EFFORT / np.abs(self._scale))
-        self._largest = np.full(len(joints), MAX_POSITION)
+        self._efforts = Bounds(NODE.max_effort / np.abs(self._scale))
+        self._largest = np.full(len(joints), FactOptions().max_angle)
         self.allow_continuous(continuous)
         self._names: list[str] | None = None
         self._size = 0
@@ -123,7 +108,7 @@ class JointStateReader:
         """Treat more joints as continuous."""
         for k, name in enumerate(self.joints):
             if name in continuous:
-                self._largest[k] = MAX_CONTINUOUS_POSITION
+                self._largest[k] = NODE.max_continuous
         self._bounds = Bounds(self._largest)
 
     def take_new(self) -> tuple[int, Counter[str]]:
@@ -188,7 +173,7 @@ class JointStateReader:
     def _lost_stamps(self, t: float) -> bool:
         """Return whether stamps are missing from now on, so that the time of arrival counts."""
         self._unstamped = self._unstamped + 1 if t == 0.0 and self._stamped else 0
-        if self._unstamped < STAMPS_TO_ACCEPT_CLOCK:
+        if self._unstamped < NODE.stamps:
             return False
         self._unstamped, self._stamped = 0, False
         self.counts[STAMP_LOST] += 1
@@ -236,7 +221,8 @@ class JointStateReader:
         slope, qd_then = self._slope(t, q, qd)
         if slope is not None:
             # The mean velocity of an accelerating joint lies between its first and its last one.
-            limit = SLOPE_FACTOR * np.maximum(np.abs(qd), np.abs(qd_then)) + SLOPE_MARGIN
+            fastest = np.maximum(np.abs(qd), np.abs(qd_then))
+            limit = NODE.slope_factor * fastest + NODE.slope_margin
             if (np.abs(slope) > limit).any():
                 self.counts[VELOCITY_WRONG] += 1
                 return slope
@@ -244,13 +230,14 @@ class JointStateReader:
 
     def _slope(self, t: float, q: FloatArray, qd: FloatArray
                ) -> tuple[FloatArray | None, FloatArray]:
-        """Return the mean velocity over `SLOPE_WINDOW`, and the velocity at its beginning."""
+        """Return the mean velocity over `NODE.slope_time`, and the velocity at its beginning."""
         past = self._past
         past.append((t, q, qd))
-        while len(past) > 1 and past[1][0] <= t - SLOPE_WINDOW:
+        while len(past) > 1 and past[1][0] <= t - NODE.slope_time:
             past.popleft()
         then, q_then, qd_then = past[0]
-        if not _SHORTEST <= t - then <= SLOPE_LIMIT:
+        # Stamps at 10 Hz are closer than this time by a rounding error.
+        if not NODE.slope_time - 1e-6 <= t - then <= NODE.max_slope_time:
             return None, qd_then
         return (q - q_then) / (t - then), qd_then
 
@@ -269,4 +256,4 @@ class JointStateReader:
         if self._rejected and t <= self._rejected[-1]:
             self._rejected.clear()
         self._rejected.append(t)
-        return len(self._rejected) >= STAMPS_TO_ACCEPT_CLOCK
+        return len(self._rejected) >= NODE.stamps

@@ -12,12 +12,9 @@ from threading import Thread
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.node.options import NODE
 
 Reply = Callable[[bool, str], None]
-# Maximum time for pending saves as the node ends, s.
-_LAST_SAVE = 1.0
-# Number of earlier payloads whose last model is kept.
-DEPTH = 10
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Entry:
 
 class ModelHistory:
     """
-    The model in use, and the last model of each of up to `DEPTH` earlier payloads.
+    The model in use, and the last model of each of up to `NODE.depth` earlier payloads.
 
     One thread writes the file: a slow disk delays nothing else, and the file always has the model
     of the last save.
@@ -80,7 +77,7 @@ class ModelHistory:
         """
         if self.entry is not None and self.entry.epoch != epoch:
             self._past.append(self.entry)
-            del self._past[:-DEPTH]
+            del self._past[:-NODE.depth]
         self.entry = Entry(model, origin, now, epoch)
 
     def roll_back(self, now: float) -> Entry | None:
@@ -127,7 +124,7 @@ class ModelHistory:
         """Finish pending saves, for a second at most."""
         self._saves.put(None)
         if self._writer is not None:
-            self._writer.join(_LAST_SAVE)
+            self._writer.join(NODE.last_save)
 
     def _write(self) -> None:
         while (save := self._saves.get()) is not None:

@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
@@ -16,8 +17,9 @@ from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.model_history import Reply
 from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.outputs import LATCHED, Outputs
-from gravity_comp_ros.node.priority_executor import InputGroup, MAX_MESSAGES
+from gravity_comp_ros.node.priority_executor import InputGroup
 from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -30,13 +32,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-# Best effort matches every publisher. The depth covers a pause of this process of 0.1 s at 1 kHz
-# for learning; only the newest message is answered.
-INPUT_QOS = QoSProfile(depth=MAX_MESSAGES, reliability=ReliabilityPolicy.BEST_EFFORT)
-# With the default depth the eleventh of simultaneous calls is lost without a reply.
-SERVICE_QOS = QoSProfile(depth=1000)
-# Period of `~/extrapolation`, whose standard deviation takes 0.2 ms, s.
-EXTRAPOLATION_PERIOD = 0.1
+# Best effort matches every publisher. Only the newest message is answered.
+INPUT_QOS = QoSProfile(depth=NODE.messages, reliability=ReliabilityPolicy.BEST_EFFORT)
+SERVICE_QOS = QoSProfile(depth=NODE.calls)
 EXTERNAL_TORQUE = ('external_torque', 'external_torque_std', 'external_torque_significant')
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')
@@ -68,7 +66,7 @@ class GravityCompNode(LifecycleNode):
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((self.TICK, self._on_tick),
-                                 (EXTRAPOLATION_PERIOD, self._on_extrapolation),
+                                 (ExternalTorqueOptions().std_period, self._on_extrapolation),
                                  (1.0 / self.settings.values.diagnostics_rate, self._on_report)):
             self.create_timer(period, callback, clock=self._steady)
         for text in unknown_parameter_warnings(self):

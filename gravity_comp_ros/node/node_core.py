@@ -13,13 +13,12 @@ from gravity_comp_ros.node.arm import Arm, describe_arm
 from gravity_comp_ros.node.learner import Events, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import ModelHistory
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.worker.worker_process import command, Supervised
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
-# Minimum nice value of the fit process.
-NICENESS = 10
 
 
 class NodeCore:
@@ -37,7 +36,7 @@ class NodeCore:
         self._topic = topic
         self.events = Events()
         self.models = ModelHistory(settings.model_file)
-        self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NICENESS),
+        self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NODE.niceness),
                                settings.fit_timeout)
         self.learner: Learner | None = None
         self._description = ''

@@ -17,6 +17,7 @@ from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
 from gravity_comp_ros.node.job_messages import PayloadResult
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters as Settings
 import numpy as np
 from rclpy.lifecycle import LifecycleNode
@@ -24,10 +25,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-DEPTH = 10
 # Late subscribers receive the last events with their stamps, and the last model.
 EVENTS, LATCHED = (QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-                   for depth in (DEPTH, 1))
+                   for depth in (NODE.depth, 1))
 # Topics with one number per joint; the last one exists with a servo stiffness only.
 JOINT_TOPICS = ('gravity_torques', 'prediction', 'residual', 'extrapolation', 'external_torque',
                 'external_torque_std', 'external_torque_significant', 'position_offset')
@@ -94,13 +94,13 @@ class Outputs:
         self._sent_model: GravityModel | None = None
         # The topics that have subscribers.
         self._read: frozenset[str] = frozenset()
-        kinds = {**dict.fromkeys(self._messages, (JointState, DEPTH)),
-                 'commands': (Float64MultiArray, DEPTH), 'checks': (String, EVENTS),
+        kinds = {**dict.fromkeys(self._messages, (JointState, NODE.depth)),
+                 'commands': (Float64MultiArray, NODE.depth), 'checks': (String, EVENTS),
                  'payload_suspected': (DiagnosticArray, EVENTS)}
         self._managed = {topic: node.create_lifecycle_publisher(kind, f'~/{topic}', qos)
                          for topic, (kind, qos) in kinds.items()}
         # Not managed, so that an inactive node publishes diagnostics and its model.
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', NODE.depth)
         self._model = node.create_publisher(Float64MultiArray, '~/model', LATCHED)
         self._payload = node.create_publisher(InertiaStamped, '~/payload', LATCHED)
 

@@ -13,23 +13,13 @@ from collections.abc import Callable
 import time
 from typing import Any
 
+from gravity_comp_ros.node.options import NODE
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.executors import (ExternalShutdownException, ShutdownException,
                              SingleThreadedExecutor, TimeoutException)
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
-
-# Period of other callbacks during continuous input, s. The search of rclpy for them takes as long
-# as a message, so that at 1 kHz it delays one message in two hundred. In a pause of the input they
-# run at once.
-OTHERS_PERIOD = 0.2
-# Time without input that counts as a pause, s.
-PAUSE = 0.005
-# Maximum time for other callbacks, s.
-OTHERS_DURATION = 0.002
-# Maximum number of messages that are taken at once: the depth of the queue.
-MAX_MESSAGES = 100
 
 
 class InputGroup(CallbackGroup):
@@ -70,12 +60,12 @@ class InputFirstExecutor(SingleThreadedExecutor):
         """
         others_due = 0.0
         while self._context.ok() and not self._is_shutdown:
-            received, is_called = self._handle_input(PAUSE)
+            received, is_called = self._handle_input(NODE.pause)
             self._call_timers()
             now = time.monotonic()
             if not received or is_called or now >= others_due:
-                self._handle_others(now + OTHERS_DURATION)
-                others_due = time.monotonic() + OTHERS_PERIOD
+                self._handle_others(now + NODE.others_time)
+                others_due = time.monotonic() + NODE.others_period
         raise ExternalShutdownException()
 
     def _handle_input(self, timeout: float) -> tuple[bool, bool]:
@@ -104,7 +94,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
             with handle, self._context.handle:
                 wait_set.add_subscription(handle)
                 wait_set.wait(int(timeout * 1e9))
-                while len(messages) < MAX_MESSAGES and (
+                while len(messages) < NODE.messages and (
                         taken := handle.take_message(subscription.msg_type, False)) is not None:
                     messages.append(taken[0])
         is_called = bool(wait_set.get_ready_entities('service'))

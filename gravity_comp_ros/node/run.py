@@ -10,6 +10,7 @@ import traceback
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.node import GravityCompNode
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.priority_executor import InputFirstExecutor
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -17,8 +18,6 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 # Exit code after an error in a callback; a supervisor starts the node again.
 FAILED = 3
-# Longest time that the control thread waits for another Python thread, s.
-SWITCH_INTERVAL = 1e-4
 
 
 def run(args: Sequence[str] | None = None) -> int:
@@ -27,7 +26,7 @@ def run(args: Sequence[str] | None = None) -> int:
 
     :return: 0, 1 with one line if it cannot start, or `FAILED` after an error in a callback.
     """
-    sys.setswitchinterval(SWITCH_INTERVAL)
+    sys.setswitchinterval(NODE.switch_interval)
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()

@@ -12,9 +12,12 @@ from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.effects.live import Limits, LiveEffects
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.external_torque import ExternalTorque, ExternalTorqueObserver
+from gravity_comp_ros.evaluation.external_torque import (
+    ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.messages import CompleteReading, Reading
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -22,12 +25,7 @@ Predict = Callable[[FloatArray], FloatArray]
 REVOLUTION = 2.0 * math.pi
 # Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
 # the trained range their errors are hundreds of N·m.
-PER_JOINT_REACH = 0.1
-# Standard deviations of a significant change within the range of its samples.
-SIGNIFICANT = 2.0
-# Distance outside the range of the samples that doubles this number, rad.
-REACH = 0.5
-_MIN_CHANGE = 1e-9
+PER_JOINT_REACH = ExternalTorqueOptions().margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +106,9 @@ class UncertainChange:
         if not std.size:
             return np.zeros(len(q))
         change = self.model.predict_one(q) - self.before.predict_one(q)
-        uncertain = SIGNIFICANT * (1.0 + float(self.range.distance(q).max()) / REACH) * std
-        share = 1.0 - (uncertain / np.maximum(np.abs(change), _MIN_CHANGE)) ** 2
+        distance = float(self.range.distance(q).max())
+        uncertain = OPTIONS.significant * (1.0 + distance / NODE.reach) * std
+        share = 1.0 - (uncertain / np.maximum(np.abs(change), NODE.rounding)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 
     def predict(self, q: FloatArray, share: FloatArray | float) -> FloatArray:

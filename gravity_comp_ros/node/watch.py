@@ -19,28 +19,15 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.job_messages import PayloadResult
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.options import NODE
 import numpy as np
 
 LEARN = 'learn'
-# Number of slow samples of a new model that are judged together, 3 s at the default rate.
-WINDOW = 15
-# Largest number of samples required to confirm a model.
-MAX_REQUIRED = 200
-# Minimum number of samples of a window for a payload test, six seconds at the default rate, and
-# the maximum, to which longer windows are thinned. A light payload with friction requires more
-# samples than a heavy one. With the minimum, a contact shorter than two seconds is not present in
-# each of the parts.
-MIN_WINDOW, MAX_WINDOW, PARTS = 30, 75, 3
-# Lengths of windows relative to the shortest one that lasts long enough.
-_RELATIVE_LENGTHS = (2.5, 5.0 / 3.0, 1.0)
-# Minimum time (s) and motion (rad) between samples: closer samples, and those at rest, are
-# redundant. Maximum mean acceleration, rad/s^2: above it inertia is not negligible.
-PERIOD, _MIN_MOTION, _MAX_ACCELERATION = 0.2, 0.005, 0.25
-# A test is due where this share of the samples of each part has a joint with a residual of this
-# many times the noise; RMS residual in units of noise below which a finding ends.
-_MIN_SHARE, _LARGE, _NORMAL = 0.75, 3.0, 2.5
-# Number of new samples before the next test.
-_NEW_SAMPLES = 5
+# Minimum number of samples of a window for a payload test, and the maximum, to which longer
+# windows are thinned; number of samples that judge a new model.
+MIN_WINDOW, PARTS = NODE.window, NODE.parts
+MAX_WINDOW, WINDOW = round(NODE.lengths[0] * MIN_WINDOW), MIN_WINDOW // 2
+PERIOD = NODE.period
 
 
 class _Row(NamedTuple):
@@ -83,7 +70,7 @@ class Watch:
         self._before = before
         # Noise (N,) in N·m, with and without the drift of friction.
         self._expected, self._noise = expected_residual(model), residual_noise(model)
-        self._required, self._predicted = min(learned, MAX_REQUIRED), 0
+        self._required, self._predicted = min(learned, NODE.max_required), 0
         self._errors.clear()
         self.forget()
 
@@ -94,7 +81,7 @@ class Watch:
     def restart(self) -> None:
         """Drop the window of a payload test: the clock or the payload has changed."""
         capacity = max(MAX_WINDOW, math.ceil(
-            _RELATIVE_LENGTHS[0] * (self._min_duration / PERIOD + 1.0)))
+            NODE.lengths[0] * (self._min_duration / PERIOD + 1.0)))
         self._rows: deque[_Row] = deque(maxlen=capacity)
         self._wait = self._tests = 0
         # Lengths of the windows that are due, and the duration of the tested one, s.
@@ -129,15 +116,15 @@ class Watch:
     def _add(self, row: _Row) -> None:
         """Add a sample to the window of a payload test."""
         rows = self._rows
-        if float(np.abs(row.qdd).max()) >= _MAX_ACCELERATION or rows and (
+        if float(np.abs(row.qdd).max()) >= NODE.max_acceleration or rows and (
                 row.t < rows[-1].t + 0.9 * PERIOD
-                or float(np.abs(row.q - rows[-1].q).max()) < _MIN_MOTION):
+                or float(np.abs(row.q - rows[-1].q).max()) < NODE.min_motion):
             return
         rows.append(row)
         self._wait = max(0, self._wait - 1)
         ratio = np.array([row.ratio for row in rows])
-        self._due = self._due_lengths(np.abs(ratio).max(axis=1) > _LARGE)
-        if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < _NORMAL:
+        self._due = self._due_lengths(np.abs(ratio).max(axis=1) > OPTIONS.large)
+        if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < OPTIONS.max_residual:
             self.finding = None
 
     def model_checks(self) -> list[Check]:
@@ -159,7 +146,7 @@ class Watch:
 
     def window(self) -> JointSamples:
         """Return the samples to test; the next window has new samples and another length."""
-        self._wait = _NEW_SAMPLES
+        self._wait = NODE.new_samples
         length = self._due[self._tests % len(self._due)]
         self._tests += 1
         rows = list(self._rows)[-length:]
@@ -192,7 +179,7 @@ class Watch:
         enough = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
                        and rows[-1].t - rows[-length].t >= self._min_duration), count + 1)
         lengths = {min(count, MAX_WINDOW), MIN_WINDOW,
-                   *(math.ceil(factor * enough) for factor in _RELATIVE_LENGTHS)}
+                   *(math.ceil(factor * enough) for factor in NODE.lengths)}
         return [length for length in sorted(lengths, reverse=True) if length <= count
-                and all(part.mean() >= _MIN_SHARE
+                and all(part.mean() >= OPTIONS.min_large
                         for part in np.array_split(large[-length:], PARTS))]

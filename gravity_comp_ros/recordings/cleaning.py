@@ -18,10 +18,10 @@ from gravity_comp_ros.facts.fact import (
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
+from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import fingerprint
-from gravity_comp_ros.recordings.topic_choice import COMMON_DEFECT
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -31,28 +31,6 @@ NOT_FINITE = 'position or effort missing or not finite'
 VELOCITY = 'velocity missing or not finite'
 TIME = 'time goes back or stands still'
 ISOLATED = 'alone in a gap, no velocity'
-
-# Share of stamps not later than an earlier one, above which the log time is used instead.
-BAD_STAMPS = 0.1
-# Number of messages after a step of the clock that are earlier, and of steps, at most: messages of
-# two clocks alternate.
-_AFTER_STEP, _MAX_STEPS = 10, 3
-# Maximum magnitude of a position, velocity or effort in any unit.
-MAX_MAGNITUDE = 1e9
-# Minimum length of a gap, in s and in median intervals.
-GAP, GAP_STEPS = 10.0, 100.0
-# Rows processed together; limits the memory of temporary arrays.
-_BLOCK_ROWS = 65536
-# Share of messages from which a group of messages may be a publisher of its own.
-_MIN_SHARE = 0.01
-# Changes from one group to the other per message of the smaller group: publishers alternate,
-# whereas the arrays of one publisher change once, as its drives are enabled.
-_MIN_CHANGES = 0.5
-# Minimum median step between messages, rad, and maximum ratio of the step over two messages to
-# it, of positions that alternate.
-_MIN_STEP, _MAX_RETURN = 0.05, 0.2
-# Minimum step to efforts of 0 as a share of the usual effort: a coarse sensor has smaller ones.
-_MIN_FALL = 0.5
 
 
 class Cleaning:
@@ -67,14 +45,14 @@ class Cleaning:
         self.where, self.joints, self.notes, self.facts = where, joints, notes, facts
         self.options, self.accept = options, accepted_kinds(options.accept)
         self.dropped = Counter(columns.dropped)
-        columns.put_in_order(_MAX_STEPS)
+        columns.put_in_order(DEFECTS.max_steps)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
         present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
         beyond = mask_out_of_range(self.q, self.qd, self.tau)
         if beyond:
-            self.notes.append(f'{counted(beyond, "value")} beyond {MAX_MAGNITUDE:g}: not a '
-                              f'measurement, treated as missing')
+            self.notes.append(f'{counted(beyond, "value")} beyond {DEFECTS.max_magnitude:g}: not '
+                              f'a measurement, treated as missing')
         sign, unit, zero = options.to_model(joints)
         if zero.any() or (sign * unit != 1.0).any():
             self.q, self.qd = sign * (unit * self.q - zero), sign * unit * self.qd
@@ -168,18 +146,18 @@ class Cleaning:
         for what, values in (('position', self.q), ('effort', self.tau)):
             bad = ~np.isfinite(values)
             share = bad.mean(axis=0)
-            if (share >= COMMON_DEFECT).all():
-                raise BagError(f'{self.where}: {what} is missing, NaN or beyond '
-                               f'{MAX_MAGNITUDE:g} in {int(bad.any(axis=1).sum())} of '
+            lacks = f'is missing, NaN or beyond {DEFECTS.max_magnitude:g} in'
+            if (share >= DEFECTS.common).all():
+                raise BagError(f'{self.where}: {what} {lacks} {int(bad.any(axis=1).sum())} of '
                                f'{len(values)} messages, for every joint; the driver must '
                                f'publish it')
-            if (share >= COMMON_DEFECT).any():
+            if (share >= DEFECTS.common).any():
                 worst = int(np.argmax(share))
-                good = ','.join(np.array(self.joints)[share < COMMON_DEFECT])
+                good = ','.join(np.array(self.joints)[share < DEFECTS.common])
                 raise BagError(
-                    f'{self.where}: {what} of joint {self.joints[worst]} is missing, NaN or '
-                    f'beyond {MAX_MAGNITUDE:g} in {int(bad[:, worst].sum())} of {len(values)} '
-                    f'messages; leave it out with --joints {good}')
+                    f'{self.where}: {what} of joint {self.joints[worst]} {lacks} '
+                    f'{int(bad[:, worst].sum())} of {len(values)} messages; leave it out with '
+                    f'--joints {good}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),
                    NOT_FINITE)
 
@@ -193,7 +171,7 @@ class Cleaning:
         """Return the mask (N,) of joints whose velocity is computed from the position."""
         if self.options.differentiate:
             return np.ones(len(self.joints), dtype=bool)
-        missing = np.asarray((~np.isfinite(self.qd)).mean(axis=0) >= COMMON_DEFECT)
+        missing = np.asarray((~np.isfinite(self.qd)).mean(axis=0) >= DEFECTS.common)
         self._keep(np.isfinite(self.qd[:, ~missing]).all(axis=1), VELOCITY)
         return missing
 
@@ -201,7 +179,7 @@ class Cleaning:
         """Choose stamp or log time, and drop messages that are not later than all before."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
-        if backwards > BAD_STAMPS * clock.size:
+        if backwards > DEFECTS.bad_stamps * clock.size:
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: the time of recording is used')
             clock = self.log_ns
@@ -223,19 +201,20 @@ def _without_steps_back(clock: NDArray[np.int64]) -> tuple[NDArray[np.int64], li
     steps: list[str] = []
     latest = np.maximum.accumulate(clock)
     for row in (np.flatnonzero(np.diff(clock) < 0) + 1).tolist():
-        shift = latest[row - 1] - clock[row:row + _AFTER_STEP]
-        if len(steps) > _MAX_STEPS:
+        shift = latest[row - 1] - clock[row:row + DEFECTS.stamps]
+        if len(steps) > DEFECTS.max_steps:
             return clock, []
-        if len(shift) < _AFTER_STEP or (shift <= 0).any():
+        if len(shift) < DEFECTS.stamps or (shift <= 0).any():
             continue
         if not steps:
             clock = clock.copy()
-        interval = int(np.median(np.diff(clock[max(row - _AFTER_STEP, 0):row]))) if row > 1 else 0
+        before = clock[max(row - DEFECTS.stamps, 0):row]
+        interval = int(np.median(np.diff(before))) if row > 1 else 0
         step = shift[0] + interval
         steps.append(f'{step / 1e9:.4g} s after {(latest[row - 1] - latest[0]) / 1e9:.4g} s')
         clock[row:] += step
         latest = np.maximum.accumulate(clock)
-    return (clock, steps) if len(steps) <= _MAX_STEPS else (clock, [])
+    return (clock, steps) if len(steps) <= DEFECTS.max_steps else (clock, [])
 
 
 def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, int]:
@@ -270,12 +249,12 @@ def listed(dropped: Mapping[str, int]) -> str:
 
 
 def mask_out_of_range(*arrays: FloatArray) -> int:
-    """Set finite values beyond `MAX_MAGNITUDE` to NaN, in place; return their number."""
+    """Set finite values beyond `DEFECTS.max_magnitude` to NaN, in place; return their number."""
     count = 0
     for values in arrays:
-        for start in range(0, len(values), _BLOCK_ROWS):
-            part = values[start:start + _BLOCK_ROWS]
-            beyond = np.isfinite(part) & (np.abs(part) > MAX_MAGNITUDE)
+        for start in range(0, len(values), DEFECTS.block_rows):
+            part = values[start:start + DEFECTS.block_rows]
+            beyond = np.isfinite(part) & (np.abs(part) > DEFECTS.max_magnitude)
             part[beyond] = np.nan
             count += int(beyond.sum())
     return count
@@ -291,7 +270,7 @@ def gap_notes(t: FloatArray) -> list[str]:
     if not steps.size:
         return []
     longest = int(np.argmax(steps))
-    count = int((steps > max(GAP, GAP_STEPS * float(np.median(steps)))).sum())
+    count = int((steps > max(DEFECTS.gap, DEFECTS.gap_steps * float(np.median(steps)))).sum())
     if not count:
         return []
     what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
@@ -316,10 +295,10 @@ def _second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
     second: BoolArray = np.asarray(relevant & ~with_effort)
     few = min(int(second.sum()), int((relevant & with_effort).sum()))
     nothing = np.zeros_like(second)
-    if few < _MIN_SHARE * relevant.sum() or few < 2:
+    if few < DEFECTS.min_share * relevant.sum() or few < 2:
         return nothing, None
     order = second[relevant]
-    if np.count_nonzero(order[1:] != order[:-1]) < _MIN_CHANGES * few:
+    if np.count_nonzero(order[1:] != order[:-1]) < DEFECTS.min_changes * few:
         return nothing, None
     names = columns.names_of(int(np.argmax(second)))
     if not _positions_differ(q[relevant], order):
@@ -341,14 +320,14 @@ def _positions_differ(q: FloatArray, second: BoolArray) -> bool:
     """Return whether positions change where the publisher changes."""
     step = np.nanmax(np.abs(np.diff(q, axis=0)), axis=1)
     changes = second[1:] != second[:-1]
-    return bool(np.nanmedian(step[changes]) > _MIN_STEP)
+    return bool(np.nanmedian(step[changes]) > DEFECTS.min_step)
 
 
 def _efforts_fall(tau: FloatArray, second: BoolArray) -> bool:
     """Return whether efforts change by their usual size where the publisher changes."""
     size = np.abs(tau[~second]).max(axis=1)
     step = np.abs(np.diff(tau, axis=0)).max(axis=1)[second[1:] != second[:-1]]
-    return bool(np.median(step) > _MIN_FALL * np.median(size))
+    return bool(np.median(step) > DEFECTS.min_fall * np.median(size))
 
 
 def _positions_alternate(q: FloatArray) -> bool:
@@ -361,6 +340,7 @@ def _positions_alternate(q: FloatArray) -> bool:
         return False
     for joint in q.T:
         step = np.median(np.abs(np.diff(joint)))
-        if step > _MIN_STEP and np.median(np.abs(joint[2:] - joint[:-2])) < _MAX_RETURN * step:
+        back = np.median(np.abs(joint[2:] - joint[:-2]))
+        if step > DEFECTS.min_step and back < DEFECTS.max_return * step:
             return True
     return False

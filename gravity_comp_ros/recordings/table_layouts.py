@@ -16,6 +16,7 @@ import re
 from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.table_files import Table
 import numpy as np
 
@@ -28,8 +29,6 @@ _SECONDS = re.compile(r'(.*?)(secs?|seconds)$', re.I)
 _NANOSECONDS = ('nanosec', 'nanosecs', 'nanoseconds', 'nsec', 'nsecs')
 _NUMBERED = re.compile(
     r'(?:.*[./])?(name|position|velocity|effort)s?[_.\[]?(\d+)\]?$', re.I)
-# Maximum difference of the times of rows of one message, s: far below any interval of messages.
-_SAME_TIME = 1e-4
 
 
 def known_layout(table: Table) -> Table:
@@ -124,7 +123,7 @@ def _groups(t: FloatArray, blank: np.ndarray) -> np.ndarray:
     starts, filled = [0], ~blank[0]
     for k in range(1, len(t)):
         present = ~blank[k]
-        is_same = abs(t[k] - t[starts[-1]]) <= _SAME_TIME
+        is_same = abs(t[k] - t[starts[-1]]) <= DEFECTS.same_time
         if not is_same or (filled & present).any():
             starts.append(k)
             filled = present

@@ -12,17 +12,10 @@ from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.facts.joints import by_position
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
+from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
 
-# Minimum travel of a joint that counts as moving, rad; its typical speed, rad/s.
-_MIN_TRAVEL, _TYPICAL_SPEED = 0.05, 0.3
-# Minimum mean speed of the fastest joint, rad/s, in general and for long sample intervals.
-_MIN_SPEED, _MIN_SPEED_SPARSE = 5e-4, 5e-3
-# Minimum median interval that counts as long, s.
-_SPARSE = 0.5
-# Maximum factor between a measured velocity and the rate of change of the position.
-_TOLERANCE = 1.25
 # Time over which `slope_ratios` compares velocity and position, s.
 _WINDOW = 0.5
 _DEGREES = 180 / np.pi
@@ -49,14 +42,14 @@ def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     :raises BagError: if the speed is implausibly small; the message suggests a unit.
     """
     duration, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
-    if len(t) < 10 or travel < _MIN_TRAVEL:
+    if len(t) < 10 or travel < DEFECTS.min_travel:
         return
     speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / duration
-    sparse = float(np.median(np.diff(t))) >= _SPARSE
-    if speed >= (_MIN_SPEED_SPARSE if sparse else _MIN_SPEED):
+    is_sparse = float(np.median(np.diff(t))) >= DEFECTS.long_interval
+    if speed >= (DEFECTS.min_sparse_speed if is_sparse else DEFECTS.min_speed):
         return
     unit = min(('ms', 'us', 'ns'),
-               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / _TYPICAL_SPEED)))
+               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / DEFECTS.typical_speed)))
     raise BagError(f'{path}: with time in s the recording lasts {duration:.3g} s and no joint '
                    f'moves faster than {speed:.2g} rad/s on average: give --time-unit {unit}, or '
                    f's if that is right')
@@ -70,7 +63,7 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     :param time_known: whether the unit of the time was given.
     :raises BagError: if they differ by a unit factor or in sign.
     """
-    moving = np.ptp(q, axis=0) > _MIN_TRAVEL
+    moving = np.ptp(q, axis=0) > DEFECTS.min_travel
     if len(t) < 50 or not moving.any():
         return
     # The unit of the time may be another one: ratios are those of a twentieth of the table.
@@ -79,24 +72,26 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     if np.isnan(ratios).all():
         return
     ratio = float(np.nanmedian(ratios)) / scale
-    if 1 / _TOLERANCE < ratio < _TOLERANCE:
+    if _is_one(ratio):
         return
     for unit, size in TIME_UNITS.items():
-        if not time_known and unit != 's' and 1 / _TOLERANCE < ratio * size < _TOLERANCE:
+        if not time_known and unit != 's' and _is_one(ratio * size):
             raise BagError(f'{path}: the velocity is {1 / size:.0e} times the change of the '
                            f'position: give --time-unit {unit}')
     problems = {1 / _DEGREES: 'the positions are in degrees and the velocity in rad/s',
                 _DEGREES: 'the positions are in rad and the velocity in degrees/s',
                 -1.0: 'the velocity has the opposite sign'}
     for factor, problem in problems.items():
-        if 1 / _TOLERANCE < ratio / factor < _TOLERANCE:
+        if _is_one(ratio / factor):
             unit = '--position-unit deg, ' if 0 < factor < 1 else ''
             raise BagError(f'{path}: it seems that {problem}: give {unit}--velocity none to '
                            f'compute the velocity from the positions')
 
 
-# Maximum ratio of the changes of a joint from row to row, for which another encoding is right.
-_BETTER = 0.5
+def _is_one(ratio: float) -> bool:
+    return 1 / DEFECTS.tolerance < ratio < DEFECTS.tolerance
+
+
 # Numbers from here on are no counts of a few turns: they are encoded even if no joint passes 0.
 _NO_COUNT = 2 ** 15
 
@@ -114,7 +109,7 @@ def decoded(values: FloatArray) -> tuple[FloatArray, str]:
     for name, limit, decode in _ENCODINGS:
         signed = decode(values)
         after = _change(signed)
-        is_better = (after < _BETTER * before).any() or largest >= _NO_COUNT
+        is_better = (after < DEFECTS.better * before).any() or largest >= _NO_COUNT
         if limit <= largest < 2 * limit and is_better and (after <= before).all():
             candidates.append((float(after.sum()), float(np.abs(signed).max()), name, signed))
     if not candidates:

@@ -10,14 +10,12 @@ from gravity_comp_ros.data.joint_names import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, unless_accepted
 from gravity_comp_ros.facts.joints import named_facts
+from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import CDR, ROS1
 from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions
 import numpy as np
-
-# Share of messages from which a defect is an error; rarer defects are dropped and counted.
-COMMON_DEFECT = 0.5
 
 _DEFAULT_TOPIC = '/joint_states'
 
@@ -103,9 +101,9 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)
-    if (missing >= COMMON_DEFECT).any():
+    if (missing >= DEFECTS.common).any():
         worst = int(np.argmax(missing))
-        good = [joint for joint, share in zip(joints, missing) if share < COMMON_DEFECT]
+        good = [joint for joint, share in zip(joints, missing) if share < DEFECTS.common]
         good = good or [joint for joint in columns.most_common if joint in joints]
         raise BagError(
             f'{where}: joint {joints[worst]} is missing from '
@@ -115,10 +113,6 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
 
 
 _SIDES = ('left', 'right', 'l', 'r')
-# Minimum number of joint names shared by two arms, for sides and for other words.
-_MIN_SHARED_SIDES, _MIN_SHARED = 2, 4
-# Minimum share of all joints that belong to arms.
-_MIN_SHARE = 0.6
 
 
 def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
@@ -141,13 +135,13 @@ def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
         arms = _with_shared_names(groups)
         if sum(map(len, arms)) > sum(map(len, best)):
             best = arms
-    return best if sum(map(len, best)) > _MIN_SHARE * len(names) else []
+    return best if sum(map(len, best)) > DEFECTS.min_arms * len(names) else []
 
 
 def _with_shared_names(groups: dict[str, dict[tuple[str, ...], str]]) -> list[tuple[str, ...]]:
     """Return the groups that share enough names with another group."""
     def similar(word: str, other: str) -> bool:
-        minimum = _MIN_SHARED_SIDES if {word, other} <= set(_SIDES) else _MIN_SHARED
+        minimum = DEFECTS.min_side_names if {word, other} <= set(_SIDES) else DEFECTS.min_names
         return word != other and len(groups[word].keys() & groups[other].keys()) >= minimum
 
     return [tuple(names.values()) for word, names in groups.items()

@@ -7,17 +7,12 @@ from typing import Any
 
 from bokeh.models import ColumnDataSource, Span
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.evaluation.compare import REGIONS
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.style import padded, PURPLE
 import numpy as np
 from numpy.typing import NDArray
-
-# Minimum gap that breaks a line, in median steps and in s.
-_BREAK_STEPS, _BREAK_SECONDS = 20.0, 2.0
-# Maximum speed at rest, in rad/s, for the colour of a point.
-REST_SPEED = 1e-3
-# Approximate maximum number of drawn samples.
-MAX_ROWS = 12_000
 
 
 class Table:
@@ -45,7 +40,7 @@ class Table:
             't': self.column(time), 'w': np.insert(weights, breaks, 0.0).astype(np.float32)}
         for n in contents.numbers:
             speed = samples.qd[:, n]
-            direction = np.where(np.abs(speed) <= REST_SPEED, 0.0, np.sign(speed))
+            direction = np.where(np.abs(speed) <= REGIONS.rest_speed, 0.0, np.sign(speed))
             data |= {f'q{n}': self.column(samples.q[:, n]), f'v{n}': self.column(speed),
                      f'd{n}': self.column(direction), f'm{n}': self.column(samples.tau[:, n]),
                      f'p{n}': self.column(contents.predicted[:, n]),
@@ -104,13 +99,13 @@ def _breaks(contents: Contents, rows: IntArray) -> IntArray:
     steps = np.diff(samples.t)
     median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     # Gaps of the recording, not gaps from decimation.
-    gaps = np.flatnonzero((steps > _BREAK_STEPS * median) & (steps > _BREAK_SECONDS))
+    gaps = np.flatnonzero((steps > REPORT.break_steps * median) & (steps > REPORT.break_seconds))
     gap = np.diff(np.searchsorted(gaps, rows)) > 0
     return np.flatnonzero(new_run | gap) + 1
 
 
 def keep_extremes(runs: IntArray, values: FloatArray,
-                  max_rows: int = MAX_ROWS) -> tuple[IntArray, FloatArray]:
+                  max_rows: int = REPORT.max_rows) -> tuple[IntArray, FloatArray]:
     """
     Return increasing sample indices, about `max_rows` of M, and the weight of each sample.
 

@@ -29,14 +29,12 @@ from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.section import Section, tiles
 from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, MARKED, plot, PREDICTED, RESIDUAL, short, TEXT)
 from gravity_comp_ros.report.table import Table
 import numpy as np
-
-# Maximum number of gravity terms for a refit; beyond it the residual of the model is used.
-_MAX_FEATURES = 500
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ def _project(motion: Motion, model: GravityModel, joint: int, others: list[Findi
     features = model.torques[joint].indices
     tau = samples.tau[rows, joint]
     regressors = [np.zeros((len(rows), 0))]
-    if len(features) <= min(_MAX_FEATURES, len(rows) // 4):
+    if len(features) <= min(REPORT.max_features, len(rows) // 4):
         regressors.append(dictionary.columns(samples.q[rows], features))
     else:
         tau = tau - motion.gravity[rows, joint]
@@ -131,9 +129,7 @@ def _columns(motion: Motion, model: GravityModel, name: str, joint: str | None,
         return None
 
 
-_MAX_PLOTS = 9
 _MAX_BARS, _MAX_NAME = 15, 48
-_MAX_COEFFICIENTS = 4
 
 
 def section(contents: Contents, table: Table) -> Section:
@@ -161,7 +157,7 @@ def section(contents: Contents, table: Table) -> Section:
     parts: list[UIElement] = [gridplot(
         [[bar_plot('held-out error, % of the range of the torque', names, bars, '0.00',
                    _MAX_NAME)]], sizing_mode='stretch_width', toolbar_location=None)]
-    plots = added(contents, table, range(min(len(findings), _MAX_PLOTS)))
+    plots = added(contents, table, range(min(len(findings), REPORT.max_plots)))
     explanation = ''
     if plots:
         parts.append(tiles(plots, 300))
@@ -191,7 +187,7 @@ def label(finding: Finding) -> str:
     return finding.effect or 'unexplained'
 
 
-def coefficients(finding: Finding, max_count: int = _MAX_COEFFICIENTS) -> str:
+def coefficients(finding: Finding, max_count: int = REPORT.max_coefficients) -> str:
     """Return at most `max_count` coefficients with units and 95 % intervals in one line."""
     return markup.units(wording.coefficients(finding.coefficients, max_count))
 

@@ -13,12 +13,10 @@ from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import padded, plot, RESIDUAL, short
 import numpy as np
-
-_SHOWN, _MAX_TERMS = 8, 300
-_MAX_STEMS = 1000
 
 
 def section(contents: Contents, selector: JointSelector) -> Section:
@@ -50,20 +48,20 @@ def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
     torque = contents.model.torques[n]
     order = np.argsort(-np.abs(torque.weights), kind='stable')
     count = contents.model.n_joints
-    return [(float(torque.weights[k]),
-             dictionary.feature_name(int(torque.indices[k]), count)) for k in order[:_MAX_TERMS]]
+    return [(float(torque.weights[k]), dictionary.feature_name(int(torque.indices[k]), count))
+            for k in order[:REPORT.max_terms]]
 
 
 def _equation(contents: Contents, n: int) -> str:
     name, listed = contents.model.joints[n], terms(contents, n)
     count = len(contents.model.torques[n].weights)
-    first = _sum(listed[:_SHOWN]) or '0'
-    rest = count - min(_SHOWN, len(listed))
+    first = _sum(listed[:REPORT.shown_terms]) or '0'
+    rest = count - min(REPORT.shown_terms, len(listed))
     html = f'<p class="equation"><b>{markup.text(name)}</b> = {first}'
     html += f' <span class="quiet">… {rest} more</span></p>' if rest else '</p>'
     if rest:
-        note = '' if count <= _MAX_TERMS else markup.paragraph(
-            f'The {_MAX_TERMS} largest of {count} terms; the model file lists all.', 'quiet')
+        note = '' if count <= REPORT.max_terms else markup.paragraph(
+            f'The {REPORT.max_terms} largest of {count} terms; the model file lists all.', 'quiet')
         rows = [[f'{weight:.4f}', feature] for weight, feature in listed]
         html += markup.folded(f'all terms of {name}', note + markup.table(
             ['weight N·m', 'feature'], rows, left=('feature',)))
@@ -80,7 +78,7 @@ def _sum(weighted: list[tuple[float, str]]) -> str:
 
 def _stems(contents: Contents, n: int) -> figure:
     torque, count = contents.model.torques[n], contents.model.n_joints
-    largest = np.sort(np.argsort(-np.abs(torque.weights))[:_MAX_STEMS])
+    largest = np.sort(np.argsort(-np.abs(torque.weights))[:REPORT.max_stems])
     indices, weights = torque.indices[largest], torque.weights[largest]
     source = ColumnDataSource({
         'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),

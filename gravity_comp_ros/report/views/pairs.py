@@ -11,13 +11,11 @@ from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.section import JointSelector, Section, tiles
 from gravity_comp_ros.report.style import GRID, HEAT, label, MARKED, plot
 from gravity_comp_ros.report.table import Table
 import numpy as np
-
-# Minimum range of a joint, in rad, so that a joint at rest has a cell.
-_MIN_RANGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def pair_grid(q: FloatArray, residual: FloatArray, cells: int = 12) -> PairGrid:
     """
     n = q.shape[1]
     low, high = q.min(axis=0), q.max(axis=0)
-    width = np.maximum(high - low, _MIN_RANGE)
+    width = np.maximum(high - low, REPORT.min_range)
     middle = 0.5 * (low + high)
     edges = np.linspace(middle - 0.5 * width, middle + 0.5 * width, cells + 1).T
     cells_of, squares = places(q, edges), residual ** 2

@@ -8,19 +8,10 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.section import JointSelector, Section
 from gravity_comp_ros.report.style import FAINT, plot, RESIDUAL
 import numpy as np
-
-_MAX_SEGMENT = 4096
-_MAX_POINTS = 400
-_MAX_ROWS = 12000
-# Maximum order, in cycles per revolution.
-_MAX_ORDER = 80.0
-# Minimum travel, in rad, for a spectrum over the angle.
-_MIN_TRAVEL = 0.05
-# Step of the order, in cycles over the visited range.
-_ORDER_STEP = 0.5
 
 
 def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -38,7 +29,7 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
         return np.zeros(0), np.zeros(0)
     from scipy import signal  # imported here because it takes 0.5 s
     step = float(np.median(np.concatenate([np.diff(samples.t[rows]) for rows in runs])))
-    length = min(_MAX_SEGMENT, max(16, int(min(np.ptp(samples.t[r]) for r in runs) / step)))
+    length = min(REPORT.max_segment, max(16, int(min(np.ptp(samples.t[r]) for r in runs) / step)))
     frequency: FloatArray = np.zeros(0)
     total, weight = np.zeros(1), 0.0
     for rows in runs:
@@ -66,13 +57,13 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
     :param residual: (M,) in N·m.
     """
     travel = float(np.ptp(q)) if len(q) else 0.0
-    if travel < _MIN_TRAVEL:
+    if travel < REPORT.min_travel:
         return np.zeros(0), np.zeros(0)
-    rows = np.arange(0, len(q), max(1, len(q) // _MAX_ROWS))
+    rows = np.arange(0, len(q), max(1, len(q) // REPORT.max_rows))
     q, residual = q[rows], residual[rows] - residual[rows].mean()
     lowest = 2.0 * np.pi / travel
-    count = int(_MAX_ORDER / (_ORDER_STEP * lowest)) + 1
-    orders = (_ORDER_STEP * lowest * np.arange(2.0, count))[:_MAX_POINTS]
+    count = int(REPORT.max_order / (REPORT.order_step * lowest)) + 1
+    orders = (REPORT.order_step * lowest * np.arange(2.0, count))[:REPORT.max_points]
     amplitudes = np.zeros(len(orders))
     for k, order in enumerate(orders):
         sine, cosine = np.sin(order * q), np.cos(order * q)

@@ -10,16 +10,12 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.options import REPORT
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import AFTER, bar_key, bar_plot, Bars, DOWN, STILL
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import effects, residuals
 import numpy as np
-
-# Ratio of an error to the training error beyond statistical uncertainty.
-_WORSE = 2.0
-# Ratio of an error to the median error of the other joints that is reported.
-_REPORTED_RATIO = 3.0
 
 
 def headline(contents: Contents) -> str:
@@ -27,13 +23,13 @@ def headline(contents: Contents) -> str:
     if contents.diagnosis is not None:
         return f'{_largest(contents)}. {_missing(contents.diagnosis)}'
     errors = {name: contents.comparison.joints[name] for name in contents.joints}
-    useless = [name for name, joint in errors.items()
-               if joint.rmse > joint.rmse_constant and joint.rmse > 3.0 * _noise(contents, name)]
+    useless = [name for name, joint in errors.items() if joint.rmse > max(
+        joint.rmse_constant, REPORT.larger * _noise(contents, name))]
     if 2 * len(useless) > len(errors):
         return (f'The model is worse than a constant on {", ".join(useless)}: the arm, the signs '
                 f'or units of the effort, or the payload differ from those of the fit.')
     worse = [name for name, joint in errors.items()
-             if joint.rmse > _WORSE * _noise(contents, name)]
+             if joint.rmse > REPORT.worse * _noise(contents, name)]
     if worse:
         return (f'{_largest(contents)}; more than twice the training error: '
                 f'{", ".join(worse)}.')
@@ -74,16 +70,13 @@ def _largest(contents: Contents) -> str:
                 f'{percent(error.nrmse)} of the range of its torque')
     others = [contents.comparison.joints[name].rmse for name in contents.joints if name != worst]
     median = float(np.median(others)) if others else 0.0
-    if median > 0.0 and error.rmse > _REPORTED_RATIO * median:
+    if median > 0.0 and error.rmse > REPORT.larger * median:
         sentence += f' and {error.rmse / median:.2g} times that of the other joints'
     return sentence
 
 
 def _noise(contents: Contents, name: str) -> float:
     return float(contents.model.noise[contents.model.joints.index(name)])
-
-
-_MAX_REGIONS = 2
 
 
 def errors(contents: Contents) -> Section:
@@ -117,7 +110,7 @@ def errors(contents: Contents) -> Section:
 
 def _regions(contents: Contents) -> str:
     lines = [f'{name} {region.words}' for name in contents.joints
-             for region in contents.comparison.joints[name].where[:_MAX_REGIONS]]
+             for region in contents.comparison.joints[name].where[:REPORT.max_regions]]
     outside = contents.comparison.share_outside
     if outside > 0.0:
         lines.insert(0, f'{100 * outside:.1f} % of these samples are outside the trained poses')

@@ -6,9 +6,9 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.node import epoch as epoch_module
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, MEAN_OVER, REST_SPEED, rows_of
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import iiwa7, inverse_dynamics
@@ -180,7 +180,7 @@ def test_fits_are_due_as_samples_grow_and_the_last_closes_the_epoch():
 def test_a_failed_fit_does_not_close_the_epoch_and_is_repeated_with_more_samples():
     """An effect that the motion does not excite fails each time."""
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
-    due = due_fits(epoch, 2 * epoch_module.CAPACITY, False)
+    due = due_fits(epoch, 2 * NODE.capacity, False)
     assert epoch.is_open and due[:8] == [20, 25, 32, 40, 50, 60, 75, 94]
     # Also with a full ring, whose number of samples does not grow.
-    assert due[-1] > epoch_module.CAPACITY and len(epoch) == epoch_module.CAPACITY
+    assert due[-1] > NODE.capacity and len(epoch) == NODE.capacity
