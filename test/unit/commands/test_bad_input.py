@@ -75,9 +75,7 @@ def test_effort_scale_and_effect_by_joint_number(files, capsys):
     result = run_json(capsys, 'add', 'torque_offset:2', files['GOOD'], '--model', files['MODEL'],
                       '--dry-run')
     assert result['added'] == ['torque_offset:elbow']
-
-
-def test_names_take_precedence_over_numbers():
+    # Names take precedence over numbers.
     assert joint_named('2', ('2', '1')) == '2'
     assert joint_named('2', ('a', 'b')) == 'b'
     assert joint_named('0', ('a', 'b')) is None and joint_named('x', ('a',)) is None

@@ -37,12 +37,14 @@ def fails_with(error):
     return run
 
 
-def test_overview_lists_every_verb(capsys):
+def test_version_and_overview_of_every_verb(capsys):
     assert cli.main(['--help']) == 0
     output = capsys.readouterr().out
     assert 'not available' not in output
     for name in cli.VERBS:
         assert f'\n  {name} ' in output
+    assert cli.main(['--version']) == 0
+    assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
 
 
 @pytest.mark.parametrize('name', cli.VERBS)
@@ -95,11 +97,6 @@ def test_a_shell_completes(tmp_path, capsys, typed, offered):
         capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(
         offered.split()), (done.stdout, done.stderr)
-
-
-def test_version(capsys):
-    assert cli.main(['--version']) == 0
-    assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
 
 
 @pytest.mark.parametrize('argv, text', [

@@ -3,6 +3,7 @@
 import re
 import shlex
 
+from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.models.model_file import load_model
@@ -183,16 +184,11 @@ def test_long_work_prints_each_stage_once_in_a_log(capsys, monkeypatch, delay, l
 def table(tmp_path, monkeypatch):
     """Return a CSV of two joints with friction on the second, efforts in mN·m and reversed."""
     monkeypatch.chdir(tmp_path)
-    t = np.arange(1500) * 0.08
-    q = np.column_stack([0.9 * np.sin(0.13 * t), 1.0 * np.sin(0.11 * t + 0.7)])
-    qd = np.gradient(q, t, axis=0)
-    elbow = 4.0 * np.sin(q.sum(axis=1))
-    friction = 0.8 * np.tanh(qd[:, 1] / 0.005)
-    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + elbow, elbow + friction])
-    tau += np.random.default_rng(0).normal(scale=0.03, size=tau.shape)
+    links = two_links(rough=0.0, reach=WIDE)
+    tau = links.tau + [0.0, 0.8] * np.tanh(links.qd / 0.005)
     path = tmp_path / 'my log.csv'
-    np.savetxt(path, np.column_stack([t, q, qd, -1000 * tau]), delimiter=',', comments='',
-               header='t,q_1,q_2,qd_1,qd_2,tau_1,tau_2')
+    np.savetxt(path, np.column_stack([links.t, links.q, links.qd, -1000 * tau]), delimiter=',',
+               comments='', header='t,q_1,q_2,qd_1,qd_2,tau_1,tau_2')
     return path
 
 

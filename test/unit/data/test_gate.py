@@ -43,15 +43,11 @@ def test_rate_keeps_one_in_each_period():
     result = slow_samples(still(np.arange(0, 10, 0.01)), GateOptions(rate_hz=5.0))
     assert result.kept == 51 and result.total == 1000 and result.dropped == {RATE: 949}
     assert np.all(np.diff(result.samples.t) > 0.09)
-
-
-def test_input_at_the_requested_rate_passes_in_spite_of_jitter():
+    # Input at the requested rate passes in spite of jitter.
     rng = np.random.default_rng(1)
     t = np.arange(500) / 5.0 + rng.uniform(-0.04, 0.04, 500)
     assert slow_samples(still(t), GateOptions(rate_hz=5.0)).kept == 500
-
-
-def test_all_random_poses_pass():
+    # Poses at rest pass.
     rng = np.random.default_rng(2)
     t, q = np.arange(200) * 2.0, rng.uniform(-3, 3, (200, 7))
     samples = JointSamples.single_run([f'j{k}' for k in range(7)], t, q, 0 * q, 0 * q)
@@ -160,16 +156,11 @@ def test_no_leakage_across_a_gap():
     speed = differentiate(t, q)[:, 0]
     np.testing.assert_allclose(speed[:100], 1, atol=1e-9)
     np.testing.assert_allclose(speed[100:], -2, atol=1e-9)
-
-
-def test_a_single_sample_between_gaps_has_no_velocity():
+    # A single sample between gaps has no velocity.
     t = np.concatenate([np.arange(20) / 10, [50.0], 100 + np.arange(20) / 10])
     speed = differentiate(t, t[:, None])[:, 0]
     assert np.isnan(speed[20])
     np.testing.assert_allclose(np.delete(speed, 20), 1)
-
-
-def test_too_few_samples_have_no_velocity():
     assert np.isnan(differentiate([1.0], [[2.0]])).all()
     assert differentiate([], np.empty((0, 2))).shape == (0, 2)
 

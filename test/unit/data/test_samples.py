@@ -73,12 +73,9 @@ def test_invalid_samples_are_refused_in_one_line(changes, message):
     assert '\n' not in str(caught.value)
 
 
-def test_time_may_start_again_with_a_new_run():
+def test_time_may_start_again_with_a_run_and_a_run_may_be_empty():
     samples = edited(t=[0.0, 0.1, 0.0, 0.1, 0.2], runs=[0, 0, 1, 1, 1], run_labels=('x', 'y'))
     assert [part.n_samples for part in samples.each_run()] == [2, 3]
-
-
-def test_no_samples_at_all_are_allowed():
     empty = some(0)
     assert len(empty) == 0 and empty.q.shape == (0, 3)
     assert [len(part) for part in concatenate([empty, some(2)]).each_run()] == [0, 2]
@@ -179,23 +176,19 @@ def test_runs_on_one_clock_share_a_time_axis():
     # In any order of the recordings.
     times = session_time(runs(1060.0, 1000.0))
     np.testing.assert_allclose(times, [60, 60.5, 61, 61.5, 62, 0, 0.5, 1, 1.5, 2])
+    # A pause of hours ends a session.
+    times = session_time(runs(0.0, 10.0, 20.0 + MAX_PAUSE, 30.0 + MAX_PAUSE))
+    np.testing.assert_allclose(times[[0, 5, 10, 15]], [0.0, 10.0, 0.0, 10.0])
+    # Selections keep the clock.
+    samples = runs(1000.0, 1060.0).select(np.arange(10) % 2 == 1).joints(('a',))
+    np.testing.assert_allclose(session_time(samples), [0, 1, 59.5, 60.5, 61.5])
+    assert samples.run(1).starts == (1060.0,)
 
 
 @pytest.mark.parametrize('starts', [(0.0, 0.0), (10.0, 11.0), (None, None), (5.0, None)])
 def test_runs_that_overlap_or_have_no_clock_start_at_0(starts):
     samples = runs(*starts)
     np.testing.assert_array_equal(session_time(samples), run_time(samples))
-
-
-def test_a_pause_of_hours_ends_a_session():
-    times = session_time(runs(0.0, 10.0, 20.0 + MAX_PAUSE, 30.0 + MAX_PAUSE))
-    np.testing.assert_allclose(times[[0, 5, 10, 15]], [0.0, 10.0, 0.0, 10.0])
-
-
-def test_selections_keep_the_clock():
-    samples = runs(1000.0, 1060.0).select(np.arange(10) % 2 == 1).joints(('a',))
-    np.testing.assert_allclose(session_time(samples), [0, 1, 59.5, 60.5, 61.5])
-    assert samples.run(1).starts == (1060.0,)
 
 
 def test_starts_that_do_not_fit_the_runs_are_refused():
@@ -245,9 +238,7 @@ def test_whole_runs_of_several_are_held_out():
     _, fitted, held_out = divided(samples, 0.4)
     assert set(held_out.runs) == {3, 4} and set(fitted.runs) == {0, 1, 2}
     assert fitted.n_samples == 30
-
-
-def test_a_run_without_samples_does_not_count():
+    # A run without samples does not count.
     samples = concatenate([ramp(60, 'first'), ramp(60, 'second')])
     only_first = samples.select(samples.runs == 0)
     blocks, _, held_out = divided(only_first)

@@ -124,9 +124,7 @@ def test_a_drift_goes_on_in_a_later_recording(motion):
     earlier = stamped(motion, CLOCK - 1000.0, CLOCK - 1000.0)
     assert not drift.columns(earlier, 0, law).any()
     np.testing.assert_allclose(drift.columns(motion, 0, law)[:, 0], AGE * np.exp(-AGE / 500.0))
-
-
-def test_stamps_near_zero_are_no_clock(motion):
+    # Stamps near zero are no clock.
     assert known_effect('torque_drift').settings(stamped(motion, 0.0, 0.0), 0)[0]['origin'] == 0.0
 
 

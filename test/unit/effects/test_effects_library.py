@@ -52,8 +52,11 @@ def whole(columns, joint, n_joints):
     return out
 
 
-def test_names_of_effects_are_stable():
+def test_names_are_stable_and_all_effects_testable_on_an_exciting_motion():
     assert sorted(EFFECTS) == sorted(NAMES)
+    motion = session_motion('iiwa7')
+    blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
+    assert blind == set()
 
 
 @each_effect
@@ -63,18 +66,13 @@ def test_documentation_of_an_effect_is_complete(effect):
         assert text.strip() and '\n' not in text
     assert '{joint}' in effect.experiment or not effect.per_joint
     assert bool(effect.confounders) != effect.is_shared
-    assert set(effect.confounders) <= set(NAMES) - {effect.name}
+    assert {*effect.confounders, *effect.corrects} <= set(NAMES) - {effect.name}
+    assert all(effect.name in EFFECTS[other].confounders for other in effect.confounders)
     # Only ratios have no unit: a friction coefficient and a gain.
     ratios = {'load_dependent_friction', 'torque_gain'}
     for coefficient in effect.coefficients:
         assert coefficient.symbol and coefficient.meaning
         assert bool(coefficient.unit) != (effect.name in ratios)
-
-
-def test_confounders_are_symmetric():
-    for name, effect in EFFECTS.items():
-        for other in effect.confounders:
-            assert name in EFFECTS[other].confounders, (name, other)
 
 
 def kinds(setting):
@@ -106,12 +104,6 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
             np.testing.assert_array_equal(columns, again)
             for finer in effect.refine(motion, joint, setting, 1.0):
                 assert np.isfinite(effect.columns(motion, joint, finer)).all()
-
-
-def test_all_effects_are_testable_on_an_exciting_motion():
-    motion = session_motion('iiwa7')
-    blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
-    assert blind == set()
 
 
 @each_arm
@@ -269,8 +261,3 @@ def test_missing_attributes_are_named():
         Silent()
     with pytest.raises(TypeError, match='columns'):
         Effect()
-
-
-def test_corrections_name_effects():
-    for effect in EFFECTS.values():
-        assert set(effect.corrects) <= set(NAMES) - {effect.name}

@@ -56,9 +56,7 @@ def test_acceleration_is_that_of_the_motion():
     assert np.abs(accelerations(samples) - truth).max() < 0.1 * np.abs(truth).max()
     error = accelerations(samples) - truth
     assert np.sqrt((error ** 2).mean()) < 0.02 * np.sqrt((truth ** 2).mean())
-
-
-def test_acceleration_is_computed_within_runs():
+    # It is computed within runs.
     samples = clean_samples('six_axis')
     joined = accelerations(samples)
     for number in range(samples.n_runs):
@@ -72,9 +70,7 @@ def test_constant_acceleration_at_an_uneven_rate():
     qd = (0.3 * t + 0.1)[:, None]
     samples = JointSamples.single_run(('a',), t, 0.15 * t[:, None] ** 2, qd, qd)
     np.testing.assert_allclose(accelerations(samples), 0.3, atol=1e-6)
-
-
-def test_noise_of_acceleration_is_as_documented():
+    # Its noise is as documented.
     rng = np.random.default_rng(2)
     qd = 1e-3 * rng.standard_normal((20000, 1))
     samples = JointSamples.single_run(('a',), np.arange(20000) / 50, qd, qd, qd)
@@ -90,9 +86,7 @@ def test_poses_at_rest_have_no_acceleration():
     for name in FRICTION + ['rigid_body_dynamics', 'time_delay']:
         for joint in range(6):
             assert EFFECTS[name].untestable(motion, joint), name
-
-
-def test_an_isolated_sample_has_no_acceleration():
+    # Nor has an isolated sample.
     t = np.array([0.0, 0.02, 0.04, 5.0, 9.0, 9.02, 9.04])
     qd = np.linspace(0.1, 0.2, 7)[:, None]
     assert accelerations(JointSamples.single_run(('a',), t, qd, qd, qd))[3, 0] == 0.0
@@ -238,24 +232,18 @@ def test_speed_dependence_is_untestable_at_one_speed():
     assert reversals(motion, 0) == 5
 
 
-def test_effects_of_several_joints_are_untestable_on_one():
-    motion = clean_motion('pendulum')
-    for name in ('coupled_friction', 'tool_force'):
-        assert EFFECTS[name].untestable(motion, 0), name
-
-
-def test_a_tilt_of_a_level_pendulum_is_untestable():
-    # Its axis is horizontal: a tilt about the axis itself is an encoder offset.
-    reason = EFFECTS['base_tilt'].untestable(clean_motion('pendulum'), 0)
-    assert 'no gravity torque depends on a tilt' in reason
-
-
-def test_changes_of_the_arm_require_a_chain():
+def test_effects_require_a_chain_several_joints_or_gravity():
     bare = replace(clean_motion('six_axis'), chain=None, geometry=None)
     for name in ('payload_change', 'base_tilt'):
         assert 'requires a serial arm' in EFFECTS[name].untestable(bare, 0)
     assert 'axes of the arm are unknown' in EFFECTS['rigid_body_dynamics'].untestable(bare, 0)
     assert EFFECTS['encoder_offset'].untestable(bare, 1) is None
+    motion = clean_motion('pendulum')
+    for name in ('coupled_friction', 'tool_force'):
+        assert EFFECTS[name].untestable(motion, 0), name
+    # Its axis is horizontal: a tilt about the axis itself is an encoder offset.
+    reason = EFFECTS['base_tilt'].untestable(clean_motion('pendulum'), 0)
+    assert 'no gravity torque depends on a tilt' in reason
 
 
 def test_time_is_counted_from_the_start_of_each_run():
@@ -273,8 +261,6 @@ def test_lost_messages_do_not_count_as_noise():
     assert white_noise([(q[kept], t[kept])]) == pytest.approx(1e-5, rel=0.15)
     # Without times, motion over a gap counts as noise.
     assert white_noise([(q[kept], None)]) > 2e-5
-
-
-def test_all_windows_are_used_if_none_is_even():
+    # All windows are used if none is even.
     t = np.cumsum(np.tile([0.01, 0.04], 50))
     assert evenly_spaced(t, 4).all() and evenly_spaced(t[:4], 4).size == 0

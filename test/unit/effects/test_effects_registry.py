@@ -167,9 +167,7 @@ def test_an_effect_is_found_by_its_name():
     assert known_effect('time_delay') is all_effects()['time_delay']
     with pytest.raises(OptionError, match="no effect 'gremlins'; known are coulomb_friction"):
         known_effect('gremlins')
-
-
-def test_the_caller_cannot_change_the_registry():
+    # The caller cannot change the registry.
     all_effects().clear()
     assert 'time_delay' in all_effects()
 
@@ -178,11 +176,6 @@ def test_the_page_of_effects_is_that_of_the_library():
     page = (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8')
     assert page == make_effects.document(), (
         'python3 docs/make_effects.py > docs/effects.md')
-
-
-def test_the_page_includes_every_effect_and_valid_links():
-    page = make_effects.document()
     headings = {line[3:] for line in page.splitlines() if line.startswith('## ')}
     assert headings == set(library_effects())
-    links = {part.split(')')[0] for part in page.split('](#')[1:]}
-    assert links <= headings
+    assert {part.split(')')[0] for part in page.split('](#')[1:]} <= headings

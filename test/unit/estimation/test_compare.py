@@ -50,15 +50,10 @@ def test_figures_by_hand():
     assert joint.nrmse == pytest.approx(np.sqrt(3) / 10)
     assert joint.rmse_constant == pytest.approx(np.sqrt(13))   # of 0, 4, 10, 6 around 5
     np.testing.assert_allclose(comparison.residual[:, 0], [1.0, -1.0, 3.0, 1.0])
-
-
-def test_a_constant_torque_has_no_nrmse():
+    # A constant torque has no nRMSE.
     comparison = against(samples_of([2.0, 2.0, 2.0]), [[1.0], [2.0], [3.0]])
     assert comparison.joints['a'].nrmse is None
     assert comparison.joints['a'].rmse == pytest.approx(np.sqrt(2 / 3))
-
-
-def test_a_perfect_prediction():
     samples = samples_of(np.arange(40.0))
     joint = against(samples, samples.tau).joints['a']
     assert (joint.rmse, joint.nrmse, joint.max_abs, joint.where) == (0.0, 0.0, 0.0, ())
@@ -214,6 +209,10 @@ def test_band_counts_by_hand():
     nowhere = compare_prediction(samples, zero, np.zeros(6, dtype=bool), band).band.outside
     assert (nowhere.n, nowhere.share) == (0, None)
     assert compare_prediction(samples, zero, outside).band is None
+    # A model without uncertainty has no band.
+    comparison = compare(sine_model(1.0), samples_of([0.0, 1.0, 2.0], names=('j0',)))
+    assert comparison.band is None
+    assert comparison.to_json()['joints']['j0']['band'] is None
 
 
 def test_the_band_of_a_model_covers_95_percent():
@@ -231,12 +230,6 @@ def test_the_band_of_a_model_covers_95_percent():
     counted = [part.n * part.share for part in (comparison.band.trained, comparison.band.outside)]
     assert comparison.band.trained.n + comparison.band.outside.n == inside.size
     assert sum(counted) == pytest.approx(inside.sum())
-
-
-def test_a_model_without_uncertainty_has_no_band():
-    comparison = compare(sine_model(1.0), samples_of([0.0, 1.0, 2.0], names=('j0',)))
-    assert comparison.band is None
-    assert comparison.to_json()['joints']['j0']['band'] is None
 
 
 def test_one_block_with_a_large_error_does_not_dominate():

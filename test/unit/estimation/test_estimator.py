@@ -77,20 +77,23 @@ def test_gravity_does_not_absorb_friction(result):
         assert size.value == pytest.approx(VISCOUS, abs=4 * std(size))
 
 
-def test_friction_is_not_predicted(result, samples):
+def test_friction_is_not_predicted(result, samples, tmp_path):
     # The prediction excludes fitted effects, and the reported error includes them.
     residual = samples.tau - result.model.predict(samples.q)
     assert rms(residual).min() > 0.7
     noise = residual - fitted_torque(result.model, samples)
     assert rms(noise) == pytest.approx(np.full(7, NOISE), rel=0.2)
     assert result.model.residual_std == pytest.approx(np.full(7, NOISE), rel=0.2)
-
-
-def test_fit_and_compare_report_the_same_errors(result, samples):
+    # Fit and comparison report the same errors.
     joints = compare(result.model, samples).joints
     for name, rmse in result.report.rmse.items():
         assert joints[name].rmse == pytest.approx(rmse, rel=1e-9)
     assert result.model.noise == pytest.approx([joints[name].rmse for name in ARM.joints])
+    # A model file keeps fitted effects.
+    save_model(tmp_path / 'm.json', result.model)
+    again = load_model(tmp_path / 'm.json')
+    assert again.fitted.effects == result.model.fitted.effects
+    np.testing.assert_array_equal(again.residual_std, result.model.residual_std)
 
 
 @pytest.mark.parametrize('formulation', ['chain', *campaign('potential')])
@@ -148,13 +151,6 @@ def test_velocities_that_contradict_positions_are_replaced():
     error = frictionless.tau - fitted.model.predict(frictionless.q)
     assert rms(error).max() < 2.0 * ROUGH_NOISE
     assert 'velocity contradicts position' in fitted.report.warnings[0]
-
-
-def test_a_model_file_keeps_fitted_effects(result, tmp_path):
-    save_model(tmp_path / 'm.json', result.model)
-    again = load_model(tmp_path / 'm.json')
-    assert again.fitted.effects == result.model.fitted.effects
-    np.testing.assert_array_equal(again.residual_std, result.model.residual_std)
 
 
 def test_long_recordings_cost_no_more_than_short_ones():

@@ -172,11 +172,14 @@ def test_a_base_that_turns(pitch, begin, seconds):
     assert f'by {np.degrees(tilt.angle):.0f}° from' in fact.evidence
 
 
-def test_a_base_that_turns_and_returns():
+def test_a_base_that_turns_and_returns_or_turns_between_recordings():
     fit = ArmFit(recorded(more=lambda q, qd, t: turned(0.2, 40.0, 3.0, q, t)
                           - turned(0.2, 80.0, 3.0, q, t)))
     (fact,) = moved_base(fit).facts()
     assert 'from 40 s to 43 s and by 12° from 80 s to 83 s' in fact.evidence
+    second = recorded(seed=3, more=lambda q, qd, t: 1.0 + turned(0.3, -1.0, 0.1, q, t))
+    (fact,) = torque_facts(concatenate([recorded(), second]))
+    assert fact.kind is Kind.MOVED_BASE and 'by 18°' in fact.evidence
 
 
 @pytest.fixture(scope='module')
@@ -205,12 +208,6 @@ def test_friction_and_offset_of_one_recording_are_no_tilt(n_joints, offset, seed
     second = recorded(arm=arm, seed=seed + 20, more=lambda q, qd, t: offset + (
         frictionless(q, qd, t) if offset else 0.0))
     assert torque_facts(concatenate([first, second])) == []
-
-
-def test_a_base_that_turns_between_recordings():
-    second = recorded(seed=3, more=lambda q, qd, t: 1.0 + turned(0.3, -1.0, 0.1, q, t))
-    (fact,) = torque_facts(concatenate([recorded(), second]))
-    assert fact.kind is Kind.MOVED_BASE and 'by 18°' in fact.evidence
 
 
 def test_a_part_of_an_arm_stands_on_a_link_that_tilts(wrist, tmp_path, capsys):

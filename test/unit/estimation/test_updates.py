@@ -81,9 +81,7 @@ def test_a_removed_payload_has_a_negative_mass(old):
     bare = update(held, recorded(ARM, LATER[50:100], 2), geometry=IIWA)
     assert bare.report.payload.mass.value == pytest.approx(-1.5, rel=0.03)
     assert worst(bare.model, ARM, LATER) <= 0.05
-
-
-def test_no_payload_has_no_centre(old):
+    # Without a payload there is no centre.
     updated = update(old['chain'], recorded(ARM, LATER[:50], 1), geometry=IIWA)
     low, high = updated.report.payload.mass.ci95
     assert low < 0.0 < high and updated.report.payload.centre is None

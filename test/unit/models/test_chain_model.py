@@ -210,16 +210,11 @@ def test_average_is_the_sum_over_all_supports_and_sizes(small):
                                rtol=0.3)
 
 
-def test_l1_proposes_the_jumps():
+def test_l1_proposes_few_jumps_which_are_estimated_from_fewer_rows_than_parameters():
     jumps = np.zeros(30)
     jumps[[4, 17]] = 5.0, -3.0
     result, support = propose(problem(jumps, rows=25))
     assert result.converged and support[[4, 17]].all() and support.sum() <= 8
-
-
-def test_few_jumps_are_estimated_from_fewer_rows_than_parameters():
-    jumps = np.zeros(30)
-    jumps[[4, 17]] = 5.0, -3.0
     change = find_change(problem(jumps, rows=25, spread=0.01))
     np.testing.assert_array_equal(change.support, [4, 17])
     assert change.mean == pytest.approx(jumps, abs=0.5)
@@ -229,6 +224,12 @@ def test_no_change():
     change = average_change(problem(np.zeros(12)))
     assert change.support.size == 0
     assert np.abs(change.mean).max() < 0.2
+    # Exactly known parameters do not change.
+    given = problem(np.array([2.0, 0.0, 0.0]))
+    fixed = ChangeProblem(given.columns, given.residual, np.zeros((3, 3)), np.array([0]), 10.0)
+    change = average_change(fixed)
+    assert change.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert change.mean[0] == pytest.approx(2.0, abs=0.4)
 
 
 def test_the_intervals_cover_95_percent():
@@ -244,14 +245,6 @@ def test_the_intervals_cover_95_percent():
         truth = jumps + 0.05 * again.normal(size=8)
         inside.append(np.abs(truth - change.mean) <= 1.96 * np.sqrt(np.diag(change.covariance)))
     assert 0.91 <= np.mean(inside) <= 0.99
-
-
-def test_exactly_known_parameters_do_not_change():
-    given = problem(np.array([2.0, 0.0, 0.0]))
-    fixed = ChangeProblem(given.columns, given.residual, np.zeros((3, 3)), np.array([0]), 10.0)
-    change = average_change(fixed)
-    assert change.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert change.mean[0] == pytest.approx(2.0, abs=0.4)
 
 
 def test_a_search_continues_with_other_parameters(small):

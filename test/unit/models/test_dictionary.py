@@ -67,18 +67,6 @@ def test_products_are_those_of_the_dense_matrix(n_joints):
                                atol=1e-12)
 
 
-@pytest.mark.parametrize('n_joints', [1, 2, 4])
-def test_derivative_against_finite_differences(n_joints):
-    q, features, h = poses(7, n_joints), np.arange(3 ** n_joints), 1e-6
-    for joint in range(n_joints):
-        step = np.zeros(n_joints)
-        step[joint] = h
-        numeric = (dense(q + step) - dense(q - step)) / (2 * h)
-        derivatives, signs = dictionary.derivative(features, n_joints, joint)
-        analytic = dictionary.columns(q, derivatives) * signs
-        np.testing.assert_allclose(analytic, numeric, atol=1e-9)
-
-
 @pytest.mark.parametrize('n_joints', [0, 13])
 def test_too_few_or_too_many_joints(n_joints):
     with pytest.raises(DataError, match=f'{n_joints} joints; the dictionary takes 1 to 12'):
@@ -118,7 +106,7 @@ def test_columns_products_and_lengths_agree(kind, n_joints):
     np.testing.assert_allclose(design.squared_norms(), (full ** 2).sum(axis=0), atol=1e-12)
 
 
-@pytest.mark.parametrize('n_joints', [1, 3])
+@pytest.mark.parametrize('n_joints', [1, 2, 3, 4])
 def test_energy_columns_are_gradients(n_joints):
     design, q, weights = design_of(EnergyDesign, n_joints)
     features, h = np.arange(3 ** n_joints), 1e-6
@@ -148,12 +136,3 @@ def test_a_torque_from_an_energy_has_no_curl(n_joints, seed):
                          for e in np.eye(n_joints)])
     assert np.abs(jacobian).max() > 0
     np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-6)
-
-
-@given(seed=st.integers(0, 10 ** 6))
-def test_torque_of_an_energy_is_the_design_times_its_weights(seed):
-    model = energy_model(3, seed)
-    q = np.random.default_rng(seed).uniform(-3, 3, (4, 3))
-    design = EnergyDesign(q, np.ones((4, 3)))
-    torque = (design.columns(model.energy.indices) @ model.energy.weights).reshape(3, 4).T
-    np.testing.assert_allclose(model.predict(q), torque, atol=1e-10)

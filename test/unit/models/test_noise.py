@@ -22,10 +22,14 @@ def loads(count: int, rng: np.random.Generator) -> np.ndarray:
     return 60 * np.sin(rng.uniform(-3, 3, count))
 
 
-def test_sigma_by_hand():
+def test_sigma_and_close_estimates_by_hand():
     model = noise.NoiseModel(np.array([3.0, 1.0]), np.array([0.1, 0.0]))
     np.testing.assert_allclose(model.sigma(np.array([[40.0, 40.0], [0.0, 5.0]])),
                                [[5.0, 1.0], [3.0, 1.0]])
+    model = noise.NoiseModel(np.array([1.0]), np.array([0.01]))
+    assert model.is_close_to(noise.NoiseModel(np.array([1.04]), np.array([0.0105])))
+    assert not model.is_close_to(noise.NoiseModel(np.array([1.2]), np.array([0.01])))
+    assert not model.is_close_to(noise.NoiseModel(np.array([1.0]), np.array([0.02])))
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -86,9 +90,7 @@ def test_the_noise_has_a_floor():
     assert floor == pytest.approx(0.01)
     model = noise.estimate(np.zeros((50, 2)), tau, floor, np.zeros(2))
     assert (model.absolute >= floor).all()
-
-
-def test_zero_torque_has_a_floor():
+    # So has that of zero torque.
     assert noise.floor(np.zeros((10, 2))) > 0.0
     assert (noise.first_guess(np.zeros((10, 2))).absolute > 0.0).all()
 
@@ -98,13 +100,6 @@ def test_the_first_guess_is_the_torque_itself():
     assert model.absolute[0] == pytest.approx(np.sqrt(12.5))
     assert 0.0 < model.absolute[1] < 1e-2
     np.testing.assert_array_equal(model.relative, 0.0)
-
-
-def test_close_estimates():
-    model = noise.NoiseModel(np.array([1.0]), np.array([0.01]))
-    assert model.is_close_to(noise.NoiseModel(np.array([1.04]), np.array([0.0105])))
-    assert not model.is_close_to(noise.NoiseModel(np.array([1.2]), np.array([0.01])))
-    assert not model.is_close_to(noise.NoiseModel(np.array([1.0]), np.array([0.02])))
 
 
 def autoregressive(phi: float, count: int, rng: np.random.Generator) -> np.ndarray:

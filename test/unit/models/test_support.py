@@ -27,14 +27,11 @@ def test_the_prior_over_all_features_sums_to_one(n_joints):
     assert np.exp(-0.5 * (price - LN(50))).sum() == pytest.approx(1.0, rel=1e-12)
 
 
-def test_prices_by_hand():
+def test_prices_and_score_by_hand():
     price = support.costs(2, 100)
     assert price[0] == pytest.approx(LN(100) + 4 * LN(1.5))                 # 1
     assert price[1] == pytest.approx(LN(100) + 2 * LN(1.5) + 2 * LN(6))     # s2
     assert price[8] == pytest.approx(LN(100) + 4 * LN(6))                   # c1 c2
-
-
-def test_score_by_hand():
     design, b = orthonormal([1.0, 4.0, 3.0])
     kept = support.refit(design, b, np.array([1]))
     assert kept.chi2 == pytest.approx(10.0)
@@ -253,9 +250,7 @@ def test_close_poses_are_merged_to_their_mean():
     assert merged.runs.tolist() == [0, 0, 0, 1]
     # Different poses are not merged.
     assert merged.merged(0.0025) is merged
-
-
-def test_slow_creep_is_not_rest():
+    # Slow creep is not rest.
     q = np.linspace(0.0, 1.0, 1001)[:, None]
     merged = problem(q, 2 * q, np.zeros(1001, dtype=int)).merged(0.01)
     assert 80 < len(merged.q) < 120

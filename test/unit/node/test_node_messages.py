@@ -63,9 +63,7 @@ def test_a_constant_earlier_stamp_is_never_accepted():
     ours = reader()
     ours.read(state(100.0), 0.0)
     assert all(ours.read(state(7.0), 0.0) is None for _ in range(50))
-
-
-def test_without_a_stamp_the_time_of_arrival_is_used():
+    # Without a stamp the time of arrival is used.
     ours = reader()
     assert ours.read(state(0.0), 17.5).t == 17.5
     assert ours.counts == {'no_stamp': 1}

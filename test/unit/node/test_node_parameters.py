@@ -56,11 +56,6 @@ def test_values_as_yaml_reads_them_are_converted(name, value, parsed):
     assert all(row.parse(row.default) == row.default for row in TABLE)
 
 
-def test_all_formulations_can_be_fitted():
-    for formulation in BY_NAME['formulation'].choices:
-        assert FitOptions(formulation=formulation).formulation == formulation
-
-
 @pytest.mark.parametrize('change, why', [
     ({'joints': ('a', 'b'), 'max_torque': (1.0, 2.0, 3.0)}, 'max_torque: 3 values for 2'),
     ({'joints': ('a', 'b'), 'effort_scale': (1.0, 1.0, 1.0)}, 'effort_scale: 3 values for 2'),
@@ -75,7 +70,7 @@ def test_contradicting_values_are_refused(change, why):
         Parameters(**change)
 
 
-def test_the_example_configuration_is_accepted():
+def test_the_example_configuration_and_all_formulations_are_accepted():
     for path in (ROOT / 'config').glob('gravity_comp_*.yaml'):
         chosen = yaml.safe_load(path.read_text())['/**']['ros__parameters']
         values = Parameters(**{k: BY_NAME[k].parse(v) for k, v in chosen.items()})
@@ -84,3 +79,5 @@ def test_the_example_configuration_is_accepted():
         'ros__parameters']
     controllers = yaml.safe_load((ROOT / 'config' / 'controllers.yaml').read_text())
     assert controllers['gravity_controller']['ros__parameters']['joints'] == given['joints']
+    for formulation in BY_NAME['formulation'].choices:
+        assert FitOptions(formulation=formulation).formulation == formulation

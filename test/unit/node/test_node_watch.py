@@ -219,9 +219,7 @@ def test_the_ratio_of_two_errors_varies_as_over_other_samples():
 def test_a_worse_joint_prevents_acceptance():
     verdict = compare(linear(5.0, 2.0), linear(0.0, 3.0), TRAIN, HELD)
     assert refusal(verdict).text == 'worse on j1'
-
-
-def test_a_first_model_must_beat_a_constant_torque():
+    # A first model must beat a constant torque.
     assert compare(linear(5.0, 3.0), None, TRAIN, HELD).is_better
     assert not compare(linear(-5.0, -3.0), None, TRAIN, HELD).is_better
 
@@ -231,9 +229,7 @@ def test_effort_without_gravity_is_recognised():
     verdict = compare(linear(0.01, 0.0), None, train, held)
     assert verdict.is_compensated and refusal(verdict).name == checks.POSE_EXPLAINS
     assert 'compensate' in refusal(verdict).text
-
-
-def test_a_short_or_narrow_motion_does_not_show_compensation():
+    # A short or narrow motion does not show it.
     few = samples((0.0, 0.0), n=50)
     assert not compare(linear(0.0, 0.0), None, few, HELD).is_compensated
     narrow = samples((0.0, 0.0), spread=0.1)

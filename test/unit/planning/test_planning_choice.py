@@ -254,6 +254,10 @@ def test_the_uncertainty_is_that_of_the_model(estimated_gravity):
     std = model_of(estimated_gravity, Switches()).predict_std(old.q)
     np.testing.assert_allclose(question.now, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
     assert question.joints == tuple(np.argsort(-question.now))
+    # Without a motion it is the published posterior.
+    now, after = question.std(question.sums.recorded * np.array([1.0, 4.0])[:, None, None])
+    np.testing.assert_allclose(now, question.now, rtol=1e-6)
+    assert (after < 0.75 * now).all()
 
 
 def test_a_plan_reduces_the_uncertainty(estimated_gravity):
@@ -263,11 +267,3 @@ def test_a_plan_reduces_the_uncertainty(estimated_gravity):
     assert all(each.after < each.before for each in planned.gravity)
     assert any('gravity' in part.settles for part in planned.parts)
     assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
-
-
-def test_more_motion_reduces_the_uncertainty(estimated_gravity):
-    question = Gravity.of(estimated_gravity.regression, True)
-    # Without a motion it is the published posterior.
-    now, after = question.std(question.sums.recorded * np.array([1.0, 4.0])[:, None, None])
-    np.testing.assert_allclose(now, question.now, rtol=1e-6)
-    assert (after < 0.75 * now).all()

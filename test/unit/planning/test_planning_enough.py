@@ -41,6 +41,10 @@ def test_enough():
     assert enough.facts() == [] and enough.seconds == 0
     assert enough.directions == enough.moving == 6
     assert enough.std == enough.after and max(enough.std.values()) < 0.05
+    # A short recording is named with its duration.
+    enough = enough_motion(recorded(sines(seconds=15)))
+    assert len(enough.facts()) >= 1 and enough.seconds >= 15
+    assert max(enough.std.values()) > 0.05
 
 
 def test_a_joint_that_hardly_moves_is_named_with_a_motion_that_is_enough():
@@ -81,12 +85,6 @@ def test_offsets_that_differ_are_uncertain_where_the_pose_differs_with_them():
     own = np.random.default_rng(1).normal(0, 10.0, (6, 1)) * np.eye(6)[1]
     enough = enough_motion(concatenate([replace(r, tau=r.tau + o) for r, o in zip(runs, own)]))
     assert list(enough.facts()[0].joints) == [ARM.joints[1]]
-
-
-def test_a_short_recording_is_named_with_its_duration():
-    enough = enough_motion(recorded(sines(seconds=15)))
-    assert len(enough.facts()) >= 1 and enough.seconds >= 15
-    assert max(enough.std.values()) > 0.05
 
 
 def test_joints_that_follow_others_are_named():

@@ -225,10 +225,7 @@ def test_a_column_that_is_a_sum_of_others_is_not_identified():
     assert (shares_left(own, np.diag(own)) < 1e-4).all()
     negative = Score(None, np.diag([1.0, -1e-9]), np.zeros(2), np.zeros(2), np.eye(2))
     assert negative.identified[1] == 0.0 and negative.leverage(np.ones(2))[1] == 0.0
-
-
-def test_a_column_of_rounding_errors_is_not_identified():
-    """The moment about a vertical axis has no torque; its rounding seemed to be identified."""
+    # The moment about a vertical axis has no torque; its rounding seemed to be identified.
     z = np.random.default_rng(1).normal(size=(3, 50)) * np.array([[1.0], [1e-8], [2.0]])
     own = z @ z.T
     shares = shares_left(own, np.diag(own))

@@ -12,7 +12,6 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.regression.condensed import condensed
 from gravity_comp_ros.regression.linear import Linear
 from gravity_comp_ros.regression.measured_motion import variance_by_motion
-from gravity_comp_ros.regression.noise import correlation_time
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.rows import N_FOLDS, rows_of
@@ -66,6 +65,9 @@ def test_a_slow_recording_has_a_row_for_each_sample():
     assert rows.n_rows == 50 and (rows.count == 1).all()
     values = np.random.default_rng(0).normal(size=(50, 2))
     np.testing.assert_array_equal(rows.mean(values), values)
+    # Long recordings have longer rows.
+    rows = rows_of(run_of(np.arange(40000) / 20), EngineOptions(max_rows=500))
+    assert 450 < rows.n_rows <= 501
 
 
 def test_no_row_has_samples_of_two_runs_or_of_both_sides_of_a_gap():
@@ -91,11 +93,6 @@ def test_unused_samples_are_in_no_row():
         rows_of(samples, OPTIONS, np.zeros(20, dtype=bool))
 
 
-def test_long_recordings_have_longer_rows():
-    rows = rows_of(run_of(np.arange(40000) / 20), EngineOptions(max_rows=500))
-    assert 450 < rows.n_rows <= 501
-
-
 @given(st.integers(0, 10 ** 6), st.integers(1, 7), st.sampled_from([0.01, 0.1, 0.5]))
 def test_columns_in_batches_are_the_means_of_all(seed, runs, seconds):
     rng = np.random.default_rng(seed)
@@ -117,6 +114,9 @@ def test_blocks_are_two_seconds_of_one_run():
     rows = rows_of(concatenate([run_of(np.arange(250) / 50), run_of(np.arange(250) / 50)]),
                    OPTIONS)
     np.testing.assert_array_equal(np.bincount(rows.block), [20, 20, 10, 20, 20, 10])
+    # Short recordings have every fold.
+    rows = rows_of(run_of(np.arange(500) / 50), OPTIONS)
+    np.testing.assert_allclose(np.bincount(rows.fold), [20] * 5, atol=1)
 
 
 def test_folds_are_whole_runs_if_there_are_enough():
@@ -126,31 +126,6 @@ def test_folds_are_whole_runs_if_there_are_enough():
     assert np.diff(changes).min() >= 99       # 10 s of rows of 0.1 s
     hundred = rows_of(concatenate([run_of(np.arange(100) / 50)] * 7), OPTIONS)
     np.testing.assert_array_equal(hundred.fold, hundred.run % N_FOLDS)
-
-
-def test_short_recordings_have_every_fold():
-    rows = rows_of(run_of(np.arange(500) / 50), OPTIONS)
-    np.testing.assert_allclose(np.bincount(rows.fold), [20] * 5, atol=1)
-
-
-@pytest.mark.parametrize('rho', [0.0, 0.5, 0.8, 0.95])
-def test_the_correlation_time_of_an_ar1_process_is_the_textbooks(rho):
-    """1 + 2 sum rho^k = (1 + rho) / (1 - rho)."""
-    rng, count = np.random.default_rng(3), 100000
-    noise, residual, last = rng.standard_normal(count), np.empty(count), 0.0
-    for k in range(count):
-        residual[k] = last = rho * last + noise[k]
-    runs = np.repeat([0, 1], count // 2)
-    assert correlation_time(residual, runs) == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
-
-
-def test_the_correlation_time_does_not_cross_runs():
-    rng = np.random.default_rng(1)
-    level = np.repeat(rng.standard_normal(400), 50)
-    assert correlation_time(level, np.repeat(np.arange(400), 50)) == pytest.approx(50.0, rel=0.1)
-    assert correlation_time(np.zeros(10), np.zeros(10, dtype=int)) == 1.0
-    alternating = np.resize([1.0, -1.0], 1000)
-    assert correlation_time(alternating, np.zeros(1000, dtype=int)) == 1.0
 
 
 def test_poses_without_motion_between_them_have_rows_of_their_own():
@@ -177,6 +152,11 @@ def test_a_slow_recording_is_as_it_was():
     samples = recording(100.0)
     means = condensed(samples, np.ones(len(samples), dtype=bool), OPTIONS)
     assert means.samples is samples and len(means.group) == len(samples)
+    # A long recording has fewer samples in a row.
+    for most, each in ((6000, 10), (3000, 5), (100, 1)):
+        problem = Problem.of(samples, options=replace(OPTIONS, max_samples=most))
+        assert len(problem.samples) == pytest.approx(600 * each, rel=0.01)
+        assert problem.rows.n_rows == pytest.approx(600, abs=2)
 
 
 def test_rows_keep_the_means_of_all_samples():
@@ -189,18 +169,7 @@ def test_rows_keep_the_means_of_all_samples():
     for n in range(2):
         here = np.bincount(problem.row_of, samples.tau[problem.used, n]) / problem.n_measured
         np.testing.assert_allclose(problem.y[:, n], here)
-
-
-def test_a_long_recording_has_fewer_samples_in_a_row():
-    samples = recording(100.0)
-    for most, each in ((6000, 10), (3000, 5), (100, 1)):
-        problem = Problem.of(samples, options=replace(OPTIONS, max_samples=most))
-        assert len(problem.samples) == pytest.approx(600 * each, rel=0.01)
-        assert problem.rows.n_rows == pytest.approx(600, abs=2)
-
-
-def test_samples_that_are_not_used_are_in_no_row():
-    samples = recording(1000.0)
+    # Samples that are not used are in no row.
     use = samples.t % 7.0 < 4.0
     problem = Problem.of(samples, use)
     assert use[problem.used].all() and len(problem.used) > 0.99 * use.sum()

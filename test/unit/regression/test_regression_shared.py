@@ -1,8 +1,10 @@
-"""Shared columns of the regression: against Pinocchio, and against numerical derivatives."""
+"""Shared columns of the regression against Pinocchio and derivatives; start of the axes."""
 
 from dataclasses import replace
 
 from bench.real_robots.arms import arm_of, descriptions, SOURCES, urdf, with_other_masses
+from bench.shared.campaign import campaign
+from bench.shared.rough_links import two_links
 from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
@@ -13,11 +15,18 @@ from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.linear import with_common_terms
+from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import State
+from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors, UnknownLengths
+from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
+from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -287,3 +296,49 @@ def test_described_masses_determine_the_inertia_that_gravity_does_not_show(name)
     std = np.sqrt(np.einsum('ni,ij,nj->n', columns @ root, covariance, columns @ root))
     assert (std < np.maximum(0.2 * inertia, 0.03 * largest)).all()
     assert (np.abs(columns @ prior.mean[known.n_angles:] - inertia) < 3.0 * std).all()
+
+
+ARM = arms.iiwa7()
+NOISE = 0.01  # N·m
+
+
+def recorded(seed, seconds=60.0):
+    """Return slow motion in half of the range, with full dynamics and white noise."""
+    middle, half = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0]), np.full(7, 0.7)
+    motion = multisine(middle - half, middle + half, ARM.max_speed, seed,
+                       MultisineOptions(0.4, seconds, 0.1, 4), seconds, 50.0)
+    exact = synthesise(ARM, motion, SynthesisOptions())
+    tau = exact.tau + NOISE * np.random.default_rng(seed).standard_normal(exact.tau.shape)
+    return JointSamples.single_run(ARM.joints, exact.t, exact.q, exact.qd, tau)
+
+
+@pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3, 4, 5)])
+def test_a_vertical_first_axis_turns_as_the_torque_of_motion_says(seed):
+    problem = Problem.of(recorded(seed))
+    start = start_axes(problem, ())
+    errors = []
+    for chain in (start.chain, start.chain.with_first_reversed()):
+        fit = with_common_terms(problem, UnknownLengths.of(chain), ())
+        errors.append(noise_std(fit.posterior, problem.scale, problem.options)
+                      / problem.white_noise)
+    assert errors[0].max() < 1.3
+    assert errors[1][0] > 2.0 * errors[0][0]
+
+
+def test_gravity_does_not_depend_on_the_direction_of_a_vertical_axis():
+    rng = np.random.default_rng(0)
+    axes = np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]
+    axes *= np.sign(np.linalg.det(axes))[:, None, None]
+    axes[0] = np.eye(3)
+    chain, q = Chain(axes, rng.normal(size=(4, 2))), rng.uniform(-3.0, 3.0, (20, 4))
+    other = chain.with_first_reversed()
+    np.testing.assert_allclose(other.torque(q), chain.torque(q), atol=1e-12)
+    np.testing.assert_allclose(other.with_first_reversed().moments, chain.moments)
+
+
+@pytest.mark.parametrize('seed', [4, 7, 10, *campaign(12, 14, 19)])
+def test_a_short_recording_has_a_start(seed):
+    """A white minimum that equals one of a search before must not be dropped with that."""
+    problem = Problem.of(two_links(seed, 240))
+    gravity = start_axes(problem, ()).gravity(problem.samples.q)
+    assert np.isfinite(gravity).all() and np.ptp(gravity) > 1.0

@@ -58,9 +58,7 @@ def test_pair_grid_against_analytic_values():
     # Two of four cells of the pair, both halves of each joint.
     assert grid.visited[0, 1] == grid.visited[1, 0] == 0.5 and grid.visited[0, 0] == 1.0
     assert places(q, grid.edges).tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
-
-
-def test_a_joint_at_rest_has_one_cell():
+    # A joint at rest has one cell.
     grid = pair_grid(np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)]), np.ones((50, 2)))
     own = (grid.first == 1) & (grid.second == 1)
     assert own.sum() == 1 and grid.count[own].tolist() == [50]
@@ -74,6 +72,10 @@ def test_an_oscillation_is_found_at_its_frequency():
     frequency, density = over_time(samples, residual)
     assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
     assert len(frequency) <= 2048
+    # Short runs and joints at rest have no spectrum.
+    short = two_links(count=10)
+    assert len(over_time(short, short.tau[:, 0])[0]) == 0
+    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
 
 
 def test_a_ripple_is_found_at_its_order_and_amplitude():
@@ -82,12 +84,6 @@ def test_a_ripple_is_found_at_its_order_and_amplitude():
     order, amplitude = over_angle(q, 0.2 * np.sin(24 * q + 1.0) + rng.normal(0, 0.02, 4000))
     place = np.argmax(amplitude)
     assert abs(order[place] - 24.0) < 1.1 and 0.17 < amplitude[place] < 0.21
-
-
-def test_no_spectrum_of_short_runs_or_joints_at_rest():
-    short = two_links(count=10)
-    assert len(over_time(short, short.tau[:, 0])[0]) == 0
-    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
 
 
 def _finding(effect, joint, **setting):
@@ -130,7 +126,4 @@ def test_text_from_files_is_escaped():
                  markup.key([('red"><b>', bad)])):
         assert '<script' not in html and '\x1b' not in html and '"&' not in html
         assert '&lt;script&gt;' in html
-
-
-def test_powers_of_units_are_raised():
     assert markup.units('I = 0.2 ± 0.1 kg·m^2, 3 m^3') == 'I = 0.2 ± 0.1 kg·m², 3 m³'

@@ -177,9 +177,7 @@ def test_slow_grease_is_viscous_and_fast_grease_grows_with_the_logarithm():
     assert torque(0.001, gear) == pytest.approx(2.0 * 0.001 / 0.05, rel=1e-3)
     assert torque(2.0, gear) - torque(1.0, gear) == pytest.approx(2.0 * np.log(2.0), rel=1e-3)
     assert torque(-0.5, gear) == pytest.approx(-torque(0.5, gear))
-
-
-def test_coulomb_friction_is_added():
+    # Coulomb friction is added.
     dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
     alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
     assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)

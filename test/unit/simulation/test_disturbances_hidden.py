@@ -19,13 +19,10 @@ import pytest
 ARM = iiwa7()
 
 
-def test_joint_by_name_or_number_and_explicit_size():
+def test_joint_by_name_or_number_and_sizes():
     expected = Friction(3, LuGre(0.8))
     assert hidden('coulomb_friction:4=0.8', ARM).disturbance == expected
     assert hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance == expected
-
-
-def test_default_sizes_depend_on_the_joint():
     assert hidden('coulomb_friction:2', ARM).disturbance == Friction(1, LuGre(1.0))
     assert hidden('coulomb_friction:6', ARM).size == pytest.approx(0.3)
 

@@ -157,19 +157,15 @@ def test_the_six_axis_arm_has_three_parallel_axes_and_its_mass():
 ANGLES = np.linspace(-2.0, 2.0, 4001)
 
 
-def test_the_torque_of_a_balancer_without_free_length_is_a_sine():
+def test_torques_of_balancer_detent_and_dress_pack():
     balancer = SpringBalancer(1, 1000.0, 0.0, 0.1, 0.6)
     assert balancer.torque(ANGLES) == pytest.approx(60.0 * np.sin(ANGLES))
-
-
-def test_the_torque_of_a_detent_peaks_one_width_from_its_centre():
+    # The torque of a detent peaks one width from its centre.
     torque = Detent(3, 0.5, 4.0, 0.05).torque(ANGLES)
     assert torque.max() == pytest.approx(4.0, rel=1e-4)
     assert ANGLES[torque.argmax()] == pytest.approx(0.55, abs=1e-3)
     assert np.abs(torque[np.abs(ANGLES - 0.5) > 0.3]).max() < 1e-4
-
-
-def test_a_dress_pack_is_slack_then_linear_then_hardening():
+    # A dress pack is slack, then linear, then hardening.
     pack = DressPack(3, 0.4, 2.0, hardening=1.0)
     assert not pack.torque(ANGLES)[ANGLES <= 0.4].any()
     assert pack.torque(np.array([0.41]))[0] == pytest.approx(0.02, rel=0.01)
