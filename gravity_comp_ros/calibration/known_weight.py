@@ -167,7 +167,6 @@ class _Problem:
         self.effort, self.gravity = columns[:, :, 0], columns[:, :, 1:1 + 2 * self.n]
         # Torque of the weight at the origin of its link, with the dynamic torque.
         self.fixed, self.moving = columns[:, :, -4] + columns[:, :, -5], columns[:, :, -3:]
-        self.load = columns[:, :, -4]
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
         # Number of rows per independent error, at least.
@@ -175,8 +174,7 @@ class _Problem:
 
     def fitted(self) -> _Fit:
         """Return gains and centre."""
-        gains, noise = self._start()
-        centre, moments = self.centre, self._moments(gains, self.centre, noise)
+        (gains, moments, noise), centre = self._start(), self.centre
         for _ in range(self.engine.steps):
             rest, jacobian = self._linearised(gains, centre, moments, noise)
             noise = self._noise(rest * noise)
@@ -201,34 +199,22 @@ class _Problem:
         size = np.sqrt(times * (residual ** 2).mean(axis=0))
         return np.asarray(np.maximum(size, 1e-12 + 1e-6 * self.effort.std(axis=0)))
 
-    def _start(self) -> tuple[FloatArray, FloatArray]:
-        """Return gains and noise (N,) of each joint alone; the surest gain scales the others."""
-        gains, noise, surest = np.zeros(self.n), np.ones(self.n), np.zeros(self.n)
-        load = self.load + self.moving @ self.centre
-        for j in range(self.n):
-            columns = np.column_stack([load[:, j], self.gravity[:, j, 2 * j:]])
-            size = np.linalg.norm(columns, axis=0)
-            columns = columns[:, size > 1e-9 * max(float(size.max()), 1e-12)]
-            if not size[0] > 1e-9 * max(float(size.max()), 1e-12):
-                continue
-            solution = np.linalg.lstsq(columns, self.effort[:, j], rcond=1e-9)[0]
-            noise[j] = max(float((self.effort[:, j] - columns @ solution).std()), 1e-12)
-            inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-12)
-            gains[j] = solution[0]
-            surest[j] = abs(solution[0]) / (noise[j] * np.sqrt(inverse[0, 0]) + 1e-300)
-        is_sure = surest > 0.5 * surest.max(initial=0.0)
-        moments = self._moments(np.where(is_sure, gains, 0.0), self.centre, noise)
-        torque = self.gravity @ moments + self.fixed + self.moving @ self.centre
-        others = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
-        return np.where(is_sure, gains, others), noise
+    def _start(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """
+        Return gains (N,), moments (2N,) and noise (N,).
 
-    def _moments(self, gains: FloatArray, centre: FloatArray, noise: FloatArray) -> FloatArray:
-        """Return the moments (2N,) that fit given gains; joints of gain 0 are not used."""
-        weight = gains / noise
-        target = (self.effort / noise - (self.fixed + self.moving @ centre) * weight)
-        rows = (self.gravity * weight[:, None]).reshape(-1, 2 * self.n)
-        target = np.where(gains != 0.0, target, 0.0)
-        return np.asarray(np.linalg.lstsq(rows, target.ravel(), rcond=1e-6)[0])
+        effort_j k_j = torque_j is linear in k and the moments. Noise of the effort makes k too
+        small, so that the gain is then fitted to the torque.
+        """
+        load = self.fixed + self.moving @ self.centre
+        columns = np.concatenate([self.effort[:, :, None] * np.eye(self.n), -self.gravity],
+                                 axis=2).reshape(load.size, -1)
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        solution = np.linalg.lstsq(columns / size, load.ravel(), rcond=1e-6)[0] / size
+        moments = np.asarray(solution[self.n:])
+        torque = self.gravity @ moments + load
+        gains = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
+        return gains, moments, np.maximum((self.effort - gains * torque).std(axis=0), 1e-12)
 
     def _linearised(self, gains: FloatArray, centre: FloatArray, moments: FloatArray,
                     noise: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -130,7 +130,7 @@ def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
     for part in stretches(same):
         first, last = part.start, part.stop
         if (last - first >= options.equal_values and t[last] - t[first] >= options.min_time
-                and travel[last] - travel[first] >= options.frozen_travel):
+                and travel[last] - travel[first] >= options.min_motion):
             rows[first:last + 1] = True
     others = same[~rows[1:]]
     # A coarse signal repeats its values elsewhere too.

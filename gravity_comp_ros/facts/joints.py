@@ -81,12 +81,12 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
     """
     Return the fact that angles within the range of joints are degrees.
 
-    Gravity is nearly linear in a few degrees, and periodic in as many radians.
+    Gravity is nearly linear in a few degrees, and periodic in radians over half a turn.
     """
     if len(signals) < options.min_samples:
         return []
     part = signals.thinned(options.max_samples)
-    wide = np.ptp(part.q, axis=0) > options.degrees_travel
+    wide = np.ptp(part.q, axis=0) > np.pi
     if np.count_nonzero(wide) < 2:
         return []
     ratios = {}
@@ -95,7 +95,7 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
         friction = np.column_stack([np.ones(len(part)), np.sign(qd), qd])
         lines, waves = (_variance_left(np.column_stack([friction, *columns]), tau) for columns in (
             (part.q,), (np.sin(part.q), np.cos(part.q))))
-        if min(lines, waves) < (1 - options.min_explained) * _variance_left(friction, tau):
+        if min(lines, waves) < options.better * _variance_left(friction, tau):
             ratios[name] = lines / max(waves, 1e-18)
     if not ratios or max(ratios.values()) > options.better:
         return []

@@ -43,8 +43,8 @@ class FactOptions:
     # Equal values beyond coincidence: consecutive samples, and those at a limit relative to the
     # usual number per level next to it.
     equal_values: float = 10
-    # rad. Motion of a joint while its effort or position stays exactly the same.
-    frozen_travel: float = 0.1
+    # rad. Motion of a joint that neither noise nor a few counts make.
+    min_motion: float = 0.05
     # s. Values that are exactly the same, or efforts of exactly 0, for longer are no hold of a
     # sample by a driver: it is frozen, or the drives are not enabled yet.
     min_time: float = 1.0
@@ -73,16 +73,12 @@ class FactOptions:
     # an axis, angles in degrees, effort behind a filter; of real arms without one the last is 0.6
     # at least.
     better: float = 0.5
-    # Travel in the recorded unit, from which sines and cosines of true angles differ from lines.
-    degrees_travel: float = 3.0
     # Samples that a fit or a search for exact values needs, at most.
     max_samples: int = 5000
     # s. Time constants of a filter from which the search begins; the last is the longest one.
     lags: tuple[float, ...] = (0.1, 0.5, 2.5)
     # rad. Angles over which friction may build up after a reversal: those of gears, and of belts.
     angles: tuple[float, ...] = (3e-4, 3e-3, 3e-2)
-    # Share of the variance of the effort without friction that a fit must explain to count.
-    min_explained: float = 0.75
     # Number of joints that move widely, above which one of them at least carries gravity: a
     # vertical axis and the roll of the last link carry none.
     min_wide_joints: float = 3

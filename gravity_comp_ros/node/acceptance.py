@@ -200,7 +200,7 @@ def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
 
 
 def _within_limits(table: Hypotheses) -> Iterator[Check]:
-    limits, known, std = table.window.settings, table.body(), OPTIONS.limit_std
+    limits, known, std = table.window.settings, table.body(), OPTIONS.significant
     if known is None:
         change = np.hypot(*table.moments.T)
         worst = int(np.argmax(change))

@@ -79,7 +79,8 @@ class CheckOptions:
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
     - `significant`: standard deviations of a change of the torque that is published, and by which
       a model of more samples may have a larger error on held-out samples: its expected error is
-      smaller, and the figures of two equal ones differ.
+      smaller, and the figures of two equal ones differ. Also those by which a mass or a reach may
+      exceed its limit.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
     - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
       explains too little (`FactOptions.min_share`) has no gravity.
@@ -104,7 +105,6 @@ class CheckOptions:
       of the change, if it is above `predicted`.
     - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
       judged.
-    - `limit_std`: standard deviations by which a mass or a reach may exceed its limit.
     - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
       error than the change of the old model, and a potential than a chain. On about thirty
       samples a model that was wrong at other poses was better by a tenth.
@@ -153,7 +153,6 @@ class CheckOptions:
     min_end: float = 0.3
     max_no_chain_change: float = 0.15
     min_gravity_ratio: float = 5.0
-    limit_std: float = 3.0
     full_fit_margin: float = 0.25
     sparse_margin: float = 0.1
     new_effects: float = 2.0

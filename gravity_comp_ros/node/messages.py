@@ -90,7 +90,7 @@ class JointStateReader:
         # Whether messages of the last report had earlier or equal stamps.
         self.are_out_of_order = False
         self._scale = np.broadcast_to(np.array(effort_scale or (1.0,)), (len(joints),))
-        self._efforts = Bounds(NODE.max_effort / np.abs(self._scale))
+        self._efforts = Bounds(FactOptions().max_torque / np.abs(self._scale))
         self._largest = np.full(len(joints), FactOptions().max_angle)
         self.allow_continuous(continuous)
         self._names: list[str] | None = None

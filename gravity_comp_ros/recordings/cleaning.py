@@ -16,6 +16,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import (
     accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
 from gravity_comp_ros.facts.judge import judge
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.defects import DEFECTS
@@ -298,7 +299,7 @@ def _second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
     if few < DEFECTS.min_share * relevant.sum() or few < 2:
         return nothing, None
     order = second[relevant]
-    if np.count_nonzero(order[1:] != order[:-1]) < DEFECTS.min_changes * few:
+    if np.count_nonzero(order[1:] != order[:-1]) < DEFECTS.common * few:
         return nothing, None
     names = columns.names_of(int(np.argmax(second)))
     if not _positions_differ(q[relevant], order):
@@ -320,14 +321,14 @@ def _positions_differ(q: FloatArray, second: BoolArray) -> bool:
     """Return whether positions change where the publisher changes."""
     step = np.nanmax(np.abs(np.diff(q, axis=0)), axis=1)
     changes = second[1:] != second[:-1]
-    return bool(np.nanmedian(step[changes]) > DEFECTS.min_step)
+    return bool(np.nanmedian(step[changes]) > FactOptions().min_motion)
 
 
 def _efforts_fall(tau: FloatArray, second: BoolArray) -> bool:
     """Return whether efforts change by their usual size where the publisher changes."""
     size = np.abs(tau[~second]).max(axis=1)
     step = np.abs(np.diff(tau, axis=0)).max(axis=1)[second[1:] != second[:-1]]
-    return bool(np.median(step) > DEFECTS.min_fall * np.median(size))
+    return bool(np.median(step) > DEFECTS.common * np.median(size))
 
 
 def _positions_alternate(q: FloatArray) -> bool:
@@ -341,6 +342,6 @@ def _positions_alternate(q: FloatArray) -> bool:
     for joint in q.T:
         step = np.median(np.abs(np.diff(joint)))
         back = np.median(np.abs(joint[2:] - joint[:-2]))
-        if step > DEFECTS.min_step and back < DEFECTS.max_return * step:
+        if step > FactOptions().min_motion and back < DEFECTS.max_return * step:
             return True
     return False

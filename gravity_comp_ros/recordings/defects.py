@@ -25,23 +25,20 @@ class DefectOptions:
     Several publishers:
 
     - `min_share`: of the messages of a publisher.
-    - `min_changes`: from one publisher to the other per message of the rarer one: publishers
-      alternate, whereas the arrays of one change once, as its drives are enabled.
-    - `min_step`, rad: median step between messages of other positions; `max_return`: ratio of the
-      step over two messages to it, of positions that alternate.
-    - `min_fall`: step to efforts of 0 as a share of the usual effort; a coarse sensor has smaller
-      ones.
+    - `common`: also of the changes from one publisher to the other per message of the rarer one
+      (publishers alternate, whereas the arrays of one change once, as its drives are enabled), and
+      of the usual effort that falls to 0; that of a coarse sensor falls less.
+    - `max_return`: ratio of the step over two messages to that over one, of positions that
+      alternate.
     - `min_arms`: share of all joints that belong to arms; two arms share `min_side_names` of their
       joint names if these have sides, else `min_names`.
 
     Units of a table:
 
-    - `min_travel`, rad: of a joint that moves.
     - `min_speed`, rad/s: mean speed of the fastest joint; time in another unit has smaller ones,
       which are compared with `typical_speed`, rad/s. `min_sparse_speed` that of a table with
       intervals of at least `long_interval`, s, which are long for this unit, too.
     - `tolerance`: factor between a measured velocity and the rate of change of the position.
-    - `better`: ratio of the changes from row to row from which another encoding is right.
 
     :raises OptionError: if a number is not positive.
     """
@@ -56,20 +53,15 @@ class DefectOptions:
     same_time: float = 1e-4
     block_rows: int = 65536
     min_share: float = 0.01
-    min_changes: float = 0.5
-    min_step: float = 0.05
     max_return: float = 0.2
-    min_fall: float = 0.5
     min_arms: float = 0.6
     min_side_names: int = 2
     min_names: int = 4
-    min_travel: float = 0.05
     min_speed: float = 5e-4
     min_sparse_speed: float = 5e-3
     long_interval: float = 0.5
     typical_speed: float = 0.3
     tolerance: float = 1.25
-    better: float = 0.5
 
     def __post_init__(self) -> None:
         check_positive(self, 'defects')

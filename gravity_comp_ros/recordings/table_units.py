@@ -42,7 +42,7 @@ def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     :raises BagError: if the speed is implausibly small; the message suggests a unit.
     """
     duration, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
-    if len(t) < 10 or travel < DEFECTS.min_travel:
+    if len(t) < 10 or travel < FactOptions().min_motion:
         return
     speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / duration
     is_sparse = float(np.median(np.diff(t))) >= DEFECTS.long_interval
@@ -63,7 +63,7 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     :param time_known: whether the unit of the time was given.
     :raises BagError: if they differ by a unit factor or in sign.
     """
-    moving = np.ptp(q, axis=0) > DEFECTS.min_travel
+    moving = np.ptp(q, axis=0) > FactOptions().min_motion
     if len(t) < 50 or not moving.any():
         return
     # The unit of the time may be another one: ratios are those of a twentieth of the table.
@@ -109,7 +109,7 @@ def decoded(values: FloatArray) -> tuple[FloatArray, str]:
     for name, limit, decode in _ENCODINGS:
         signed = decode(values)
         after = _change(signed)
-        is_better = (after < DEFECTS.better * before).any() or largest >= _NO_COUNT
+        is_better = (after < FactOptions().better * before).any() or largest >= _NO_COUNT
         if limit <= largest < 2 * limit and is_better and (after <= before).all():
             candidates.append((float(after.sum()), float(np.abs(signed).max()), name, signed))
     if not candidates:
