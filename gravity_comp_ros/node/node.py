@@ -34,7 +34,7 @@ from std_srvs.srv import SetBool, Trigger
 
 # Best effort matches every publisher. Only the newest message is answered.
 INPUT_QOS = QoSProfile(depth=NODE.messages, reliability=ReliabilityPolicy.BEST_EFFORT)
-SERVICE_QOS = QoSProfile(depth=NODE.messages)
+SERVICE_QOS = QoSProfile(depth=NODE.calls)
 EXTERNAL_TORQUE = ('external_torque', 'external_torque_std', 'external_torque_significant')
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')

@@ -58,12 +58,12 @@ class NodeOptions:
     Process:
 
     - `depth`: of the topics with history, and earlier payloads whose last model is kept.
+    - `calls`: depth of a service. With the default the eleventh of simultaneous calls is lost.
     - `last_save`, s: maximum time for pending saves as the node ends.
     - `others_period`, s: of callbacks other than the input while messages arrive. The search of
       rclpy for them takes as long as a message, so that at 1 kHz it delays one message in two
       hundred. They run at once in a `pause`, s, for `others_time`, s, at most.
     - `messages`: taken at once, the depth of the queue: a pause of the process of 0.1 s at 1 kHz.
-      Services have this depth, too: with the default the eleventh of simultaneous calls is lost.
     - `switch_interval`, s: longest time that the control thread waits for another thread.
     - `niceness`: minimum nice value of the fit process.
 
@@ -99,6 +99,7 @@ class NodeOptions:
     reach: float = 0.5
     rounding: float = 1e-9
     depth: int = 10
+    calls: int = 1000
     last_save: float = 1.0
     others_period: float = 0.2
     pause: float = 0.005
