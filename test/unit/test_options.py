@@ -1,30 +1,23 @@
 """Options out of range are refused in one line, by the name of the field."""
 
 from dataclasses import fields
+from importlib import import_module
+from pathlib import Path
+import re
 
 from bench.cases.signals import Pause, SensorOptions
 from gravity_comp_ros.calibration.known_weight import Weight
 from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.arm_fit import ArmFitOptions
 from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.estimation.joint_gains import GainOptions
-from gravity_comp_ros.estimation.moved_base import MovedBaseOptions
 from gravity_comp_ros.estimation.update import UpdateOptions
-from gravity_comp_ros.evaluation.drift import DriftOptions
-from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
-from gravity_comp_ros.export.changed_description import NearestOptions
-from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain_fit import SearchOptions
 from gravity_comp_ros.models.sparse.admm import AdmmOptions
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
-from gravity_comp_ros.node.checks import CheckOptions
 from gravity_comp_ros.planning import PlanOptions
-from gravity_comp_ros.planning.enough import EnoughOptions
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.table import TableOptions
-from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions
 import numpy as np
 import pytest
@@ -32,11 +25,22 @@ import pytest
 NAN, INF = float('nan'), float('inf')
 
 
-@pytest.mark.parametrize('options', [
-    ArmFitOptions, CalibrationOptions, CheckOptions, DriftOptions, EngineOptions, EnoughOptions,
-    ExternalTorqueOptions, FactOptions, GainOptions, MovedBaseOptions, NearestOptions])
+ROOT = Path(__file__).resolve().parents[2]
+# A class all of whose numbers are positive.
+CHECKED = re.compile(r"class (\w+):(?:(?!\nclass ).)*check_positive\(self, '[\w ]+'\)", re.DOTALL)
+
+
+def checked_options():
+    """Return the classes of options of the package all of whose numbers are positive."""
+    return [getattr(import_module('.'.join(path.relative_to(ROOT).with_suffix('').parts)), name)
+            for path in sorted((ROOT / 'gravity_comp_ros').rglob('*.py'))
+            for name in CHECKED.findall(path.read_text())]
+
+
+@pytest.mark.parametrize('options', [CalibrationOptions, *checked_options()])
 @pytest.mark.parametrize('value', [0.0, -1.0, NAN, INF])
 def test_constants_are_positive(options, value):
+    assert len(checked_options()) > 10
     for field in fields(options):
         if not isinstance(field.default, bool):
             with pytest.raises(OptionError, match=field.name) as caught:
