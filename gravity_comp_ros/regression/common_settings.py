@@ -11,14 +11,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
+from gravity_comp_ros.regression.climb import climbed
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_together
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.term import Term
 
 Common = dict[str, float]
-# Gain in nats for which a nonlinear setting is moved on.
-BETTER_SETTING = 0.01
 
 
 def common_of(terms: Iterable[Term], joint: int | None) -> Common:
@@ -71,15 +70,11 @@ class CommonSettings:
         near = [{name: setting[name] for name in term.common} for setting in settings]
         return [common for common in near if common != term.common]
 
-    def best(self, posterior: Posterior, terms: Sequence[Term], others: Iterable[Common]
-             ) -> tuple[float, list[Term]]:
-        """Return the best gain of terms together at other common parameters, and these terms."""
+    def compared(self, posterior: Posterior, terms: Sequence[Term], others: Iterable[Common]
+                 ) -> list[tuple[float, list[Term]]]:
+        """Return the gains of terms together at other common parameters, and the terms there."""
         tried = [[self.at(term, common) for term in terms] for common in others]
-        gains = [gain_together(posterior, each) for each in tried]
-        if not gains:
-            return -float('inf'), list(terms)
-        best = max(range(len(gains)), key=gains.__getitem__)
-        return gains[best], tried[best]
+        return [(gain_together(posterior, each), each) for each in tried]
 
     def refined(self, posterior: Posterior, terms: Sequence[Term], halvings: int) -> list[Term]:
         """
@@ -87,12 +82,7 @@ class CommonSettings:
 
         :param posterior: with coefficients of 0 for these terms.
         """
-        present, step = list(terms), 1.0
-        gain = gain_together(posterior, present)
-        for _ in range(halvings):
-            value, other = self.best(posterior, present, self.neighbours(present[0], step))
-            if value > gain + BETTER_SETTING:
-                gain, present = value, other
-            else:
-                step *= 0.5
-        return present
+        def near(present: list[Term], step: float) -> list[tuple[float, list[Term]]]:
+            return self.compared(posterior, present, self.neighbours(present[0], step))
+
+        return climbed(list(terms), gain_together(posterior, terms), near, halvings)[1]

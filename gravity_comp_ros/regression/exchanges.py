@@ -46,7 +46,9 @@ def _other_common(search: Search) -> bool:
     """Change the common parameters of a joint to others that are compared."""
     for own in search.groups():
         without = search.posterior.without(own)
-        _, best = search.common.best(without, own, search.common.of_joint(own[0].joint_number))
+        _, best = max(search.common.compared(
+            without, own, search.common.of_joint(own[0].joint_number)),
+            key=lambda each: each[0], default=(0.0, list(own)))
         refined = search.common.refined(without, best, search.options.halvings)
         if search.accept(search.replaced(own, refined), 'exchange'):
             return True

@@ -14,8 +14,8 @@ from heapq import merge
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
-from gravity_comp_ros.regression.common_settings import (
-    BETTER_SETTING, common_of, CommonSettings)
+from gravity_comp_ros.regression.climb import climbed
+from gravity_comp_ros.regression.common_settings import common_of, CommonSettings
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
 from gravity_comp_ros.regression.noise import CONVERGED, precision_of
@@ -162,27 +162,19 @@ class Search:
         Settings are compared at one inflation of the noise: a percent of it would outweigh one
         sample on the other side of a change point.
 
-        :param needed: least gain of interest. Finer steps gain less than the last two, so that the
-            search ends where these would not suffice.
+        :param needed: least gain of interest.
         """
         others = common_of((t for t in posterior.terms if t not in posterior.absent
                             and t is not term), term.joint)
         kappa = inflation(posterior, score_of(posterior, term))
-        best, gain = term, gain_of(posterior, term, kappa)
-        reached = [gain]
-        while len(reached) <= self.options.halvings:
-            tried = [(gain_of(posterior, other, kappa), other)
-                     for other in self.factory.neighbours(best, 0.5 ** (len(reached) - 1))
-                     if not others or other.common == term.common]
-            top = max(tried, key=lambda each: each[0], default=None)
-            if top is None:
-                break
-            if top[0] > gain + BETTER_SETTING:
-                gain, best = top
-                continue
-            reached.append(gain)
-            if len(reached) > 2 and 2.0 * gain - reached[-3] < needed:
-                break
+
+        def near(present: Term, step: float) -> list[tuple[float, Term]]:
+            return [(gain_of(posterior, other, kappa), other)
+                    for other in self.factory.neighbours(present, step)
+                    if not others or other.common == term.common]
+
+        gain, best = climbed(term, gain_of(posterior, term, kappa), near, self.options.halvings,
+                             needed)
         return best, gain if best is term else gain_of(posterior, best)
 
     def _review(self, term: Term) -> bool:

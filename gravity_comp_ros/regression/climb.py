@@ -1,0 +1,41 @@
+"""Climb from a nonlinear setting to the best one near it, in steps that are halved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+# Gain in nats for which a setting is changed.
+_BETTER = 0.01
+
+Point = TypeVar('Point')
+
+
+def climbed(start: Point, gain: float,
+            near: Callable[[Point, float], Sequence[tuple[float, Point]]], halvings: int,
+            needed: float = -float('inf')) -> tuple[float, Point]:
+    """
+    Return the gain and the place of the maximum near a start.
+
+    A parabola whose maximum is within half a step of the best point is at most an eighth higher
+    there than both neighbours are lower together. The climb ends where that bound is negligible
+    for all parameters together.
+
+    :param gain: that of the start, in nats.
+    :param near: returns the neighbours of a point at a step, with their gains; the first step is
+        1.
+    :param needed: the least gain of interest. Finer steps gain less than the last two, so that it
+        ends as well where these would not suffice.
+    """
+    best, reached = start, [gain]
+    for number in range(halvings):
+        while tried := near(best, 0.5 ** number):
+            value, point = max(tried, key=lambda each: each[0])
+            if value <= gain + _BETTER:
+                break
+            gain, best = value, point
+        higher = sum(gain - value for value, _ in tried) / 8.0
+        reached.append(gain)
+        if higher < _BETTER or (number and 2.0 * gain - reached[-3] < needed):
+            break
+    return gain, best
