@@ -4,12 +4,13 @@ Sensitivity of the loop to every number that the package assigns.
 Run from the root of the repository:
 
     python -m bench.sensitivity results/ --rooms regression,effects --jobs 2
-    python -m bench.sensitivity results/ --only EngineOptions.margin --arms ur5,panda,kinova
+    python -m bench.sensitivity results/ --only 'Options.margin|_SPREAD' --joints 7 --seconds 90
 
 Numbers are module constants and defaults of options classes, alone or in tuples. Each is doubled
 and halved (a share above 0.9 has its complement doubled and halved; of a whole number, at least
-1). Then `fit`, `diagnose` and `add` run on tuning cases of `bench.real_robots`: the first part of
-their two training runs, every other arm with its description. The table has, for the worst case,
+1). Then `fit`, `diagnose` and `add` run on tuning cases of `bench.real_robots`, every other one
+with its description. To save time these are the first part of the training runs of arms with their
+first joints only. The output has, for the worst case,
 
 - the findings that differ from those of the unchanged package (effect, joint, verdict);
 - the change of the torque on the unseen run, worst joint, rms, in noise levels;
@@ -22,6 +23,7 @@ A number that another one was computed from at import keeps its effect there.
 from __future__ import annotations
 
 import argparse
+import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 import gc as collector
@@ -31,11 +33,13 @@ from multiprocessing import get_context
 import os
 from pathlib import Path
 import pkgutil
+import re
 import sys
 from types import ModuleType
 from typing import Any
 
-from bench.real_robots.cases import Case, case
+from bench.real_robots.arms import SOURCES
+from bench.real_robots.cases import Case, case, Run
 from bench.real_robots.product import loop
 from bench.real_robots.score import score
 import gravity_comp_ros
@@ -81,22 +85,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(description='Sensitivity to the numbers of the package.')
     parser.add_argument('folder', help='folder of cases and results')
     parser.add_argument('--rooms', default=','.join(ROOMS))
-    parser.add_argument('--only', default='', help='part of the name of a number')
-    parser.add_argument('--arms', default='kinova,panda', help='arms of bench.real_robots')
-    parser.add_argument('--seed', type=int, default=400, help='a tuning seed (default: 400)')
-    parser.add_argument('--samples', type=int, default=1200, help='first samples of a run')
-    parser.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
+    parser.add_argument('--only', default='', help='regular expression of names of numbers')
+    parser.add_argument('--cases', default='panda.401,kinova.400,xarm7.401,talos.400',
+                        help='ARM.SEED of bench.real_robots, tuning seeds (default: %(default)s)')
+    parser.add_argument('--joints', type=int, default=3, help='(default: %(default)s)')
+    parser.add_argument('--seconds', type=float, default=40.0, help='(default: %(default)s)')
+    parser.add_argument('--jobs', type=int, default=1, help='processes (default: %(default)s)')
     args = parser.parse_args()
     folder = Path(args.folder)
     (folder / 'cases').mkdir(parents=True, exist_ok=True)
-    for index, arm in enumerate(args.arms.split(',')):
-        whole = case(arm, args.seed, folder / 'cases')
-        train = tuple(replace(run, t=run.t[:args.samples], q=run.q[:args.samples],
-                              qd=run.qd[:args.samples], tau=run.tau[:args.samples])
-                      for run in whole.train)
-        _CASES.append((replace(whole, train=train), bool(index % 2)))
+    for index, name in enumerate(args.cases.split(',')):
+        arm, seed = name.split('.')
+        _CASES.append((part(arm, int(seed), args.joints, args.seconds, folder / 'cases'),
+                       bool(index % 2)))
     tasks = [(number, factor) for room in args.rooms.split(',') for number in numbers(room)
-             if args.only in str(number) for factor in FACTORS]
+             if re.search(args.only, str(number)) for factor in FACTORS]
     unchanged = outcomes()
     results = {}
     with get_context('fork').Pool(args.jobs, maxtasksperchild=1) as pool:
@@ -107,6 +110,15 @@ def main() -> int:
             write_atomically(folder / 'sensitivity.json',
                              json.dumps(results, indent=1).encode(), GravityCompError)
     return 0
+
+
+def part(arm: str, seed: int, joints: int, seconds: float, folder: Path) -> Case:
+    """Return a case of an arm with its first joints, and the first part of its training runs."""
+    name, source = f'{arm}-{joints}', SOURCES[arm]
+    SOURCES[name] = replace(source, joints=source.joints[:joints])
+    whole = case(name, seed, folder)
+    return replace(whole, train=tuple(Run(*(x[run.t < run.t[0] + seconds] for x in (
+        run.t, run.q, run.qd, run.tau))) for run in whole.train))
 
 
 def numbers(room: str) -> Iterator[Number]:
@@ -125,7 +137,6 @@ def numbers(room: str) -> Iterator[Number]:
 
 def _assigned(module: ModuleType) -> list[str]:
     """Return the names that a module assigns or defines itself."""
-    import ast
     assert module.__file__ is not None
     out = []
     for node in ast.parse(Path(module.__file__).read_text(encoding='utf-8')).body:
