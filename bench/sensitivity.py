@@ -104,9 +104,9 @@ def main() -> int:
     results = {}
     with get_context('fork').Pool(args.jobs, maxtasksperchild=1) as pool:
         for (number, factor), result in zip(tasks, pool.imap(varied, tasks)):
-            found = result if isinstance(result, str) else changes(unchanged, result)
-            results[f'{number} x {factor}'] = found
-            print(f'{number} = {number.value} x {factor}: {found}', flush=True)
+            line = result if isinstance(result, str) else changes(unchanged, result)
+            results[f'{number} x {factor}'] = line
+            print(f'{number} = {number.value} x {factor}: {line}', flush=True)
             write_atomically(folder / 'sensitivity.json',
                              json.dumps(results, indent=1).encode(), GravityCompError)
     return 0
@@ -124,8 +124,8 @@ def part(arm: str, seed: int, joints: int, seconds: float, folder: Path) -> Case
 def numbers(room: str) -> Iterator[Number]:
     """Yield the numbers assigned in a room, those of its modules in alphabetical order."""
     package = importlib.import_module(f'gravity_comp_ros.{room}')
-    for found in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
-        module = importlib.import_module(found.name)
+    for each in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
+        module = importlib.import_module(each.name)
         for name in _assigned(module):
             value = getattr(module, name)
             if _is_number(value):
@@ -220,7 +220,7 @@ def outcomes() -> list[Outcome]:
 
 
 def changes(unchanged: list[Outcome], new: list[Outcome]) -> dict[str, Any]:
-    """Return what differs: findings, torque in noise levels, and cases that are wrong now."""
+    """Return the differences: findings, torque in noise levels, and cases that are wrong now."""
     rms = [float(np.sqrt(((a.torque - b.torque) ** 2).mean(axis=0)).max())
            for a, b in zip(unchanged, new)]
     return {'findings': sorted(name for a, b in zip(unchanged, new)

@@ -9,10 +9,10 @@ One run of 100 s at 5 Hz of every arm (500 samples, as in the training of Yu 202
 anywhere within the joint limits at up to 0.2 rad/s, full rigid-body dynamics, noise as in
 `cases`, no friction and no hidden effect. The gate of slow samples is wide enough for all of them,
 as with `fit --max-speed 0.25`: at the default of 0.15 rad/s a quarter of the samples is not
-fitted, and the fastest parts of the range are extrapolated. The error is that of the gravity torque of `fit` over
-1000 poses within the whole joint limits, which the motion covers in part: rms of the worst joint,
-in percent of the arm's largest gravity torque. The floor is the error of least squares on
-Pinocchio's regressor with the exact motion and the true noise.
+fitted, and the fastest parts of the range are extrapolated. The error is that of the gravity
+torque of `fit` over 1000 poses within the whole joint limits, which the motion covers in part: rms
+of the worst joint, in percent of the arm's largest gravity torque. The floor is the error of least
+squares on Pinocchio's regressor with the exact motion and the true noise.
 """
 
 from __future__ import annotations

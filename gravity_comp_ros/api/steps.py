@@ -29,14 +29,14 @@ from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import with_step
 import numpy as np
 
-# Time around held-out blocks that is not fitted either, s.
 PAYLOAD = 'payload'
 # Minimum number of slow samples for a fit with the default gate.
-MIN_SLOW_SAMPLES = 100
+MIN_SLOW_SAMPLES = int(FactOptions().min_samples)
 # Maximum recorded time, in s, for which the convergence of the model is tested.
 _MAX_TESTED_TIME = 90.0
 # Formulations that use known axes.

@@ -16,6 +16,7 @@ from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted, printable
@@ -24,8 +25,6 @@ from rich.table import Table
 from rich.text import Text
 
 _MAX_REGIONS = 2
-# Minimum number of slow samples for a reliable error.
-_MIN_SAMPLES = 50
 # Acceptable shares of residuals inside the 95 % band.
 _FAIR = (0.85, 0.99)
 
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
 
 
 def _few(args: argparse.Namespace, samples: JointSamples) -> list[str]:
-    if args.all_samples or samples.n_samples >= _MIN_SAMPLES:
+    if args.all_samples or samples.n_samples >= FactOptions().min_slow_samples:
         return []
     return [f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
             f'torque of fast samples includes friction and inertia (--all-samples)']

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
@@ -22,7 +23,6 @@ from gravity_comp_ros.models.kinematic.rigid_body import (
 import numpy as np
 
 DYNAMICS = 'rigid_body_dynamics'
-_BATCH = 4096
 # Minimum acceleration in rad/s^2 of a testable motion.
 _MIN_ACCELERATION = 1e-3
 
@@ -84,8 +84,7 @@ class RigidBodyDynamics(Effect):
 def _batches(motion: Motion) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield angles, speeds and accelerations (B, N) of consecutive samples."""
     samples = motion.samples
-    for start in range(0, max(samples.n_samples, 1), _BATCH):
-        rows = slice(start, start + _BATCH)
+    for rows in batches(samples.n_samples):
         yield samples.q[rows], samples.qd[rows], motion.qdd[rows]
 
 

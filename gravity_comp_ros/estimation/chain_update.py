@@ -20,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.known_axes import right_angles_kept, TOLERANCE
@@ -54,8 +55,6 @@ _MIN_DENSE_GAIN = 40.0
 # Maximum number of trials that are solved fully, with the old axes and with reset ones: those
 # with the most initial evidence.
 _MAX_TRIALS, _MAX_RESET_TRIALS = 5, 8
-# Number of poses at which the predictions of the trials are compared.
-_POSES = 100
 # Minimum evidence of a trial that may be selected, as a share of that of the most probable one.
 _MIN_RELATIVE_EVIDENCE = 0.01
 # Maximum chi^2 loss of the average over supports against the most probable support.
@@ -153,7 +152,7 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
     if path is not None and np.abs(path).max() > 0.0:
         along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
     hypotheses = _probable([_Hypothesis(trial, new, along) for trial in trials])
-    q = np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
+    q = random_poses(chain.n_joints, *box)
     torques = np.array([each.moved.torque(q) for each in hypotheses])
     probabilities = softmax([each.log_evidence for each in hypotheses])
     central = _central(torques, probabilities)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.residuals import is_white, residual_of, samples_of_rows
@@ -17,7 +18,6 @@ from gravity_comp_ros.models.kinematic.geometry import zero_angle_differences
 from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
-from gravity_comp_ros.models.uncertainty import all_poses
 from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +154,7 @@ def _std_over_poses(model: GravityModel) -> NDArray[np.float64]:
     """Return each joint's standard deviation (N,) in N·m, RMS over all poses."""
     if model.uncertainty is None:
         return np.zeros(0)
-    std = model.predict_std(all_poses(model.n_joints))
+    std = model.predict_std(random_poses(model.n_joints))
     return np.asarray(np.sqrt((std ** 2).mean(axis=0)))
 
 

@@ -10,6 +10,7 @@ converted to moments of the chain that is to change.
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
@@ -17,7 +18,6 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of
 import numpy as np
 
-_POSES = 200
 # Minimum RMS torque change, in noise std, of a payload whose path is kept.
 _MIN_CHANGE = 10.0
 
@@ -43,7 +43,7 @@ def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
 
     :param box: lower and upper ends (2, N) in rad of the poses at which the torques are compared.
     """
-    q = _poses(box)
+    q = random_poses(chain.n_joints, *box)
     columns = ForwardKinematics(chain.axes, q).moment_columns()
     rows = columns.reshape(len(columns), -1).T
     return np.asarray(lstsq(rows, _torque(path, q).T.ravel(), rcond=1e-6))
@@ -51,12 +51,8 @@ def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
 
 def _rms_torque(path: Expansion, model: GravityModel) -> float:
     """Return the RMS torque of an energy within the trained range, of the worst joint, N·m."""
-    box = np.stack([model.coverage.q_min, model.coverage.q_max])
-    return float(np.sqrt((_torque(path, _poses(box)) ** 2).mean(axis=0)).max())
-
-
-def _poses(box: FloatArray) -> FloatArray:
-    return np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
+    q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max)
+    return float(np.sqrt((_torque(path, q) ** 2).mean(axis=0)).max())
 
 
 def _torque(energy: Expansion, q: FloatArray) -> FloatArray:

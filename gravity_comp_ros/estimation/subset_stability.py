@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -19,7 +20,6 @@ import numpy as np
 # Shares of the samples: the first ones, and the last ones. Much smaller subsets change any model;
 # slightly smaller ones may have the same error.
 _FIRST, _LAST = 0.85, 0.7
-_POSES = 300
 # Maximum change of the torque: this share of the largest gravity torque in the range, plus this
 # multiple of the noise. Of arms in MuJoCo with friction, models with an error of 1 to 50 N·m
 # changed by more (one of 0.9 N·m did not), most of those within 0.2 N·m by a tenth of it.
@@ -41,8 +41,7 @@ def convergence_objection(model: GravityModel, train: JointSamples, noise: Float
     :param fit_again: the fit that gave `model` from `train`.
     """
     m = len(train)
-    q = np.random.default_rng(0).uniform(train.q.min(axis=0), train.q.max(axis=0),
-                                         (_POSES, train.n_joints))
+    q = random_poses(train.n_joints, train.q.min(axis=0), train.q.max(axis=0))
     torque = model.predict(q)
     allowed = _MAX_SHARE * float(np.sqrt((torque ** 2).mean(axis=0)).max()) + _MAX_NOISE * noise
     for left_out, part in (('last', train.select(np.arange(m) < round(_FIRST * m))),

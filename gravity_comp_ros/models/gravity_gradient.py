@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
-
-# Number of rows of the feature matrix per batch.
-_CHUNK = 4096
 
 
 def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
@@ -28,7 +26,6 @@ def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
     for place, part in enumerate(parts):
         np.add.at(weights[:, place], np.searchsorted(features, part.indices), part.weights)
     out = np.zeros((len(q), n * n))
-    for start in range(0, len(q) if len(features) else 0, _CHUNK):
-        rows = slice(start, start + _CHUNK)
+    for rows in batches(len(q)):
         out[rows] = dictionary.columns(q[rows], features) @ weights
     return out.reshape(len(q), n, n)

@@ -12,21 +12,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
+from gravity_comp_ros.data.poses import batches, random_poses
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
-# Number of poses per batch, which bounds the memory.
-_AT_ONCE = 1000
 # A fit is certain if its standard deviation over all poses is below this share of the noise.
 _CERTAIN = 0.67
 # It is uncertain if known axes would reduce the standard deviation by this factor, or if it
 # exceeds this multiple of the noise.
 _REDUCTION, _LARGE = 2.0, 2.0
-# Number of poses that represent the whole joint range.
-_POSES = 200
 
 
 class Uncertainty(Protocol):
@@ -60,11 +57,11 @@ class EnergyUncertainty:
         return _factor(self.covariance)
 
     def std(self, q: FloatArray) -> FloatArray:
-        parts = [np.zeros((0, q.shape[1]))]
-        for batch in _batches(q):
+        parts = []
+        for batch in (q[rows] for rows in batches(len(q))):
             columns = EnergyDesign(batch, np.ones(batch.shape)).columns(self.indices)
             parts.append(np.sqrt(((columns @ self._root) ** 2).sum(axis=1)).reshape(
-                q.shape[1], -1).T)
+                *batch.T.shape).T)
         return np.concatenate(parts)
 
 
@@ -88,15 +85,11 @@ class ChainUncertainty:
         return _factor(self.covariance)
 
     def std(self, q: FloatArray) -> FloatArray:
-        parts = [np.zeros((0, q.shape[1]))]
-        for batch in _batches(q):
+        parts = []
+        for batch in (q[rows] for rows in batches(len(q))):
             spread = np.tensordot(self._root.T, self.chain.jacobian(batch), axes=(1, 0))
             parts.append(np.sqrt((spread ** 2).sum(axis=0)).T)
         return np.concatenate(parts)
-
-
-def _batches(q: FloatArray) -> list[FloatArray]:
-    return [q[start:start + _AT_ONCE] for start in range(0, len(q), _AT_ONCE)]
 
 
 def _factor(covariance: FloatArray) -> FloatArray:
@@ -114,14 +107,9 @@ def _checked(covariance: FloatArray, size: int) -> FloatArray:
     return array
 
 
-def all_poses(n_joints: int) -> FloatArray:
-    """Return poses (P, N) in rad over the whole joint range, the same at every call."""
-    return np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n_joints))
-
-
 def std_over_poses(chain: Chain, covariance: FloatArray) -> FloatArray:
     """Return each joint's standard deviation (N,) in N·m, root mean square over all poses."""
-    std = ChainUncertainty(chain, covariance).std(all_poses(chain.n_joints))
+    std = ChainUncertainty(chain, covariance).std(random_poses(chain.n_joints))
     return np.asarray(np.sqrt((std ** 2).mean(axis=0)))
 
 

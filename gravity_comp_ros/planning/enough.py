@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
@@ -28,7 +29,7 @@ from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest
-from gravity_comp_ros.planning.options import PlanOptions, POSES
+from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
@@ -216,9 +217,9 @@ class _Sums:
         own = slice(8 * n, None)
         self.recorded = whole[:8 * n, :8 * n] - whole[:8 * n, own] @ np.linalg.solve(
             whole[own, own], whole[own, :8 * n])
-        poses_in_range = np.random.default_rng(0).uniform(self.low, self.high, (POSES, n))
+        poses_in_range = random_poses(n, self.low, self.high)
         at = self.chain.jacobian(poses_in_range)
-        self.mean_square = np.einsum('inp,jnp->nij', at, at) / POSES
+        self.mean_square = np.einsum('inp,jnp->nij', at, at) / len(poses_in_range)
 
     @staticmethod
     def _fitted(x: FloatArray, tau: FloatArray, prior_std: FloatArray, least: float

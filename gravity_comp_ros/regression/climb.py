@@ -17,8 +17,8 @@ def climbed(start: Point, gain: float,
     """
     Return the gain and the place of the maximum near a start.
 
-    A parabola whose maximum is within half a step of the best point is at most an eighth higher
-    there than both neighbours are lower together. The climb ends where that bound is negligible
+    The maximum of a parabola within half a step of the best point exceeds it by at most an eighth
+    of the sum by which it exceeds both neighbours. The climb ends where that bound is negligible
     for all parameters together.
 
     :param gain: that of the start, in nats.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import (
     Basis, basis_of, described_columns, kept_parameters)
@@ -27,7 +28,6 @@ from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
 from scipy.linalg import block_diag
 
-_POSES = 60
 # Singular value below which moments depend on others, as a share of the largest.
 _INDEPENDENT = 1e-6
 # Minimum size of a column, as a share of the largest.
@@ -116,7 +116,7 @@ class KnownAxes(Shared):
 
         Both are tangents of the same gravity torques, compared at random poses.
         """
-        n, q = self.geometry.n_joints, _random_poses(self.geometry.n_joints)
+        n, q = self.geometry.n_joints, random_poses(self.geometry.n_joints)
         still = State(q, 0.0 * q, 0.0 * q)
         steps = self.chain.jacobian(q).transpose(2, 1, 0).reshape(-1, 4 * n)
         return _lstsq(steps, self.columns(still).reshape(len(steps), -1))
@@ -223,7 +223,7 @@ def _moments_of(geometry: Geometry) -> FloatArray:
 
     Those without gravity torque, of joint 1 on a level base, are 0.
     """
-    n, q = geometry.n_joints, _random_poses(geometry.n_joints)
+    n, q = geometry.n_joints, random_poses(geometry.n_joints)
     still = described_columns(geometry, q, 0.0 * q, 0.0 * q)
     chain = ForwardKinematics(geometry.rotations, q).moment_columns()
     return _lstsq(chain.transpose(2, 1, 0).reshape(-1, 2 * n), still.reshape(len(q) * n, -1))
@@ -240,10 +240,6 @@ def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:
 def _rms(torque: FloatArray) -> FloatArray:
     """Return the RMS over states of torques (B, ...)."""
     return np.asarray(np.sqrt((torque ** 2).mean(axis=0)))
-
-
-def _random_poses(n_joints: int) -> FloatArray:
-    return np.random.default_rng(1).uniform(-np.pi, np.pi, (_POSES, n_joints))
 
 
 def _lstsq(columns: FloatArray, target: FloatArray) -> FloatArray:

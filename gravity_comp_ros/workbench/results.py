@@ -13,6 +13,7 @@ from gravity_comp_ros.diagnosis.findings import Finding, FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
@@ -25,8 +26,6 @@ import numpy as np
 
 # Verdicts with an Add button.
 ADDABLE = (*FOUND, 'ambiguous', 'weak')
-# Minimum number of slow samples for a reliable error.
-_MIN_SLOW = 50
 # Maximum number of cached results; a comparison or a residual has all samples.
 _MAX_CACHED = 16
 Value = TypeVar('Value')
@@ -155,7 +154,7 @@ class Results:
             n_slow = len(recording.slow)
         except DataError:
             n_slow = 0
-        if n_slow >= _MIN_SLOW:
+        if n_slow >= FactOptions().min_slow_samples:
             return ''
         return (f'The slow-motion gate keeps only {n_slow} of {len(recording)} samples. Use all '
                 f'samples, or raise the speed limit, under "Samples".')

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -33,7 +34,6 @@ import numpy as np
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Share of a column that must lie outside the span of those before it.
 _DEPENDENT = 1e-7
-_POSES = 60
 _GENERIC_TILT = (0.5, 0.3)  # rad
 
 
@@ -253,9 +253,8 @@ def basis_of(geometry: Geometry) -> Basis:
     rotations = geometry.rotations.copy()
     rotations[0] = tilt(np.array([_GENERIC_TILT]))[0] @ rotations[0]
     geometry = replace(geometry, rotations=rotations)
-    rng = np.random.default_rng(0)
-    q, qd, qdd = (rng.uniform(-np.pi, np.pi, (_POSES, n)), rng.normal(size=(_POSES, n)),
-                  rng.normal(size=(_POSES, n)))
+    q = random_poses(n)
+    qd, qdd = np.random.default_rng(1).normal(size=(2, *q.shape))
     each = regressor(geometry, q, qd, qdd, STANDARD_GRAVITY)
     columns = each.reshape(-1, 10 * n)
     order = [10 * link + kind for kinds in (range(4), range(4, 10))

@@ -24,12 +24,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
-
-# Number of poses per batch: their frames fit into the processor's cache.
-_AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +61,14 @@ class Chain:
     def torque(self, q: FloatArray) -> FloatArray:
         """Return the gravity torque (M, N) in N·m at poses q (M, N) in rad."""
         q = np.asarray(q, dtype=np.float64)
-        parts = [ForwardKinematics(self.axes, q[start:start + _AT_ONCE]).torque(self.moments)
-                 for start in range(0, max(len(q), 1), _AT_ONCE)]
+        parts = [ForwardKinematics(self.axes, q[rows]).torque(self.moments)
+                 for rows in batches(len(q))]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def gradient(self, q: FloatArray) -> FloatArray:
         """Return d tau_n / d q_j (M, N, N) in N·m/rad at poses q (M, N) in rad."""
-        parts = [ForwardKinematics(self.axes, q[start:start + _AT_ONCE]).gradient(self.moments)
-                 for start in range(0, max(len(q), 1), _AT_ONCE)]
+        parts = [ForwardKinematics(self.axes, q[rows]).gradient(self.moments)
+                 for rows in batches(len(q))]
         return np.concatenate(parts, axis=2).transpose(2, 0, 1)
 
     def moved(self, step: FloatArray) -> Chain:

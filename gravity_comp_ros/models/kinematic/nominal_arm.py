@@ -9,6 +9,7 @@ negative, and the point masses are added to them.
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -26,8 +27,6 @@ _MIN_LENGTH = 0.05
 _REGULARISATION = 0.03
 # A moment is without gravity torque if 1 kg anywhere changes it by less than this, in m.
 _NO_TORQUE = 1e-6
-# Number of poses at which moments and inertias are computed.
-_POSES = 40
 
 
 def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
@@ -36,7 +35,7 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
 
     :param moments: (N, 2) in kg·m about the axes, each including all links beyond (`Chain`).
     """
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, len(moments)))
+    q = random_poses(len(moments))
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
     flat = columns.transpose(2, 1, 0).reshape(-1, 2 * len(moments))
     parameters, masses, _ = _nearest(geometry, moments, np.linalg.qr(flat)[1])
@@ -115,7 +114,7 @@ def _of_points(places: FloatArray, link: int, n: int) -> FloatArray:
 def _moments_of(geometry: Geometry, parameters: FloatArray) -> FloatArray:
     """Return the first moments (2 N, P) in kg·m of parameters (P, 10 N), from their gravity."""
     n = geometry.n_joints
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
+    q = random_poses(n)
     zero = np.zeros_like(q)
     torque = regressor(geometry, q, zero, zero, 1.0) @ parameters.T
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()

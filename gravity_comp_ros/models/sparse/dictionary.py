@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
@@ -24,8 +25,6 @@ import numpy as np
 ONE, SIN, COS = 0, 1, 2
 # 3^12 features are 4 MB a vector; each further joint triples every product.
 MAX_JOINTS = 12
-# Number of poses per batch: their columns fit into the processor's cache.
-_AT_ONCE = 1024
 
 
 def n_features(n_joints: int) -> int:
@@ -82,8 +81,7 @@ def columns(q: FloatArray, indices: IntArray) -> FloatArray:
     :return: shape (M, K).
     """
     product = np.empty((q.shape[0], len(indices)))
-    for start in range(0, q.shape[0], _AT_ONCE):
-        rows = slice(start, start + _AT_ONCE)
+    for rows in batches(len(q)):
         product[rows] = Halves(q[rows]).columns(indices).T
     return product
 
@@ -96,8 +94,7 @@ def combined(q: FloatArray, indices: IntArray, weights: FloatArray) -> FloatArra
     :param weights: (K, J) of the K features of `indices`.
     """
     sums = np.empty((q.shape[0], weights.shape[1]))
-    for start in range(0, q.shape[0], _AT_ONCE):
-        rows = slice(start, start + _AT_ONCE)
+    for rows in batches(len(q)):
         sums[rows] = (weights.T @ Halves(q[rows]).columns(indices)).T
     return sums
 
@@ -156,7 +153,8 @@ def derivative(indices: IntArray, n_joints: int, joint: int) -> tuple[IntArray, 
 def _kronecker(factors: FloatArray, n_rows: int) -> FloatArray:
     product = np.ones((1, n_rows))
     for factor in factors:
-        product = (product[:, None, :] * factor[None, :, :]).reshape(-1, n_rows)
+        product = (product[:, None, :] * factor[None, :, :]).reshape(
+            len(product) * len(factor), n_rows)
     return product
 
 
