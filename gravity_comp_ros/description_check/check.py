@@ -105,7 +105,7 @@ def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
         if fault.kind == AXIS_REVERSED:
             reversed_arm = fault.change(arm, np.zeros(0))
             is_visible = bool(0.5 * (evidence.residual(reversed_arm) ** 2).sum() - cost
-                              > evidence.options.min_evidence)
+                              > EngineOptions().min_gain)
         elif fault.kind in (ZERO, AXIS_TURNED, MOUNT):
             start = fault.starts[0]
             _, covariance, _ = evidence.fitted(arm, [fault], start, start)

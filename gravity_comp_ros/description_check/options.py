@@ -15,7 +15,8 @@ class CheckOptions:
     - `discrepancy`: share of a joint's torque range that no rigid arm explains, and
       `friction_discrepancy` that of its friction that no sum of laws explains (Stribeck
       friction, load), as standard deviations.
-    - `min_evidence`: least log evidence of a fault, nats. `max_faults` bounds the search.
+    - `max_faults` bounds the search. A fault has the least log evidence of a term of the
+      regression (`EngineOptions.min_gain`).
     - `unchecked`, rad: standard deviation beyond which an angle counts as not checked.
     - `smaller`: ratio of standard deviations without and with the faults found below which they
       are searched again.
@@ -28,7 +29,6 @@ class CheckOptions:
 
     discrepancy: float = 0.005
     friction_discrepancy: float = 0.3
-    min_evidence: float = 5.0
     max_faults: int = 4
     unchecked: float = 0.05
     smaller: float = 0.9

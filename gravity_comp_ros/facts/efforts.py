@@ -174,11 +174,11 @@ def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
     limit = tau.max()
     at_limit = np.asarray(tau >= limit - _ROUNDING * abs(limit))
     none = np.zeros_like(at_limit)
-    if limit <= 0 or at_limit.mean() < options.min_clipped:
+    if limit <= 0 or at_limit.mean() < options.rare:
         return none
     near = tau[(tau > 0.8 * limit) & ~at_limit]
     levels = np.unique(near)
-    if len(near) < options.min_clipped * len(tau) or len(levels) < 5:
+    if len(near) < options.rare * len(tau) or len(levels) < 5:
         return none
     per_level = len(near) / len(levels)
     is_symmetric = abs(tau.min() + limit) <= 1e-6 * limit

@@ -36,10 +36,12 @@ class FactOptions:
     spike_spread: float = 20
     # Share of the range of a joint's effort by which a spike exceeds the range.
     spike_margin: float = 0.5
-    # Share of samples above which outliers, or unchanged values, are a property of the signal.
+    # Share of samples above which outliers, unchanged values or wrong stamps are a property of the
+    # signal.
     max_outliers: float = 0.1
-    # Share of samples at a limit of the effort and next to it, above which it may be clipped.
-    min_clipped: float = 0.01
+    # Share of samples that is no coincidence: at a limit of the effort and next to it, or of
+    # another publisher.
+    rare: float = 0.01
     # Equal values beyond coincidence: consecutive samples, and those at a limit relative to the
     # usual number per level next to it.
     equal_values: float = 10

@@ -25,6 +25,7 @@ from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses
 from gravity_comp_ros.node.job_messages import Job
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import PARTS
 import numpy as np
 
@@ -99,7 +100,8 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
     """
     floor = OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
     noise = np.maximum(expected, floor)
-    near = (np.diff(samples.t) < OPTIONS.max_interval) & (np.diff(samples.runs) == 0)
+    # Neighbours, or with one or two samples left out in between.
+    near = (np.diff(samples.t) <= 3.0 * NODE.period) & (np.diff(samples.runs) == 0)
     triples = near[1:] & near[:-1]
     if triples.sum() < 5:
         return noise
@@ -124,7 +126,7 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
                              OPTIONS.max_largest * float(spread.max(initial=0.0)))
     else:
         allowed = np.maximum(OPTIONS.predicted * change[0],
-                             OPTIONS.max_no_chain_change * change[1])
+                             OPTIONS.max_largest * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
     name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'

@@ -83,9 +83,11 @@ class CheckOptions:
       exceed its limit.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
     - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
-      explains too little (`FactOptions.min_share`) has no gravity.
+      explains too little (`FactOptions.min_share`) has no gravity; and distance outside the range
+      of new samples at which a change of the torque must be twice as significant.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
-      variation, and of the largest one.
+      variation, and of the largest one; of a change where no chain explains the arm, `max_largest`
+      of the change, or `predicted` times the noise.
     - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
       5 kg it is 0.58 on an iiwa.
     - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
@@ -101,8 +103,6 @@ class CheckOptions:
       six seconds of motion.
     - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
       its first and last second, that the rest predicts.
-    - `max_no_chain_change`: residual of a change where no chain explains the arm, as a fraction
-      of the change, if it is above `predicted`.
     - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
       judged.
     - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
@@ -121,7 +121,6 @@ class CheckOptions:
       the previous model's residual to it for a rollback.
     - `large`, `min_large`: a test for a payload is due where this share of the samples of each
       part of the window has a joint with a residual of this many times the noise.
-    - `max_interval`: largest time in s between samples whose differences count as noise.
     - `end`: duration of the first and last part of a window that must show a body, s.
 
     Priors of the hypotheses, as standard deviations:
@@ -129,7 +128,6 @@ class CheckOptions:
     - `correlated`: factor of the noise for the autocorrelated model error of slow samples.
     - `body`: body on the last link, relative to half of the payload limits, or without known axes
       to `moment` times the largest residual; the scale is that of the largest evidence.
-    - `friction`, `offset`: their change, relative to the friction of the joint.
     - `force`: relative variation of the force of a hand within `force_time`, s.
     - `converged`: change of a gain at which its linearisations end.
 
@@ -151,7 +149,6 @@ class CheckOptions:
     min_over_push: float = 10.0
     min_part: float = 0.6
     min_end: float = 0.3
-    max_no_chain_change: float = 0.15
     min_gravity_ratio: float = 5.0
     full_fit_margin: float = 0.25
     sparse_margin: float = 0.1
@@ -165,13 +162,10 @@ class CheckOptions:
     max_previous: float = 0.5
     large: float = 3.0
     min_large: float = 0.75
-    max_interval: float = 0.6
     end: float = 1.0
     correlated: float = 2.0
     body: tuple[float, ...] = (0.01, 1.0 / 30.0, 0.1, 1.0 / 3.0, 1.0)
     moment: float = 30.0
-    friction: float = 0.5
-    offset: float = 0.25
     force: float = 0.3
     force_time: float = 2.0
     converged: float = 1e-3

@@ -311,10 +311,10 @@ def _friction_columns(window: Window) -> FloatArray:
         *model.applied.effects, *model.fitted.effects) if law_of(effect.setting)}
     columns = np.zeros((n, 3, n, m))
     for k, name in enumerate(samples.names):
-        qd, size = samples.qd[:, k], noise[k] + OPTIONS.friction * sizes[k]
+        qd, size = samples.qd[:, k], noise[k] + RESIDUAL.drift * sizes[k]
         columns[k, :, k] = [
             size * smooth_sign(qd, laws.get(name, {'width': REST_SPEED})),
-            size * qd / RESIDUAL.speed, np.full(m, noise[k] + OPTIONS.offset * sizes[k])]
+            size * qd / RESIDUAL.speed, np.full(m, size)]
     return columns.reshape(3 * n, n, m)
 
 

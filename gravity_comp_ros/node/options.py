@@ -51,8 +51,6 @@ class NodeOptions:
     - `min_period`, s: of messages, and `watch_period`, s: of calls of the watchdog.
     - `ramp_share`: largest change of a joint's torque within `ramp_time` by a transition to a
       model, as a share of its limit `max_torque`: a wrong model then moves any arm slowly.
-    - `reach`, rad: distance outside the range of new samples at which a change of the torque must
-      be twice as significant.
     - `rounding`, N·m: of an offset or a change of the torque.
 
     Process:
@@ -96,7 +94,6 @@ class NodeOptions:
     min_period: float = 1e-3
     watch_period: float = 0.02
     ramp_share: float = 0.2
-    reach: float = 0.5
     rounding: float = 1e-9
     depth: int = 10
     calls: int = 1000

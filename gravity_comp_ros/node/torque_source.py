@@ -107,7 +107,7 @@ class UncertainChange:
             return np.zeros(len(q))
         change = self.model.predict_one(q) - self.before.predict_one(q)
         distance = float(self.range.distance(q).max())
-        uncertain = OPTIONS.significant * (1.0 + distance / NODE.reach) * std
+        uncertain = OPTIONS.significant * (1.0 + distance / OPTIONS.min_span) * std
         share = 1.0 - (uncertain / np.maximum(np.abs(change), NODE.rounding)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 

@@ -180,7 +180,7 @@ class Cleaning:
         """Choose stamp or log time, and drop messages that are not later than all before."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
-        if backwards > DEFECTS.bad_stamps * clock.size:
+        if backwards > FactOptions().max_outliers * clock.size:
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: the time of recording is used')
             clock = self.log_ns
@@ -296,7 +296,7 @@ def _second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
     second: BoolArray = np.asarray(relevant & ~with_effort)
     few = min(int(second.sum()), int((relevant & with_effort).sum()))
     nothing = np.zeros_like(second)
-    if few < DEFECTS.min_share * relevant.sum() or few < 2:
+    if few < FactOptions().rare * relevant.sum() or few < 2:
         return nothing, None
     order = second[relevant]
     if np.count_nonzero(order[1:] != order[:-1]) < DEFECTS.common * few:

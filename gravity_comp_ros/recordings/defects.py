@@ -14,8 +14,6 @@ class DefectOptions:
 
     - `common`: share of messages from which a defect is an error; rarer ones are dropped.
     - `max_magnitude`: of a position, velocity or effort in any unit.
-    - `bad_stamps`: share of stamps that are not later than an earlier one, above which the log
-      time is used instead.
     - `stamps`: consecutive messages with earlier but rising stamps after which the clock counts
       as set back. `max_steps`: of the clock; messages of two clocks alternate.
     - `gap`, s, and `gap_steps`, median intervals: minimum length of a gap.
@@ -24,7 +22,6 @@ class DefectOptions:
 
     Several publishers:
 
-    - `min_share`: of the messages of a publisher.
     - `common`: also of the changes from one publisher to the other per message of the rarer one
       (publishers alternate, whereas the arrays of one change once, as its drives are enabled), and
       of the usual effort that falls to 0; that of a coarse sensor falls less.
@@ -45,14 +42,12 @@ class DefectOptions:
 
     common: float = 0.5
     max_magnitude: float = 1e9
-    bad_stamps: float = 0.1
     stamps: int = 5
     max_steps: int = 3
     gap: float = 10.0
     gap_steps: float = 100.0
     same_time: float = 1e-4
     block_rows: int = 65536
-    min_share: float = 0.01
     max_return: float = 0.2
     min_arms: float = 0.6
     min_side_names: int = 2
