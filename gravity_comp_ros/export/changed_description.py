@@ -29,8 +29,6 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
 
-_MAX_STEPS, _CONVERGED = 200, 1e-10
-
 
 @dataclass(frozen=True)
 class NearestOptions:
@@ -42,6 +40,9 @@ class NearestOptions:
     is that accurate. `min_radius` in m is the smallest radius of gyration of a link, since many
     descriptions give point masses. `max_misfit` is the largest RMS deviation from the model, as a
     share of the joint's RMS torque, beyond the noise: a larger one is that of another arm.
+    `thinnest` is the smallest second moment along an axis of a repaired inertia, as a share of the
+    largest. `converged` is the decrease of the divergence at which the search ends, after `steps`
+    at most.
 
     :raises OptionError: if a number is not positive.
     """
@@ -50,6 +51,9 @@ class NearestOptions:
     tolerance: float = 5e-4
     min_radius: float = 0.01
     max_misfit: float = 0.05
+    thinnest: float = 1e-3
+    converged: float = 1e-10
+    steps: int = 200
 
     def __post_init__(self) -> None:
         check_positive(self, 'nearest masses')
@@ -130,14 +134,14 @@ def _minimum(links: Links, rows: FloatArray, target: FloatArray,
     def cost(x: FloatArray) -> float:
         return distance.value(x) + 0.5 * float(x @ square @ x) - float(linear @ x)
 
-    for _ in range(_MAX_STEPS):
+    for _ in range(options.steps):
         gradient, hessian = distance.derivatives(x)
         gradient, hessian = gradient + square @ x - linear, hessian + square
         # Scaled by its diagonal: masses and moments, and stiff and free directions, differ.
         size = 1.0 / np.sqrt(np.diag(hessian))
         step = -size * np.linalg.solve(size[:, None] * hessian * size, size * gradient)
         decrease = -float(gradient @ step)
-        if decrease < _CONVERGED:
+        if decrease < options.converged:
             return x
         share, before = 1.0, cost(x)
         while share > 1e-12 and not cost(x + share * step) <= before - 0.1 * share * decrease:

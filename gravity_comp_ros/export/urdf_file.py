@@ -11,14 +11,11 @@ from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, friction_numbers, Links, nearest_masses,
-    trained_poses)
+    NearestOptions, trained_poses)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
 import numpy as np
-
-# Smallest second moment along an axis that a repaired inertia has, as a share of the largest.
-_THINNEST = 1e-3
 
 
 def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
@@ -64,7 +61,8 @@ def _consistent(second_moment: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(second_moment)
     if values[0] >= -1e-9 * abs(values[-1]):
         return second_moment
-    return np.asarray(vectors @ np.diag(np.maximum(values, _THINNEST * values[-1])) @ vectors.T)
+    smallest = NearestOptions().thinnest * values[-1]
+    return np.asarray(vectors @ np.diag(np.maximum(values, smallest)) @ vectors.T)
 
 
 def _repaired(edit: XmlEdit, elements: Mapping[str, Element],
