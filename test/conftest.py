@@ -20,7 +20,6 @@ LONGEST = (
     'test_updates.py', 'test_node_fitting.py', 'test_node_graph.py', 'test_first_hour.py',
     'test_description_check.py', 'test_workbench_session.py', 'test_rigid_body.py',
     'test_node_core.py', 'test_node_faults.py', 'test_axis_directions.py', 'test_export_c.py',
-    'test_offset_of_each_recording.py', 'test_command_add.py', 'test_estimator.py',
     'test_refit.py', 'test_node_acceptance.py', 'test_planning_choice.py',
     'test_gravity_fit.py', 'test_chain_fit.py', 'test_regression_engine.py',
     'test_node_suspicion.py', 'test_facts.py', 'test_facts_of_other_arms.py', 'test_api.py')
