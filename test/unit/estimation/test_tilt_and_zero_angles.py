@@ -64,7 +64,7 @@ def test_inertia_does_not_appear_as_a_tilt(seed):
 @pytest.mark.parametrize('tilt', [5.0, *campaign(1.0, 3.0)])
 def test_a_tilt_is_identified(tilt):
     arm = with_base_tilt(ARM, 0.8 * np.radians(tilt), 0.6 * np.radians(tilt))
-    result = fitted(moved(3, 0.15, 0.3, arm)[1])
+    result = fitted(moved(3, 0.15, 0.3, arm, rate=20.0)[1])
     assert np.degrees(result.report.base_tilt) == pytest.approx(tilt, abs=0.15)
     assert worst(result.model, arm) < 0.3
 
