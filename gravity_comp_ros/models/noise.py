@@ -20,16 +20,16 @@ import numpy as np
 # Minimum standard deviation, as a share of the arm's largest torque: a joint that measures exactly
 # 0 (the first of a level arm) must not get an infinite weight.
 _FLOOR = 1e-4
-# Log-likelihood ratio above which the load-dependent part is accepted.
+# Log-likelihood ratio above which noise that grows with the torque is accepted.
 _MIN_LOG_LIKELIHOOD = 8.0
 # Maximum b. A larger estimate indicates a poor model rather than a sensor error, and would give
 # the samples with little load all the weight.
 _MAX_RELATIVE = 0.5
+# Ratios of the variance that grows with the torque to the constant one, at the mean square torque,
+# that are compared: less is not visible, more leaves no constant part.
+_GROWTH = np.geomspace(0.1, 1e4, 20)
 # Residual in standard deviations beyond which a sample has less weight: it has 16 in a million.
 OUTLIER = 4.0
-# Maximum number of steps of the estimate, and maximum step in ln a^2 and ln b^2.
-_MAX_STEPS = 100
-_MAX_STEP = 2.0
 # Correlation times of white noise are estimated below this, in samples.
 WHITE = 2.0
 
@@ -112,63 +112,42 @@ def estimate(residual: FloatArray, predicted: FloatArray, minimum: float,
     :param minimum: minimum standard deviation (`floor`), N·m.
     :param used: degrees of freedom of the fit on each joint (N,).
     """
-    m, n = residual.shape
-    absolute, relative = np.zeros(n), np.zeros(n)
-    for joint in range(n):
-        share = max((m - used[joint]) / m, 0.1)
-        absolute[joint], relative[joint] = _estimate_joint(
-            residual[:, joint] / np.sqrt(share), predicted[:, joint], minimum)
-    return NoiseModel(absolute, relative)
+    m = len(residual)
+    share = np.maximum((m - used) / m, 0.1)
+    mean = (predicted ** 2).mean(axis=0)
+    c = np.array([growth(*columns) for columns in zip(residual.T, predicted.T)])
+    spread = 1.0 + c * predicted ** 2 / np.maximum(mean, 1e-300)
+    variance = (residual ** 2 / spread).mean(axis=0) / share
+    relative = np.sqrt(variance * c / np.maximum(mean, 1e-300))
+    return NoiseModel(np.maximum(np.sqrt(variance), minimum), relative)
 
 
-def _estimate_joint(residual: FloatArray, predicted: FloatArray,
-                    minimum: float) -> tuple[float, float]:
-    constant = max(float(np.sqrt((residual ** 2).mean())), minimum)
-    load = float(np.sqrt((predicted ** 2).mean()))
-    if load <= minimum:
-        return constant, 0.0
-
-    constant_cost = 0.5 * (np.log(constant ** 2)
-                           + float((residual ** 2).mean()) / constant ** 2)
-    start = 2.0 * np.log([0.5 * constant, 0.5 * constant / load])
-    logs, cost = _maximum_likelihood(residual ** 2, predicted ** 2, minimum ** 2, start)
-    absolute, relative = np.exp(0.5 * logs)
-    if (len(residual) * (constant_cost - cost) < _MIN_LOG_LIKELIHOOD
-            or relative > _MAX_RELATIVE):
-        return constant, 0.0
-    return max(float(absolute), minimum), float(relative)
-
-
-def _maximum_likelihood(squares: FloatArray, loads: FloatArray, minimum: float,
-                        logs: FloatArray) -> tuple[FloatArray, float]:
+def growth(residual: FloatArray, torque: FloatArray) -> float:
     """
-    Return ln a^2 and ln b^2 of the variance a^2 + b^2 load + minimum, and -ln of the likelihood.
+    Return c of the variance a^2 (1 + c x) of residuals (M,), x the squared torque over its mean.
 
-    Fisher's scoring: the expected Hessian is positive semidefinite, so every step is a descent
-    direction; it is halved until the cost falls.
+    It is that of the largest likelihood over a^2 and c; without enough evidence it is 0.
+
+    :param torque: (M,) predicted, in N·m.
     """
-    def state(logs: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        parts = np.exp(logs)[:, None] * np.stack([np.ones_like(loads), loads])
-        variance = parts[0] + parts[1] + minimum
-        excess = squares / variance
-        return parts / variance, excess, float(0.5 * (np.log(variance) + excess).mean())
+    square, mean = residual ** 2, float((torque ** 2).mean())
+    x = torque ** 2 / max(mean, 1e-300)
 
-    shares, excess, cost = state(logs)
-    for _ in range(_MAX_STEPS):
-        gradient = shares @ (1.0 - excess)
-        step = -np.linalg.solve(shares @ shares.T + 1e-9 * len(loads) * np.eye(2), gradient)
-        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
-        while True:
-            tried = state(logs + step)
-            if tried[2] < cost or np.abs(step).max() < 1e-3:
-                break
-            step = 0.5 * step
-        gain = cost - tried[2]
-        if gain > 0.0:
-            logs, (shares, excess, cost) = logs + step, tried
-        if gain < 1e-7:
-            break
-    return logs, cost
+    def cost(c: float) -> float:
+        spread = 1.0 + c * x
+        return 0.5 * float(len(x) * np.log((square / spread).mean() + 1e-300)
+                           + np.log(spread).sum())
+
+    logs = np.log(_GROWTH)
+    costs = np.array([cost(c) for c in _GROWTH])
+    k = int(np.clip(np.argmin(costs), 1, len(logs) - 2))
+    # The minimum of the parabola through the best one and its neighbours.
+    left, right = costs[k - 1] - costs[k], costs[k + 1] - costs[k]
+    curvature = left + right
+    step = 0.5 * (left - right) / curvature if curvature > 0.0 else 0.0
+    c = float(np.exp(logs[k] + np.clip(step, -1.0, 1.0) * (logs[1] - logs[0])))
+    relative = np.sqrt(c * (square / (1.0 + c * x)).mean() / max(mean, 1e-300))
+    return c if cost(0.0) - cost(c) > _MIN_LOG_LIKELIHOOD and relative < _MAX_RELATIVE else 0.0
 
 
 def correlation_time(residual: FloatArray, runs: IntArray) -> float:

@@ -214,7 +214,7 @@ def _weights(fit: Linear) -> FloatArray:
     """Return the weights (R, N) of the rows: relative noise, outliers, and their duration."""
     problem, residual = fit.problem, _residual(fit.posterior)
     gravity = problem.rows.mean(fit.factory.motion.gravity)
-    relative = relative_weights(residual, gravity, problem.options) / (
+    relative = relative_weights(residual, gravity) / (
         1.0 + variance_by_motion(fit.posterior, fit.factory) / robust_std(residual) ** 2)
     return np.asarray(problem.rows.weights[:, None] * relative * outlier_weights(
         np.sqrt(relative) * residual))

@@ -19,7 +19,7 @@ alone, `white_precision`.
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.noise import correlation_time
+from gravity_comp_ros.models.noise import correlation_time, growth, WHITE
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior
 from gravity_comp_ros.regression.scale import Scale
@@ -28,10 +28,6 @@ import numpy as np
 # Relative change of the weights below which the noise has converged, and maximum number of its
 # estimates.
 CONVERGED, MAX_NOISES = 0.05, 8
-# Ratios of the variance that grows with the torque to the constant one, at the mean torque.
-_RELATIVE = tuple(float(c) for c in np.geomspace(0.1, 1e4, 11))
-# Largest correlation time, in rows, of a white residual.
-_WHITE = 2.0
 
 
 def noise_std(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
@@ -66,29 +62,18 @@ def correlation_times(posterior: Posterior) -> FloatArray:
                      for j in range(design.n_joints)])
 
 
-def relative_weights(residual: FloatArray, gravity: FloatArray, options: EngineOptions
-                     ) -> FloatArray:
+def relative_weights(residual: FloatArray, gravity: FloatArray) -> FloatArray:
     """
-    Return weights (R, N) for noise that grows with the torque, with a mean of 1.
+    Return weights (R, N) for noise that grows with the torque (`models.noise`), with a mean of 1.
 
-    The variance is a^2 (1 + c x), x the squared gravity torque over its mean. c is that of largest
-    likelihood; without enough evidence it is 0, and where the residual is not white: the error of
-    a wrong model grows with the torque as well.
+    They are 1 where the residual is not white: the error of a wrong model grows with the torque as
+    well.
 
     :param residual: (R, N) in N·m. :param gravity: (R, N) in N·m.
     """
     weights = np.ones_like(residual)
     for j, (r, g) in enumerate(zip(residual.T, gravity.T)):
-        if correlation_time(r, np.zeros(len(r), dtype=np.int64)) > _WHITE:
-            continue
-        square, x = r ** 2, g ** 2 / max(float((g ** 2).mean()), 1e-300)
-        likelihood = []
-        for c in (0.0, *_RELATIVE):
-            spread = 1.0 + c * x
-            likelihood.append(-0.5 * (len(r) * np.log((square / spread).mean() + 1e-300)
-                                      + np.log(spread).sum()))
-        best = int(np.argmax(likelihood))
-        if likelihood[best] > likelihood[0] + options.min_gain:
-            weights[:, j] = 1.0 / (1.0 + _RELATIVE[best - 1] * x)
+        if correlation_time(r, np.zeros(len(r), dtype=np.int64)) < WHITE:
+            weights[:, j] = 1.0 / (1.0 + growth(r, g) * g ** 2 / max((g ** 2).mean(), 1e-300))
             weights[:, j] /= weights[:, j].mean()
     return weights
