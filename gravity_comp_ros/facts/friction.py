@@ -49,8 +49,8 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
     fastest = float(np.abs(speed).max())
     if fastest == 0 or not moving[moves] or rest.std() < 1e-9 * effort.std():
         return Shares(pose, None, pose)
-    direction = np.tanh(speed / (0.05 * fastest))
-    friction = np.column_stack([np.ones(len(q)), direction, np.sign(speed), speed])
+    friction = np.column_stack([np.ones(len(q)), friction_columns(speed, options)])
+    direction = friction[:, 1]
     with_poses = np.column_stack([poses, friction[:, 1:]])
     no_friction = effort - friction @ _solved(friction, effort)
     both = effort - with_poses @ _solved(with_poses, effort)
@@ -65,6 +65,16 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
         return Shares(pose, 0.0, gravity)
     share = slope ** 2 * float(direction.var() / rest.var())
     return Shares(pose, float(np.copysign(share, slope)), gravity)
+
+
+def friction_columns(qd: FloatArray, options: FactOptions) -> FloatArray:
+    """
+    Return columns (M, 3, ...) of the friction of speeds qd (M, ...): two directions, and speed.
+
+    The direction is that of the noise at rest, or changes smoothly over low speeds.
+    """
+    slow = options.slow_speed * np.abs(qd).max(axis=0)
+    return np.stack([np.tanh(qd / np.maximum(slow, 1e-12)), np.sign(qd), qd], axis=1)
 
 
 def effort_facts(signals: Signals, options: FactOptions) -> list[Fact]:

@@ -7,6 +7,7 @@ import re
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.friction import friction_columns
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
@@ -91,11 +92,12 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
         return []
     ratios = {}
     for n, name in enumerate(signals.names):
-        tau, qd = part.tau[:, n], part.qd[:, n]
-        friction = np.column_stack([np.ones(len(part)), np.sign(qd), qd])
+        tau = part.tau[:, n]
+        friction = np.column_stack([np.ones(len(part)), friction_columns(part.qd[:, n], options)])
         lines, waves = (_variance_left(np.column_stack([friction, *columns]), tau) for columns in (
             (part.q,), (np.sin(part.q), np.cos(part.q))))
-        if min(lines, waves) < options.better * _variance_left(friction, tau):
+        # A joint with little gravity follows lines nearly as well as waves.
+        if min(lines, waves) < options.better ** 2 * _variance_left(friction, tau):
             ratios[name] = lines / max(waves, 1e-18)
     if not ratios or max(ratios.values()) > options.better:
         return []

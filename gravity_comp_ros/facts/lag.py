@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.friction import friction_columns
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
@@ -74,9 +75,7 @@ def _columns(signals: Signals, options: FactOptions
     poses = np.column_stack([np.ones(len(q)), np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)])
     joints = [n for n in np.flatnonzero(moving).tolist() if qd[:, n].any()
               and np.ptp(signals.tau[:, n]) > options.dead_torque]
-    qd = qd[:, joints]
-    fastest = np.abs(qd).max(axis=0)
-    return poses, np.stack([np.tanh(qd / (0.05 * fastest)), np.sign(qd), qd], axis=1), joints
+    return poses, friction_columns(qd[:, joints], options), joints
 
 
 def _behind(columns: FloatArray, way: FloatArray, constant: float) -> FloatArray:

@@ -71,6 +71,8 @@ class FactOptions:
     # Share of the effort's standard deviation: less gravity may be the shape of friction, and less
     # friction gravity that the first-order fit does not model.
     min_part: float = 0.1
+    # Speed, relative to the fastest one, over which friction changes its direction.
+    slow_speed: float = 0.05
     # Ratio of squared residuals, from which another explanation is right: a direction or zero of
     # an axis, angles in degrees, effort behind a filter; of real arms without one the last is 0.6
     # at least.
