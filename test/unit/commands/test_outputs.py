@@ -3,6 +3,7 @@
 import re
 import shlex
 
+from bench.shared.command_line import refused
 from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
@@ -45,40 +46,35 @@ def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
         target = tmp_path / 'other.json'
         (target.hardlink_to if 'hard' in how else target.symlink_to)(source)
     argv = call(tmp_path, verb, {place: str(source)})
-    assert main([*map(str, argv), '--json', str(target)]) == 1
-    output = capsys.readouterr()
-    assert 'would be overwritten' in output.err and output.err.count('\n') == 1
-    assert source.read_text() == 'precious' and output.out == ''
+    assert 'would be overwritten' in refused(capsys, *argv, '--json', target)
+    assert source.read_text() == 'precious'
     assert sorted(tmp_path.iterdir()) == sorted({source, target})
 
 
 @pytest.mark.parametrize('verb', [verb for verb, call in CALLS.items() if 'OUT.json' in call])
 def test_two_outputs_are_two_files(tmp_path, capsys, verb):
     argv = call(tmp_path, verb, {})
-    assert main([*argv, '--json', str(tmp_path / 'OUT.json')]) == 1
-    assert 'both name' in capsys.readouterr().err
+    assert 'both name' in refused(capsys, *argv, '--json', tmp_path / 'OUT.json')
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('verb', CALLS)
 def test_a_missing_folder_is_reported_before_the_work(tmp_path, capsys, verb):
     # The inputs are missing as well: a verb that reads them first would report them instead.
-    assert main([*call(tmp_path, verb, {}), '--json', str(tmp_path / 'nowhere' / 'x.json')]) == 1
-    error = capsys.readouterr().err
-    assert 'there is no folder' in error and error.count('\n') == 1
+    assert 'there is no folder' in refused(capsys, *call(tmp_path, verb, {}), '--json',
+                                           tmp_path / 'nowhere' / 'x.json')
 
 
 def test_many_effects_are_no_file_name(tmp_path, capsys):
     effects = ','.join(f'torque_offset:joint_{k}' for k in range(40))
-    assert main(['add', effects, 'no.mcap', '--model', str(tmp_path / 'no.json')]) == 1
-    assert 'no.json' in capsys.readouterr().err
+    assert 'no.json' in refused(capsys, 'add', effects, 'no.mcap', '--model', tmp_path / 'no.json')
 
 
 def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):
     bag = tmp_path / 'bag'
     bag.mkdir()
-    assert main(['info', str(bag), '--json', str(bag / 'x.json')]) == 1
-    assert 'inside the folder of the recording' in capsys.readouterr().err
+    assert 'inside the folder of the recording' in refused(
+        capsys, 'info', bag, '--json', bag / 'x.json')
 
 
 def test_a_read_only_model_is_not_changed(tmp_path, capsys):
@@ -88,8 +84,7 @@ def test_a_read_only_model_is_not_changed(tmp_path, capsys):
     for argv in (['fit', 'no.mcap', '-o', model], ['add', '--undo', '--model', model],
                  ['add', 'torque_offset', 'no.mcap', '--model', model],
                  ['update', '--undo', '--model', model]):
-        assert main([*map(str, argv)]) == 1
-        assert 'is read-only' in capsys.readouterr().err
+        assert 'is read-only' in refused(capsys, *argv)
     assert model.read_text() == '{}'
 
 
@@ -98,13 +93,10 @@ def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
     (tmp_path / 'robots' / 'one').mkdir(parents=True)
     (tmp_path / 'robots' / 'one' / 'a.mcap').write_bytes(b'')
     models = tmp_path / 'models'
-    assert main(['fleet', 'fit', str(tmp_path / 'robots'), '-o', str(models), '--json',
-                 str(models / 'one.json')]) == 1
-    assert 'no folder' in capsys.readouterr().err
+    fleet = ('fleet', 'fit', tmp_path / 'robots', '-o', models, '--json', models / 'one.json')
+    assert 'no folder' in refused(capsys, *fleet)
     models.mkdir()
-    assert main(['fleet', 'fit', str(tmp_path / 'robots'), '-o', str(models), '--json',
-                 str(models / 'one.json')]) == 1
-    assert 'the result file of a robot' in capsys.readouterr().err
+    assert 'the result file of a robot' in refused(capsys, *fleet)
     assert not (models / 'one.json').exists()
 
 

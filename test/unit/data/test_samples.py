@@ -90,20 +90,14 @@ def test_arrays_cannot_be_edited(field):
         setattr(samples, field, None)
 
 
-def test_the_callers_array_is_not_the_samples_array():
-    q = np.zeros((2, 1))
-    samples = JointSamples.single_run(['x'], [0.0, 1.0], q, q, q)
-    q[0] = 7.0
-    assert q.flags.writeable and samples.q[0, 0] == 0.0 and samples.tau[0, 0] == 0.0
-
-
-def test_a_read_only_view_of_a_writable_array_is_copied():
+@pytest.mark.parametrize('writeable', [True, False])
+def test_an_array_or_view_of_the_caller_is_copied(writeable):
     q = np.zeros((2, 1))
     view = q.view()
-    view.flags.writeable = False
+    view.flags.writeable = writeable
     samples = JointSamples.single_run(['x'], [0.0, 1.0], view, view, view)
     q[0] = 7.0
-    assert samples.q[0, 0] == 0.0
+    assert q.flags.writeable and samples.q[0, 0] == 0.0 and samples.tau[0, 0] == 0.0
 
 
 def test_select_by_mask_and_by_number():
@@ -114,9 +108,7 @@ def test_select_by_mask_and_by_number():
         np.testing.assert_array_equal(selected.t, samples.t[mask])
         np.testing.assert_array_equal(selected.tau, samples.tau[mask])
         assert selected.run_labels == samples.run_labels
-
-
-def test_select_keeps_labels_of_runs_that_lose_all_samples():
+    # A run that loses all samples keeps its label.
     samples = concatenate([some(3, label='x'), some(3, label='y')])
     selected = samples.select(samples.runs == 1)
     assert selected.run_labels == ('x', 'y') and [len(p) for p in selected.each_run()] == [0, 3]
@@ -129,9 +121,6 @@ def test_joints_are_selected_and_ordered_by_name():
     for field in ('q', 'qd', 'tau'):
         np.testing.assert_array_equal(getattr(selected, field),
                                       getattr(samples, field)[:, [2, 0]])
-
-
-def test_a_missing_joint_is_refused():
     with pytest.raises(ModelMismatchError, match='no joint z in the data; it has a, b, c'):
         some().joints(['a', 'z'])
 
@@ -255,11 +244,8 @@ def test_no_sample_is_both_fitted_and_held_out(count, fraction, guard, runs):
 
 
 @pytest.mark.parametrize('fraction', [0.0, 1.0, -0.1, float('nan')])
-def test_a_fraction_out_of_range_is_refused(fraction):
+def test_a_fraction_out_of_range_and_too_few_samples_are_refused(fraction):
     with pytest.raises(OptionError, match='fraction'):
         blocks_to_hold_out(ramp(60), fraction)
-
-
-def test_too_few_samples_are_refused():
     with pytest.raises(DataError, match='too few'):
         blocks_to_hold_out(ramp(3), 0.5, 5.0)

@@ -96,12 +96,15 @@ LINK = '<link name="{0}"><inertial><origin xyz="{1}"/><mass value="2"/>' \
        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
 
 
-def pendulum(kind: str = 'revolute') -> str:
-    """Return a URDF of a 2 kg mass 0.5 m along x from a joint about +y."""
-    return (f'<robot name="pendulum"><link name="base"/>{LINK.format("rod", "0.5 0 0")}'
-            f'<joint name="swing" type="{kind}"><parent link="base"/><child link="rod"/>'
-            '<axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="3" effort="9"/></joint>'
-            '</robot>')
+def pendulum(folder, kind: str = 'revolute') -> arms.Arm:
+    """Return a mass of 2 kg, 0.5 m along x from a joint about +y."""
+    path = folder / 'pendulum.urdf'
+    path.write_text(
+        f'<robot name="pendulum"><link name="base"/>{LINK.format("rod", "0.5 0 0")}'
+        f'<joint name="swing" type="{kind}"><parent link="base"/><child link="rod"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="3" effort="9"/></joint>'
+        '</robot>')
+    return arms.from_urdf(path)
 
 
 def test_iiwa_gravity_has_the_published_rms():
@@ -125,9 +128,7 @@ def test_iiwa_centres_and_flange_are_those_of_the_data_sheet():
 
 
 def test_pendulum_torque_is_analytical(tmp_path):
-    path = tmp_path / 'pendulum.urdf'
-    path.write_text(pendulum())
-    arm = arms.from_urdf(path)
+    arm = pendulum(tmp_path)
     assert arm.joints == ('swing',)
     assert (arm.lower[0], arm.upper[0], arm.max_speed[0]) == (-1, 2, 3)
     q = np.array([[0.0], [0.7]])
@@ -137,12 +138,8 @@ def test_pendulum_torque_is_analytical(tmp_path):
     inertia = 0.01 + 2 * 0.5 ** 2
     moving = arms.inverse_dynamics(arm, q, np.ones((2, 1)), np.full((2, 1), 3.0))
     np.testing.assert_allclose(moving, expected + 3 * inertia, atol=1e-12)
-
-
-def test_continuous_joint_equals_a_revolute_one(tmp_path):
-    path = tmp_path / 'pendulum.urdf'
-    path.write_text(pendulum('continuous'))
-    arm = arms.from_urdf(path)
+    # A continuous joint is a revolute one without limits.
+    arm = pendulum(tmp_path, 'continuous')
     assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
     q = np.array([[4.0]])
     np.testing.assert_allclose(arms.gravity_torque(arm, q), -9.80665 * np.cos(q), atol=1e-12)
@@ -159,9 +156,7 @@ def test_an_invalid_urdf_gives_one_line(tmp_path, text):
 
 
 def test_payload_adds_its_torque_and_leaves_the_arm_unchanged(tmp_path):
-    path = tmp_path / 'pendulum.urdf'
-    path.write_text(pendulum())
-    bare = arms.from_urdf(path)
+    bare = pendulum(tmp_path)
     loaded = arms.with_payload(bare, arms.Payload(3.0, (0.0, 0.0, 0.2)))
     q = np.array([[0.4]])
     extra = arms.gravity_torque(loaded, q) - arms.gravity_torque(bare, q)
