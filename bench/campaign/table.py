@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.campaign.score import Score, score
 from bench.cases.cases import Case
+from bench.shared.markdown import table
 import numpy as np
 
 # Required results of the diagnosis: shares, and the ratio of held-out errors.
@@ -108,31 +109,30 @@ def markdown(results: Sequence[Result]) -> str:
     """Return the summary as Markdown: the requirements first, then each case."""
     outcome = summary(results)
     every = outcome['all']
-    lines = ['| required | reached | of |', '|---|---|---|',
-             '| true effect, or one ambiguous with it, on the right joint, at least '
-             f'{NAMED:.0%} | {_percent(every["named"])} | {every["solvable"]} recordings |',
-             f'| false alarms with nothing missing, at most {FALSE_ALARMS:.0%} | '
-             f'{_percent(every["false_alarms"])} | {every["nothing_missing"]} recordings |',
-             f'| truth inside the 95 % interval, {COVERED[0]:.0%} to {COVERED[1]:.0%} | '
-             f'{_percent(every["covered"])} | {every["intervals"]} intervals |',
-             f'| held-out error within {ERROR} times that of a fit with the true effects | '
-             f'{_percent(every["error_within"])} | {every["with_error"]} recordings |',
-             f'| unexplained or untestable reported correctly, at least {OPEN:.0%} | '
-             f'{_percent(every["open_said"])} | {every["open_cases"]} recordings |',
-             f'| any false finding | {_percent(every["with_false"])} | '
-             f'{every["recordings"]} recordings |', '',
-             f'Time of a diagnosis: median {_number(every["seconds_median"])} s, at most '
-             f'{_number(every["seconds_max"])} s; peak memory {_number(every["peak_mb"])} MB.',
-             '', '| case | right | named | with a false finding | intervals that cover '
-             '| error ratio | missed | false findings |',
-             '|---|---|---|---|---|---|---|---|']
-    for name, row in outcome['cases'].items():
-        lines.append(
-            f'| {name} | {_percent(row["right"])} | {_percent(row["named_truths"])} | '
-            f'{_percent(row["with_false"])} | {_percent(row["covered"])} | '
-            f'{_span(row["error_ratio_median"], row["error_ratio_max"])} | '
-            f'{_some(row["missed"])} | {_some(row["false"])} |')
-    return '\n'.join(lines) + '\n'
+    required = (
+        ('true effect, or one ambiguous with it, on the right joint, at least '
+         f'{NAMED:.0%}', 'named', 'solvable', 'recordings'),
+        (f'false alarms with nothing missing, at most {FALSE_ALARMS:.0%}', 'false_alarms',
+         'nothing_missing', 'recordings'),
+        (f'truth inside the 95 % interval, {COVERED[0]:.0%} to {COVERED[1]:.0%}', 'covered',
+         'intervals', 'intervals'),
+        (f'held-out error within {ERROR} times that of a fit with the true effects',
+         'error_within', 'with_error', 'recordings'),
+        (f'unexplained or untestable reported correctly, at least {OPEN:.0%}', 'open_said',
+         'open_cases', 'recordings'),
+        ('any false finding', 'with_false', 'recordings', 'recordings'))
+    return '\n'.join([
+        table(('required', 'reached', 'of'), (
+            (what, _percent(every[reached]), f'{every[count]} {unit}')
+            for what, reached, count, unit in required)), '',
+        f'Time of a diagnosis: median {_number(every["seconds_median"])} s, at most '
+        f'{_number(every["seconds_max"])} s; peak memory {_number(every["peak_mb"])} MB.', '',
+        table(('case', 'right', 'named', 'with a false finding', 'intervals that cover',
+               'error ratio', 'missed', 'false findings'), (
+            (name, *(_percent(one[share]) for share in (
+                'right', 'named_truths', 'with_false', 'covered')),
+             _span(one['error_ratio_median'], one['error_ratio_max']), _some(one['missed']),
+             _some(one['false'])) for name, one in outcome['cases'].items())), ''])
 
 
 def _percent(value: float | None) -> str:

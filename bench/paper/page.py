@@ -8,34 +8,25 @@ from bench.paper.friction import Check
 from bench.paper.recordings import RecordingResult
 from bench.paper.scenes import FloatArray
 from bench.paper.score import Row
+from bench.shared.markdown import table
 import numpy as np
 
-PAPER_3 = '| Yu 2022, Table 3 | 246, 76, 171 | 0.28 to 0.44 a joint | 0.43, 0.48, 0.57 ' \
-    '| – | – | – |'
-PAPER_4 = '| Yu 2022, Tables 4 and 8 (their arm) | 55, 39, 45, 57 | 0.29 a joint ' \
-    '| 0.87, 1.75, 1.99, 1.35 | – | – | – |'
-PAPER_8 = '| Yu 2022, Table 8: KRR with known D-H (their arm) | – | 4.09 a joint ' \
-    '| 2.39, 1.73, 6.30, 1.49 | – | – | – |'
+PAPER_3 = ('Yu 2022, Table 3', '246, 76, 171', '0.28 to 0.44 a joint', '0.43, 0.48, 0.57',
+           *3 * ['–'])
+PAPER_4 = ('Yu 2022, Tables 4 and 8 (their arm)', '55, 39, 45, 57', '0.29 a joint',
+           '0.87, 1.75, 1.99, 1.35', *3 * ['–'])
+PAPER_8 = ('Yu 2022, Table 8: KRR with known D-H (their arm)', '–', '4.09 a joint',
+           '2.39, 1.73, 6.30, 1.49', *3 * ['–'])
 # RMSE of the worst joint in N·m, for each payload.
-PAPER_5 = '| Yu 2022, Table 5 (their arm) | 500 | 1.16 | 1.23 | 1.32 |'
-
-
-def table(head: Sequence[str], rows: Sequence[str]) -> str:
-    """Return a table in Markdown from a head and formatted rows."""
-    return '\n'.join([f'| {" | ".join(head)} |', f'|{"---|" * len(head)}', *rows])
-
-
-def row(*cells: object) -> str:
-    """Return a row of a table."""
-    return f'| {" | ".join(map(str, cells))} |'
+PAPER_5 = ('Yu 2022, Table 5 (their arm)', 500, 1.16, 1.23, 1.32)
 
 
 def table_3(rows: Sequence[Row]) -> str:
     """Return Table 3: features, times, errors on Eq. (15) and on other poses, of J2 to J4."""
     joints = (1, 2, 3)
-    body = [row(r.name, _features(r, joints), _seconds(r.seconds),
-                _percents(r.nrmse_inside, joints), _torque(r.inside.max()),
-                _percents(r.nrmse_anywhere, joints), _torque(r.anywhere.max())) for r in rows]
+    body = [(r.name, _features(r, joints), _seconds(r.seconds),
+             _percents(r.nrmse_inside, joints), _torque(r.inside.max()),
+             _percents(r.nrmse_anywhere, joints), _torque(r.anywhere.max())) for r in rows]
     return table(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
                   'other poses: nRMSE %', 'worst joint N·m'], [*body, PAPER_3])
 
@@ -43,8 +34,8 @@ def table_3(rows: Sequence[Row]) -> str:
 def table_4(rows: Sequence[Row]) -> str:
     """Return Tables 4 and 8 for J1 to J4, with errors relative to gravity alone."""
     joints = (0, 1, 2, 3)
-    body = [row(r.name, _features(r, joints), _seconds(r.seconds), _percents(r.nrmse, joints),
-                *(_torque(error.max()) for error in (r.measured, r.inside, r.anywhere)))
+    body = [(r.name, _features(r, joints), _seconds(r.seconds), _percents(r.nrmse, joints),
+             *(_torque(error.max()) for error in (r.measured, r.inside, r.anywhere)))
             for r in rows]
     return table(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
                   'gravity alone', 'whole range'], [*body, PAPER_4, PAPER_8])
@@ -56,14 +47,14 @@ def table_5(payloads: Mapping[str, Sequence[Row]]) -> str:
     for rows in zip(*payloads.values()):
         errors = [' / '.join(_torque(error.max()) for error in (r.measured, r.inside, r.anywhere))
                   for r in rows]
-        body.append(row(rows[0].name, rows[0].n_samples or '–', *errors))
+        body.append((rows[0].name, rows[0].n_samples or '–', *errors))
     return table(['method', 'samples', *payloads], [*body, PAPER_5])
 
 
 def friction_table(checks: Sequence[Check]) -> str:
     """Return the RSE of Eq. (18) for each swept joint."""
     return table(['joint', 'RSE forward %', 'RSE reverse %'],
-                 [row(f'J{c.joint + 1}', *(f'{100 * x:.3f}' for x in c.rse)) for c in checks])
+                 [(f'J{c.joint + 1}', *(f'{100 * x:.3f}' for x in c.rse)) for c in checks])
 
 
 def recordings_table(rows: Sequence[RecordingResult]) -> str:
@@ -71,8 +62,8 @@ def recordings_table(rows: Sequence[RecordingResult]) -> str:
     body = []
     for r in rows:
         share = float(np.median(r.rmse / np.maximum(r.constant, 1e-9)))
-        body.append(row(r.recording, r.method, f'{100 * share:.0f}',
-                        '–' if r.band is None else f'{100 * r.band:.0f}'))
+        body.append((r.recording, r.method, f'{100 * share:.0f}',
+                     '–' if r.band is None else f'{100 * r.band:.0f}'))
     return table(['recording', 'method', 'error of the median joint, %', 'in 95 % band, %'], body)
 
 

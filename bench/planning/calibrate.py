@@ -20,6 +20,7 @@ from typing import Any
 
 from bench.planning.poor import RATE
 from bench.planning.scenes import MORE_SECONDS, Scene, slow_sines
+from bench.shared import markdown
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
@@ -111,23 +112,25 @@ def _is_resolved(samples: JointSamples, options: FitOptions, model: GravityModel
 def table(results: list[dict[str, Any]]) -> str:
     """Return the counts by poor recording, and the calibration of the chance."""
     done = [r for r in results if 'found' in r]
-    lines = [f'{len(results) - len(done)} cases without a plan',
-             '| recording | cases | resolved before | stated | planned | random |',
-             '|---|---|---|---|---|---|']
+    rows = []
     for poor in dict.fromkeys(r['poor'] for r in done):
         here = [r for r in done if r['poor'] == poor]
         stated = sum(r['expected']['chance'] for r in here)
-        lines.append(f'| {poor} | {len(here)} | {sum(r["before"] for r in here)} | {stated:.1f} | '
-                     + ' | '.join(str(sum(r['found'][way] for r in here))
-                                  for way in ('planned', 'random')) + ' |')
-    lines += ['', '| stated chance | cases | mean stated | resolved |', '|---|---|---|---|']
+        rows.append((poor, len(here), sum(r['before'] for r in here), f'{stated:.1f}',
+                     *(sum(r['found'][way] for r in here) for way in ('planned', 'random'))))
+    chances = []
     for low, high in zip(_BINS, _BINS[1:]):
         pairs = [(r['expected']['chance'], r['found']['planned']) for r in done
                  if low <= r['expected']['chance'] < high or r['expected']['chance'] == high == 1]
         if pairs:
             stated, rate = np.mean(pairs, axis=0)
-            lines.append(f'| {low:.0%} to {high:.0%} | {len(pairs)} | {stated:.0%} | {rate:.0%} |')
-    return '\n'.join(lines)
+            chances.append((f'{low:.0%} to {high:.0%}', len(pairs), f'{stated:.0%}',
+                            f'{rate:.0%}'))
+    return '\n'.join([
+        f'{len(results) - len(done)} cases without a plan',
+        markdown.table(('recording', 'cases', 'resolved before', 'stated', 'planned', 'random'),
+                       rows), '',
+        markdown.table(('stated chance', 'cases', 'mean stated', 'resolved'), chances)])
 
 
 if __name__ == '__main__':

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from bench.shared.markdown import table as table_of
 import numpy as np
 
 Result = Mapping[str, Any]
@@ -14,9 +15,7 @@ _HEAD = ('case', 'friction', 'hidden', 'named', 'error', 'before', 'oracle', 'st
 
 def table(results: Sequence[Result]) -> str:
     """Return the cases and totals as Markdown."""
-    lines = [f'| {" | ".join(_HEAD)} |', '|---' * len(_HEAD) + '|']
-    lines += [f'| {" | ".join(_row(result))} |' for result in results]
-    return '\n'.join([*lines, '', *totals(results), ''])
+    return '\n'.join([table_of(_HEAD, map(_row, results)), '', *totals(results), ''])
 
 
 def totals(results: Sequence[Result]) -> list[str]:

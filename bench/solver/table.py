@@ -11,46 +11,42 @@ import json
 from pathlib import Path
 import re
 
+from bench.shared import markdown
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'performance.md'
 
 
 def solvers(parts: list[list[dict]]) -> str:
     """Return the table of one data set."""
-    lines = ['| solver | joints | time | relative to ours | iterations | gap | memory |',
-             '|---|---|---|---|---|---|---|']
-    listed = set()
-    for row in (row for part in parts for row in part if 'solver' in row):
-        if row['solver'] in listed:
-            continue
-        listed.add(row['solver'])
-        missed = row.get('missed')
+    rows = {}
+    for run in (run for part in parts for run in part if 'solver' in run):
+        name, missed = run['solver'], run.get('missed')
         if missed:
-            time = seconds(missed['seconds'])
-            lines.append(f'| {row["solver"]} | one | not reached after {time} | '
-                         f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
-                         f'{missed["gap"]:.0e} | |')
-            continue
-        lines.append(
-            f'| {row["solver"]} | {len(row["joints"])} | {seconds(row["seconds"])} | '
-            f'{number(row["ratio"])} × | {row["iterations"]} | {row["gap"]:.0e} | '
-            f'{megabytes(row["megabytes"])} |')
+            cells = ('one', f'not reached after {seconds(missed["seconds"])}',
+                     f'over {number(missed["ratio"])} ×', missed['iterations'],
+                     f'{missed["gap"]:.0e}', '')
+        else:
+            cells = (len(run['joints']), seconds(run['seconds']),
+                     f'{number(run["ratio"])} ×', run['iterations'], f'{run["gap"]:.0e}',
+                     megabytes(run['megabytes']))
+        rows.setdefault(name, (name, *cells))
     built = parts[0][0]['build']
     matrix, halves = (f'{seconds(built[part]["seconds"])} and {built[part]["megabytes"]:.0f} MB'
                       for part in ('matrix', 'halves'))
-    lines += ['', f'Construction comes before: the matrix of the others takes {matrix} a joint, '
-              f'our Kronecker factors {halves}.']
-    return '\n'.join(lines)
+    return markdown.table(
+        ('solver', 'joints', 'time', 'relative to ours', 'iterations', 'gap', 'memory'),
+        rows.values()) + (
+            f'\n\nConstruction comes before: the matrix of the others takes {matrix} a joint, '
+            f'our Kronecker factors {halves}.')
 
 
 def growth(rows: list[dict]) -> str:
-    lines = ['| joints | features | L1 problem | whole fit of the joint, memory | dense matrix |',
-             '|---|---|---|---|---|']
-    for row in rows[::2]:
-        lines.append(f'| {row["joints"]} | {row["features"]} | {seconds(row["seconds"])} | '
-                     f'{seconds(row["fit_seconds"])}, {row["megabytes"]:.0f} MB | '
-                     f'{8e-6 * 1000 * row["features"]:.0f} MB |')
-    return '\n'.join(lines)
+    return markdown.table(
+        ('joints', 'features', 'L1 problem', 'whole fit of the joint, memory', 'dense matrix'),
+        [(row['joints'], row['features'], seconds(row['seconds']),
+          f'{seconds(row["fit_seconds"])}, {row["megabytes"]:.0f} MB',
+          f'{8e-6 * 1000 * row["features"]:.0f} MB') for row in rows[::2]])
 
 
 def bags(results: dict) -> str:
