@@ -8,18 +8,17 @@ clock each run begins at 0, and so does the origin.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from gravity_comp_ros.data.runs import have_common_clock, run_time, session_time
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Setting
+from gravity_comp_ros.effects.refining import FACTOR, scaled
 import numpy as np
 
 # Minimum stamp of a clock, in s: simulations and tables begin at 0 each time.
 MIN_STAMP = 1e8
-# Factor of a refined time constant, and by how much it may lie outside of those compared. A law
+# Shortest and longest time constant relative to the longest session, and number of them. A law
 # that ends much sooner is an offset of later samples, a much longer one is linear.
-_REFINED = 1.33
+_SHORTEST, _LONGEST, _TIMES = 0.1, 3.0, 4
 
 
 def has_clock(samples: JointSamples) -> bool:
@@ -52,10 +51,19 @@ def since(samples: JointSamples, origin: float) -> FloatArray:
     return np.maximum(clock_time(samples) - origin, 0.0)
 
 
-def refined_time(setting: Setting, step: float, compared: Sequence[float]
-                 ) -> list[dict[str, float]]:
+def time_constants(samples: JointSamples, minimum: float = 0.0) -> list[float]:
+    """Return the time constants in s of a process to compare, those above the minimum."""
+    longest = longest_session(samples)
+    times: list[float] = np.geomspace(max(_SHORTEST * longest, minimum),
+                                      max(_LONGEST * longest, minimum), _TIMES).tolist()
+    return times
+
+
+def longest_session(samples: JointSamples) -> float:
+    """Return the duration of the longest session in s."""
+    return float(session_time(samples).max(initial=0.0))
+
+
+def refined_time(setting: Setting, step: float, compared: list[float]) -> list[dict[str, float]]:
     """Return a setting with a shorter and a longer `time`, near those that are compared."""
-    low, high = min(compared) / _REFINED, max(compared) * _REFINED
-    return [{**setting, 'time': time}
-            for time in (setting['time'] * _REFINED ** k for k in (-step, step))
-            if low <= time <= high]
+    return scaled(setting, 'time', step, compared[0] / FACTOR, compared[-1] * FACTOR)

@@ -7,6 +7,7 @@ from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.refining import FACTOR
 import numpy as np
 
 # Minimum travel in rad: over less, a spring is collinear with the sine of gravity.
@@ -219,7 +220,8 @@ class EndStop(Effect):
         end = low + span if setting['side'] > 0 else low
         depth, deepest = setting['start'] - end, max(_STOP_DEPTHS) * span
         return [{**setting, 'start': end + factor * depth}
-                for factor in (1.3 ** -step, 1.3 ** step) if abs(factor * depth) <= deepest]
+                for factor in (FACTOR ** -step, FACTOR ** step)
+                if abs(factor * depth) <= deepest]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([5.0 * sizes.torque])

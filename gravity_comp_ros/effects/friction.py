@@ -13,6 +13,7 @@ from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, laws, refined_laws
+from gravity_comp_ros.effects.refining import scaled
 import numpy as np
 
 _THREE_SPEEDS = ('move joint {joint} back and forth over its range at three speeds, with the '
@@ -20,11 +21,10 @@ _THREE_SPEEDS = ('move joint {joint} back and forth over its range at three spee
 # Effects that are corrected by friction at low speed.
 DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
 _DISSIPATES = 'friction dissipates energy'
-# Relative asymmetry of friction with which a search starts, its range and the factor of a step.
-_SKEW, _SKEWS, _SKEW_FACTOR = 0.4, (0.05, 0.9), 1.5
-# Transmitted friction with which a search starts, as a share of the largest load, and the factor
-# of a step.
-_TRANSMITTED, _TRANSMITTED_FACTOR = 0.1, 2.0
+# Relative asymmetry of friction with which a search starts, and its range.
+_SKEW, _SKEWS = 0.4, (0.05, 0.9)
+# Transmitted friction with which a search starts, as a share of the largest load.
+_TRANSMITTED = 0.1
 
 
 class DirectionEffect(Effect):
@@ -139,8 +139,7 @@ class AsymmetricFriction(DirectionEffect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        skewed = [{**setting, 'skew': float(np.clip(setting['skew'] * _SKEW_FACTOR ** k, *_SKEWS))}
-                  for k in (-step, step) if 'distance' in setting]
+        skewed = scaled(setting, 'skew', step, *_SKEWS) if 'distance' in setting else []
         return [*super().refine(motion, joint, setting, step), *skewed]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
@@ -180,11 +179,9 @@ class LoadDependentFriction(DirectionEffect):
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         start = _TRANSMITTED * float(np.abs(motion.gravity[:, joint]).max())
-        changes = (-step, step) if 'friction' in setting else (-step, 0.0, step)
-        frictions = (setting.get('friction', start) * _TRANSMITTED_FACTOR ** change
-                     for change in changes)
-        return [*super().refine(motion, joint, setting, step),
-                *({**setting, 'friction': friction} for friction in frictions)]
+        known = {'friction': start, **setting}
+        return [*super().refine(motion, joint, setting, step), *scaled(known, 'friction', step),
+                *([] if 'friction' in setting else [known])]
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
         return np.array([0.1])

@@ -7,25 +7,26 @@ continues over all recordings with stamps on one clock.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import run_slices, session_time
+from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.clock import origin_of, refined_time, since
+from gravity_comp_ros.effects.clock import (
+    longest_session, origin_of, refined_time, since, time_constants)
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import (
     DISTANCES, law_of, LAW_UNITS, laws, refined_laws, SHORTEST)
+from gravity_comp_ros.effects.refining import scaled
 import numpy as np
 
-# Minimum duration of a session, minimum time constant, in s, and number of time constants.
+# Minimum duration of a session, and minimum time constant, in s.
 _MIN_DURATION = 300.0
 _MIN_TIME = 120.0
-_TIMES = 3
 
 
 class FrictionDrift(Effect):
-    """Time constants from a tenth of the longest session to 1.5 times it are compared."""
+    """Time constants from a tenth of the longest session to three times it are compared."""
 
     name = 'friction_drift'
     title = 'Warm-up of friction'
@@ -57,33 +58,22 @@ class FrictionDrift(Effect):
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         origin, noise = origin_of(motion.samples), float(motion.speed_noise[joint])
         middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
-        return [{'time': time, 'origin': origin, **law} for time in _times(motion)
+        return [{'time': time, 'origin': origin, **law}
+                for time in time_constants(motion.samples, _MIN_TIME)
                 for law in (middle[0], middle[-1])]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return [*refined_time(setting, step, _times(motion)),
+        return [*refined_time(setting, step, time_constants(motion.samples, _MIN_TIME)),
                 *refined_laws(setting, step, float(motion.speed_noise[joint]))]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         reason = excitation.insufficient_directions(motion, joint)
-        longest = _longest(motion)
+        longest = longest_session(motion.samples)
         if reason is None and longest < _MIN_DURATION:
             return (f'the longest session takes {longest:.3g} s, too short for a warm-up of '
                     f'friction')
         return reason
-
-
-def _longest(motion: Motion) -> float:
-    return float(session_time(motion.samples).max(initial=0.0))
-
-
-def _times(motion: Motion) -> list[float]:
-    """Return the time constants of a warm-up to compare, s."""
-    longest = _longest(motion)
-    times: list[float] = np.geomspace(max(0.1 * longest, _MIN_TIME), 1.5 * longest,
-                                      _TIMES).tolist()
-    return times
 
 
 class PreslidingHysteresis(Effect):
@@ -130,7 +120,7 @@ class PreslidingHysteresis(Effect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return [{'distance': setting['distance'] * 1.5 ** k} for k in (-step, step)]
+        return scaled(setting, 'distance', step)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return (excitation.insufficient_directions(motion, joint)

@@ -13,6 +13,7 @@ from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, refined_laws, WIDTHS
+from gravity_comp_ros.effects.refining import scaled
 import numpy as np
 
 # Minimum Stribeck speed relative to the lowest speed with a certain direction.
@@ -71,9 +72,8 @@ class StribeckFriction(Effect):
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         low, high = _stribeck_range(motion, joint)
-        speeds = [{**setting, 'speed': float(np.clip(setting['speed'] * 1.25 ** k, low, high))}
-                  for k in (-step, step)]
-        return [*speeds, *refined_laws(setting, step, float(motion.speed_noise[joint]))]
+        return [*scaled(setting, 'speed', step, low, high),
+                *refined_laws(setting, step, float(motion.speed_noise[joint]))]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := excitation.insufficient_speeds(motion, joint):

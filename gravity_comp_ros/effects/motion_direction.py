@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
+from gravity_comp_ros.effects.refining import scaled
 from gravity_comp_ros.effects.white_noise import white_noise
 import numpy as np
 
@@ -29,9 +30,9 @@ _NOISE_WIDTHS = 1.0
 # same in standard deviations of the speed noise.
 _MIN_SPEED, _CERTAIN = 0.002, 3.0
 _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
-# Factor of a refined law, and by how much it may lie below and above the grid. Far below, laws are
-# steps; above, friction that no slow motion saturates is viscous friction or a spring.
-_REFINED, _BELOW, _ABOVE = 1.5, 4.0, 1.5
+# By how much a refined law may lie below and above the grid. Far below, laws are steps; above,
+# friction that no slow motion saturates is viscous friction or a spring.
+_BELOW, _ABOVE = 4.0, 1.5
 # The law with the shortest distance that is compared.
 SHORTEST = {'distance': DISTANCES[0] / _BELOW}
 # Speed over which friction that is compensated changes its sign, rad/s: above the noise of a
@@ -75,12 +76,11 @@ def refined_laws(setting: Mapping[str, float], step: float,
 
     :param speed_noise: of the joint, rad/s, below which a law of the speed follows the noise.
     """
-    (name, value), = law_of(setting).items()
-    factor, grid = _REFINED ** step, _GRIDS[name]
+    (name,) = law_of(setting)
+    grid = _GRIDS[name]
     minimum = _NOISE_WIDTHS * speed_noise if LAW_UNITS[name] == 'rad/s' else 0.0
     low, high = max(grid[0] / _BELOW, minimum), max(grid[-1] * _ABOVE, minimum)
-    return [{**setting, name: refined} for refined in (value / factor, value * factor)
-            if low <= refined <= high]
+    return scaled(setting, name, step, low, high)
 
 
 def direction(samples: JointSamples, path: FloatArray, qd: FloatArray,

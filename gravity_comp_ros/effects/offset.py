@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.clock import has_clock, origin_of, refined_time, since
+from gravity_comp_ros.effects.clock import (
+    has_clock, longest_session, origin_of, refined_time, since, time_constants)
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
@@ -16,8 +16,6 @@ import numpy as np
 _SAME_START = 1e-3
 # Minimum duration of a session, in s.
 _MIN_DURATION = 10.0
-# Shortest and longest time constant relative to the longest session, and number of them.
-_SHORTEST, _LONGEST, _TIMES = 0.1, 3.0, 4
 
 
 class RecordingEffect(Effect):
@@ -182,24 +180,18 @@ class TorqueDrift(Effect):
         return np.column_stack([t * fading, 1.0 - (1.0 + t / setting['time']) * fading])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{'origin': origin_of(motion.samples), 'time': time} for time in _times(motion)]
+        return [{'origin': origin_of(motion.samples), 'time': time}
+                for time in time_constants(motion.samples)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return refined_time(setting, step, _times(motion))
+        return refined_time(setting, step, time_constants(motion.samples))
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        longest = float(session_time(motion.samples).max(initial=0.0))
+        longest = longest_session(motion.samples)
         if longest < _MIN_DURATION:
             return f'the longest session takes {longest:.3g} s, too short for a drift'
         return None
-
-
-def _times(motion: Motion) -> list[float]:
-    """Return the time constants of a drift to compare, s."""
-    longest = float(session_time(motion.samples).max(initial=_MIN_DURATION))
-    times: list[float] = np.geomspace(_SHORTEST * longest, _LONGEST * longest, _TIMES).tolist()
-    return times
 
 
 EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

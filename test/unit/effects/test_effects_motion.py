@@ -168,8 +168,10 @@ def test_a_refined_law_keeps_the_other_settings():
                                  {'ramp': 0.11}])
 def test_a_refined_law_is_wider_than_the_noise_and_no_viscous_friction(law):
     (name, value), = law.items()
-    (other,) = (each[name] for each in refined_laws(law, 1.0, 0.002))
-    assert other == pytest.approx(value * 1.5 if value < 0.01 else value / 1.5)
+    narrowest, widest = {'width': (0.002, 0.045), 'ramp': (0.0025, 0.12)}[name]
+    down, up = (each[name] for each in refined_laws(law, 1.0, 0.002))
+    assert down == pytest.approx(max(value / 1.5, narrowest))
+    assert up == pytest.approx(min(value * 1.5, widest))
 
 
 def test_the_direction_of_coupled_joints_is_that_of_their_sum():
