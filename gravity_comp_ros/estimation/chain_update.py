@@ -22,6 +22,7 @@ from itertools import product
 
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.known_axes import right_angles_kept, TOLERANCE
 from gravity_comp_ros.models.least_squares import lstsq
@@ -31,34 +32,9 @@ from gravity_comp_ros.models.sparse.sparse_change import (
 import numpy as np
 from scipy.special import softmax
 
-# Minimum standard deviation, in rad, of an axis that counts as unidentified.
-_MIN_UNIDENTIFIED_STD = 0.3
-# Size of a moment, in standard deviations, at which a link has one.
-_SIGNIFICANT = 4.0
-# Maximum number of unidentified axes tried together; each one multiplies the trials.
-_MAX_UNIDENTIFIED = 2
-# Minimum standard deviation, in rad, of an outer axis that may be at a wrong minimum.
-_MIN_UNCERTAIN_STD = 0.04
-# Log evidence that such an axis must gain over what was known of it: about the logarithm of the
-# number of directions that are tried.
-_PRICE_OF_RESET = 4.0
 _DIRECTIONS = ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
-_MAX_ROUNDS = 8
-# Maximum rotation of an axis in one round, in rad.
-_MAX_ROTATION = 0.5
-# Maximum torque change by a step, in noise std, at which the search has converged.
-_CONVERGED = 0.05
 # Minimum regressor norm, as a share of the largest, of a moment that may change.
 _MIN_RELATIVE_NORM = 1e-3
-# Minimum chi^2 gain, in addition to the BIC price, of a change of all moments over a sparse one.
-_MIN_DENSE_GAIN = 40.0
-# Maximum number of trials that are solved fully, with the old axes and with reset ones: those
-# with the most initial evidence.
-_MAX_TRIALS, _MAX_RESET_TRIALS = 5, 8
-# Minimum evidence of a trial that may be selected, as a share of that of the most probable one.
-_MIN_RELATIVE_EVIDENCE = 0.01
-# Maximum chi^2 loss of the average over supports against the most probable support.
-_MAX_AVERAGE_LOSS = 10.0
 
 
 @dataclass(frozen=True)
@@ -146,8 +122,8 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
         payload changes them in proportion to its mass, except those that depend on its centre.
     """
     if not trials:
-        trials = (*_most_probable(_trials(chain, covariance), new, _MAX_TRIALS),
-                  *_most_probable(_reset_trials(chain, covariance), new, _MAX_RESET_TRIALS))
+        trials = (*_most_probable(_trials(chain, covariance), new, CHANGE.trials),
+                  *_most_probable(_reset_trials(chain, covariance), new, CHANGE.resets))
     along = None
     if path is not None and np.abs(path).max() > 0.0:
         along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
@@ -184,7 +160,7 @@ def _probable(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
     """Return the hypotheses whose evidence is a minimum share of the largest."""
     best = max(each.log_evidence for each in hypotheses)
     return [each for each in hypotheses
-            if each.log_evidence > best + np.log(_MIN_RELATIVE_EVIDENCE)]
+            if each.log_evidence > best + np.log(CHANGE.probable)]
 
 
 def _central(torques: FloatArray, probabilities: FloatArray) -> int:
@@ -232,7 +208,7 @@ def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
     step = np.concatenate([np.zeros(2 * n), inverse @ (columns @ residual)])
     dense = chain.moved(step)
     dense_residual, sparse_residual = new.residual(dense), new.residual(best.chain)
-    price = 2 * n * np.log(max(len(new.q), 2)) + _MIN_DENSE_GAIN
+    price = 2 * n * np.log(max(len(new.q), 2)) + CHANGE.dense
     if float(dense_residual @ dense_residual) + price >= float(sparse_residual @ sparse_residual):
         return best
     spread = covariance.copy()
@@ -246,9 +222,9 @@ def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
     n = chain.n_joints
     axes, moments = _std(covariance)
-    is_unidentified = ((axes.min(axis=1) > _MIN_UNIDENTIFIED_STD)
-                       & (np.abs(chain.moments) <= _SIGNIFICANT * moments).all(axis=1))
-    unidentified = [j for j in range(1, n) if is_unidentified[j]][-_MAX_UNIDENTIFIED:]
+    is_unidentified = ((axes.min(axis=1) > CHANGE.unidentified)
+                       & (np.abs(chain.moments) <= CHANGE.significant * moments).all(axis=1))
+    unidentified = [j for j in range(1, n) if is_unidentified[j]][-CHANGE.axes:]
     return [Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
 
@@ -261,8 +237,8 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """
     n = chain.n_joints
     std = _std(covariance)[0].max(axis=1)
-    uncertain = [j for j in range(max(n - _MAX_UNIDENTIFIED, 1), n)
-                 if std[j] > _MIN_UNCERTAIN_STD]
+    uncertain = [j for j in range(max(n - CHANGE.axes, 1), n)
+                 if std[j] > CHANGE.uncertain]
     reset = list(range(uncertain[0], n)) if uncertain else []
     moment_std = float(np.abs(chain.moments[reset]).max(initial=0.0))
     if moment_std == 0.0:
@@ -273,7 +249,7 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     numbers = [2 * n + 2 * j + k for j in reset for k in range(2)]
     prior[numbers], prior[:, numbers] = 0.0, 0.0
     prior[numbers, numbers] = moment_std ** 2
-    return _along_frame_axes(Chain(chain.axes, moments), prior, reset, _PRICE_OF_RESET)
+    return _along_frame_axes(Chain(chain.axes, moments), prior, reset, CHANGE.reset)
 
 
 def _std(covariance: FloatArray) -> FloatArray:
@@ -312,7 +288,7 @@ class _Hypothesis:
         # A moment acts with its full size in some pose: its prior std is the change of torques.
         self.size = new.max_residual(chain)
         change = None
-        for _ in range(_MAX_ROUNDS):
+        for _ in range(CHANGE.rounds):
             problem = self._problem()
             change = find_change(problem, change)
             if self._move(self._kept(change), problem):
@@ -339,7 +315,7 @@ class _Hypothesis:
         change = average_change(problem, self.change)
         self._move(self._kept(change), problem)
         moved = self.moved
-        if float(self.residual @ self.residual) > float(residual @ residual) + _MAX_AVERAGE_LOSS:
+        if float(self.residual @ self.residual) > float(residual @ residual) + CHANGE.max_loss:
             moved = most_probable
         return ChainChange(moved, change.covariance, change)
 
@@ -358,8 +334,8 @@ class _Hypothesis:
         """Move to a step, or towards it if it is far; return whether the search converged."""
         n = self.moved.n_joints
         move = target - self.step
-        share = min(1.0, _MAX_ROTATION / max(float(np.abs(move[:2 * n]).max()), 1e-300))
+        share = min(1.0, CHANGE.max_rotation / max(float(np.abs(move[:2 * n]).max()), 1e-300))
         self.step = self.step + share * move
         self.moved = self.trial.chain.moved(self.step)
         self.residual = self.new.residual(self.moved)
-        return share == 1.0 and bool(np.abs(move @ problem.columns).max() < _CONVERGED)
+        return share == 1.0 and bool(np.abs(move @ problem.columns).max() < CHANGE.converged)

@@ -19,6 +19,7 @@ from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
+from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -29,15 +30,9 @@ from gravity_comp_ros.models.kinematic.known_axes import (
 from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 import numpy as np
 
-# Prior std of a payload's mass, in kg, and of the distance of its centre, in m.
-_MASS_STD, _DISTANCE_STD = 30.0, 0.5
-# Minimum mass, in standard deviations, for which a centre of mass is reported.
-_MIN_SIGNIFICANCE = 4.0
 _DRAWS = 4000
 # Minimum and maximum number of poses that replace an old model's training samples.
 _MIN_POSES, _MAX_POSES = 200, 1000
-# Maximum RMS misfit of known axes to the old model, as a share of its uncertainty.
-_MAX_MISFIT = 0.5
 
 
 @dataclass(frozen=True)
@@ -75,7 +70,7 @@ def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
     payload_steps = np.hstack([np.zeros((4, 2 * n)), geometry.tool_moments()])
     columns = new.columns(chain)
     regressor = np.concatenate([payload_steps @ columns, columns])
-    payload_std = np.array([1.0, *3 * [_DISTANCE_STD]]) * _MASS_STD
+    payload_std = np.array([1.0, *3 * [CHANGE.distance]]) * CHANGE.mass
     prior = np.zeros((4 + 4 * n, 4 + 4 * n))
     prior[:4, :4] = np.diag(payload_std ** 2)
     prior[4:, 4:] = covariance
@@ -95,7 +90,7 @@ def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> Pay
     """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
     value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
     mass = Quantity(value, 'kg', (value - HALF_95 * sigma, value + HALF_95 * sigma))
-    if abs(value) < _MIN_SIGNIFICANCE * sigma:
+    if abs(value) < CHANGE.significant * sigma:
         return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
     low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)
@@ -159,7 +154,7 @@ def _check_misfit(residual: FloatArray, sigma: FloatArray, joints: tuple[str, ..
     """Raise ModelMismatchError if a residual (M, N) in N·m is large against its std."""
     misfit = np.sqrt(((residual / sigma) ** 2).mean(axis=0))
     worst = int(np.argmax(misfit))
-    if misfit[worst] > _MAX_MISFIT:
+    if misfit[worst] > CHANGE.max_misfit:
         rms = float(np.sqrt((residual ** 2).mean(axis=0))[worst])
         raise ModelMismatchError(
             f'the known axes do not reproduce the model: the torque of joint {joints[worst]} '

@@ -21,6 +21,7 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
+from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
@@ -37,13 +38,7 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
-# Maximum correlation time, in samples, of a residual that counts as white noise.
-_MAX_WHITE_TIME = 2.0
-# Maximum relative change of the noise std for which the step is not solved again.
-_NOISE_TOLERANCE = 0.15
 COULOMB = 'coulomb_friction'
-# Factor by which the speed or distance of a reversal changes with the payload.
-_WIDTH_FACTOR = 1.8
 
 
 @dataclass(frozen=True)
@@ -140,7 +135,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
         new = _new_samples(model, samples, sigma, reversal)
     step = first = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new, options)
-    if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
+    if not np.allclose(sigma, new.sigma, rtol=CHANGE.noise):
         step = changed_model(model, replace(new, sigma=sigma), geometry, step.trials)
     # Errors are those of the model's own prediction; friction that it excludes counts as error.
     rmse = np.sqrt(((measured.tau - step.model.predict(measured.q)) ** 2).mean(axis=0))
@@ -226,7 +221,7 @@ def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
     Return the standard deviation (M, N) in N·m of Coulomb friction near reversals.
 
     The speed over which friction reverses depends on load and lubrication. In samples other than
-    those of the fit it is uncertain by the factor `_WIDTH_FACTOR`.
+    those of the fit it is uncertain by a factor (`ChangeOptions`).
     """
     motion, std = motion_of(model, samples), np.zeros(samples.q.shape)
     for effect in (*model.applied.effects, *model.fitted.effects):
@@ -234,7 +229,7 @@ def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
             n, (size,) = model.joints.index(effect.joint), effect.coefficients.values()
             wide, narrow = (motion.direction(n, {name: factor * value for name, value in
                                                  law_of(effect.setting).items()})
-                            for factor in (_WIDTH_FACTOR, 1.0 / _WIDTH_FACTOR))
+                            for factor in (CHANGE.reversal, 1.0 / CHANGE.reversal))
             std[:, n] = 0.5 * np.abs(size.value * (wide - narrow))
     return std
 
@@ -244,7 +239,7 @@ def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
     """Return the noise std (N,) of each joint, from training and the new residual together."""
     residual = new.sigma * new.in_noise((new.tau - fitted.predict(new.q)).T).T
     times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
-    inflation = np.where(times < _MAX_WHITE_TIME, 1.0, times)
+    inflation = np.where(times < noise.WHITE, 1.0, times)
     squares = inflation * (residual ** 2).sum(axis=0)
     return np.asarray(np.sqrt((options.old_noise * new.sigma ** 2 + squares)
                               / (options.old_noise + new.robust_weights.sum(axis=0))))

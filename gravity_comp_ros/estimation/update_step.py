@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.chain_update import NewSamples, Trial, update_chain
+from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, PayloadEstimate
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -18,11 +19,6 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 import numpy as np
-
-# Minimum chi^2 gain of a free change of moments over a rigid payload for which the payload is
-# rejected. Of 102 updates with a payload in MuJoCo three exceeded it: the friction model is
-# not exact.
-_MIN_FREE_GAIN = 60.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
     loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
     misfit, free_misfit = (float((each := new.residual(chain)) @ each)
                            for chain in (loaded.chain, free.model.chain))
-    if misfit - free_misfit > _MIN_FREE_GAIN:
+    if misfit - free_misfit > CHANGE.free:
         return replace(free, payload=loaded.payload, misfit=misfit)
     changed = (loaded.chain.moments - model.chain.moments).ravel()
     return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),
