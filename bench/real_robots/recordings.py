@@ -11,16 +11,14 @@ publisher (figaroh-plus), and the torso lift is left out.
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
 RMSE over the standard deviation of the torque, in percent, joint by joint, with their mean: of
-the default fit, of the fit with the established and likely effects, and with the first of each
-ambiguous pair as well. For known axes the loop is repeated with the arm's description and
-compared with an independent reference: Pinocchio's regressor with Coulomb and viscous friction
-and offset of every joint, by least squares.
+the default fit, and after `add` of the findings. For known axes the loop is repeated with the
+arm's description and compared with an independent reference: Pinocchio's regressor with Coulomb
+and viscous friction and offset of every joint, by least squares.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 import tempfile
 
@@ -29,7 +27,6 @@ from bench.real_robots.data_sheets import ARMS, description
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.models.applied_effects import target
 import numpy as np
 import pinocchio as pin
 
@@ -88,21 +85,11 @@ def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
     for finding in findings:
         print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
               f'{finding.verdict}')
-    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    ambiguous = [f for f in findings if f.verdict == gc.Verdict.AMBIGUOUS]
-    for title, chosen in (('found', accepted), ('and ambiguous', [*accepted, *ambiguous])):
-        show(title, with_findings(model, early, chosen), later)
-
-
-def with_findings(model: gc.Model, recording: gc.Recording,
-                  findings: Sequence[gc.Finding]) -> gc.Model:
-    """Return the model refitted with the effects of findings, unchanged if it is refused."""
-    targets = [target(f.effect, f.joint) for f in findings if f.effect]
     try:
-        return gc.add_effects(model, recording, targets, all_samples=True) if targets else model
+        model = gc.add_effects(model, early, findings, all_samples=True)
     except gc.GravityCompError as problem:
         print(f'    refused: {problem}')
-        return model
+    show('add', model, later)
 
 
 def show(title: str, model: gc.Model, recording: gc.Recording) -> None:
