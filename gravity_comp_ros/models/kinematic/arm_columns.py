@@ -32,8 +32,9 @@ from gravity_comp_ros.models.kinematic.vectors import (
 import numpy as np
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-# Share of a column that must lie outside the span of those before it.
-_DEPENDENT = 1e-7
+# Share of a column that must lie outside the span of those before it: right angles of descriptions
+# are rounded, at worst to 1.57. The parameters of such a column would be unlimited.
+_DEPENDENT = 1e-3
 _GENERIC_TILT = (0.5, 0.3)  # rad
 
 

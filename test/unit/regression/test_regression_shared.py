@@ -29,6 +29,7 @@ from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pinocchio as pin
 import pytest
 
 ARMS = {'3 axes': lambda: standard(serial_arm(3, 1)),
@@ -342,3 +343,13 @@ def test_a_short_recording_has_a_start(seed):
     problem = Problem.of(two_links(seed, 240))
     gravity = start_axes(problem, ()).gravity(problem.samples.q)
     assert np.isfinite(gravity).all() and np.ptp(gravity) > 1.0
+
+
+@pytest.mark.parametrize('digits', [3, 4])
+def test_rounded_right_angles_of_a_description_add_no_parameters(digits):
+    exact = geometry_of(arms.iiwa7())
+    rounded = [pin.rpy.rpyToMatrix(np.round(pin.rpy.matrixToRpy(rotation), digits))
+               for rotation in exact.rotations]
+    rounded = replace(exact, rotations=np.array(rounded))
+    assert np.abs(rounded.rotations - exact.rotations).max() > 1e-6
+    np.testing.assert_array_equal(basis_of(rounded).kept, basis_of(exact).kept)
