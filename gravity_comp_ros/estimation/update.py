@@ -193,6 +193,9 @@ def _on_axes(model: GravityModel, geometry: Geometry, *,
              as_described: bool = False) -> GravityModel:
     """Return the same gravity as a chain on known axes (`on_known_axes`)."""
     chain, covariance, geometry = on_known_axes(model, geometry, as_described=as_described)
+    if model.geometry is not None and model.geometry.joints == geometry.joints:
+        # Those of the coefficients of the model's dynamics.
+        geometry = replace(geometry, base=model.geometry.base)
     order = [model.joints.index(name) for name in geometry.joints]
     coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
                        q_max=model.coverage.q_max[order])

@@ -88,8 +88,9 @@ class KnownAxes(Shared):
     @classmethod
     def of(cls, geometry: Geometry, is_mounted: bool = True) -> KnownAxes:
         """Return an arm with all inertial parameters 0."""
-        n = geometry.n_joints
-        return cls(geometry, np.zeros(len(basis_of(geometry).kept)), geometry, np.zeros(2 + n),
+        n, kept = geometry.n_joints, basis_of(geometry).kept
+        geometry = replace(geometry, base=tuple(map(int, kept)))
+        return cls(geometry, np.zeros(len(kept)), geometry, np.zeros(2 + n),
                    np.zeros(2 + n, dtype=bool), np.zeros(len(PARAMETERS) * n), is_mounted)
 
     @property

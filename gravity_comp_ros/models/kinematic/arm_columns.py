@@ -258,6 +258,14 @@ def basis_of(geometry: Geometry) -> Basis:
     qd, qdd = np.random.default_rng(1).normal(size=(2, *q.shape))
     each = regressor(geometry, q, qd, qdd, STANDARD_GRAVITY)
     columns = each.reshape(-1, 10 * n)
+    kept = list(geometry.base) or _independent(columns, n)
+    still = regressor(geometry, q, 0.0 * q, 0.0 * q, STANDARD_GRAVITY)
+    grouped = np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0]
+    return Basis(np.array(kept, dtype=np.int64), np.asarray(grouped), each - still)
+
+
+def _independent(columns: FloatArray, n: int) -> list[int]:
+    """Return the numbers of independent columns (R, 10 N), which span all of them."""
     order = [10 * link + kind for kinds in (range(4), range(4, 10))
              for link in reversed(range(n)) for kind in kinds]
     kept, basis = [], np.zeros((len(columns), 0))
@@ -268,9 +276,7 @@ def basis_of(geometry: Geometry) -> Basis:
         if length > _DEPENDENT * max(float(np.linalg.norm(columns[:, number])), 1e-9):
             kept.append(number)
             basis = np.column_stack([basis, outside / length])
-    still = regressor(geometry, q, 0.0 * q, 0.0 * q, STANDARD_GRAVITY)
-    grouped = np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0]
-    return Basis(np.array(kept, dtype=np.int64), np.asarray(grouped), each - still)
+    return kept
 
 
 def described_columns(geometry: Geometry, q: FloatArray, qd: FloatArray,
@@ -280,5 +286,5 @@ def described_columns(geometry: Geometry, q: FloatArray, qd: FloatArray,
 
 
 def kept_parameters(geometry: Geometry) -> IntArray:
-    """Return the numbers (K,) of the base parameters; small changes of angles keep them."""
-    return basis_of(geometry).kept
+    """Return the numbers (K,) of the base parameters."""
+    return np.array(geometry.base) if geometry.base else basis_of(geometry).kept

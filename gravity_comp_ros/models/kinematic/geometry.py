@@ -55,7 +55,8 @@ class Geometry:
     `link_rotation` (3, 3) transforms that link's own coordinates to frame N. `held` are the other
     joints that the geometry depends on. `source` names the description in messages. `inertials`
     (N, 10) are the described parameters of the links in frames i (`rigid_body.PARAMETERS`), 0
-    where the description has none.
+    where the description has none. `base` are the numbers of its base parameters among the 10 N
+    of the links (`arm_columns.basis_of`), empty if none were chosen: they differ with the angles.
 
     :raises DataError: if shapes disagree, a number is not finite, or a matrix is not a rotation.
     """
@@ -68,6 +69,7 @@ class Geometry:
     held: tuple[HeldJoint, ...] = ()
     source: str = ''
     inertials: FloatArray = field(default_factory=lambda: np.zeros((0, 10)))
+    base: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -83,6 +85,8 @@ class Geometry:
             object.__setattr__(self, name, array)
         if not are_rotations(np.concatenate([self.rotations, self.link_rotation[None]])):
             raise DataError('geometry: an axis is not given by a rotation')
+        if not set(self.base) <= set(range(10 * n)):
+            raise DataError('geometry: a base parameter is none of the links')
 
     @classmethod
     def from_json(cls, parts: Mapping[str, Any]) -> Geometry:
@@ -95,14 +99,14 @@ class Geometry:
                      for h in parts['held'])
         return cls(tuple(map(str, parts['joints'])), parts['rotations'], parts['origins'],
                    str(parts['link']), parts['link_rotation'], held, str(parts['source']),
-                   parts['inertials'])
+                   parts['inertials'], tuple(map(int, parts['base'])))
 
     def to_json(self) -> dict[str, Any]:
         """Return the geometry as plain lists, for a model file."""
         return {'joints': list(self.joints), 'rotations': self.rotations.tolist(),
                 'origins': self.origins.tolist(), 'link': self.link,
                 'link_rotation': self.link_rotation.tolist(), 'source': self.source,
-                'inertials': self.inertials.tolist(),
+                'inertials': self.inertials.tolist(), 'base': list(self.base),
                 'held': [{'name': h.name, 'value': h.value, 'by': h.by} for h in self.held]}
 
     @property

@@ -9,8 +9,10 @@ from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
@@ -353,3 +355,17 @@ def test_rounded_right_angles_of_a_description_add_no_parameters(digits):
     rounded = replace(exact, rotations=np.array(rounded))
     assert np.abs(rounded.rotations - exact.rotations).max() > 1e-6
     np.testing.assert_array_equal(basis_of(rounded).kept, basis_of(exact).kept)
+
+
+def test_base_parameters_are_those_of_the_description_at_any_angle():
+    known = KnownAxes.of(geometry_of(arms.iiwa7()))
+    turned = known.moved(known.point + 0.3)
+    assert known.geometry.base == turned.geometry.base == tuple(basis_of(known.described).kept)
+    stored = Geometry.from_json(turned.geometry.to_json())
+    few = replace(stored, base=stored.base[1:])
+    state = state_of(7)
+    for geometry in (stored, few):
+        columns = described_columns(geometry, state.q, state.qd, state.qdd)
+        assert columns.shape[2] == len(geometry.base)
+    with pytest.raises(DataError, match='base parameter'):
+        replace(stored, base=(70,))
