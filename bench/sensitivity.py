@@ -171,20 +171,13 @@ def assign(number: Number, value: Any) -> None:
                 setattr(module, number.name, value)
         return
     owner = getattr(importlib.import_module(number.module), number.owner)
-    init = owner.__init__
-    init.__defaults__ = tuple(value if default is number.value else default
-                              for default in init.__defaults__) \
-        if _unique(init.__defaults__, number.value) else _by_name(owner, number.name, value)
+    owner.__init__.__defaults__ = _with_default(owner, number.name, value)
     for instance in collector.get_objects():
         if type(instance) is owner and getattr(instance, number.name) == number.value:
             object.__setattr__(instance, number.name, value)
 
 
-def _unique(defaults: tuple[Any, ...], value: object) -> bool:
-    return sum(default is value for default in defaults) == 1
-
-
-def _by_name(owner: type, name: str, value: Any) -> tuple[Any, ...]:
+def _with_default(owner: type, name: str, value: Any) -> tuple[Any, ...]:
     """Return the defaults of the constructor with another one for a field."""
     init: Any = owner.__init__
     names = init.__code__.co_varnames[:init.__code__.co_argcount][-len(init.__defaults__):]

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
@@ -141,8 +142,7 @@ def _resampled(model: GravityModel, geometry: Geometry
     """Return poses within the trained range, torques and their std, joints as in `geometry`."""
     order = [model.joints.index(name) for name in geometry.joints]
     count = int(np.clip(model.coverage.n_samples, _MIN_POSES, _MAX_POSES))
-    q = np.random.default_rng(0).uniform(model.coverage.q_min, model.coverage.q_max,
-                                         (count, geometry.n_joints))
+    q = random_poses(geometry.n_joints, model.coverage.q_min, model.coverage.q_max, count)
     tau, std = model.predict(q), np.zeros(q.shape)
     if model.uncertainty is not None:
         std = model.predict_std(q)

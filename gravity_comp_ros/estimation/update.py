@@ -241,9 +241,7 @@ def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
            options: UpdateOptions) -> FloatArray:
     """Return the noise std (N,) of each joint, from training and the new residual together."""
     residual = new.sigma * new.in_noise((new.tau - fitted.predict(new.q)).T).T
-    times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
-    inflation = np.where(times < noise.WHITE, 1.0, times)
-    squares = inflation * (residual ** 2).sum(axis=0)
+    squares = noise.inflation(residual, samples.runs) * (residual ** 2).sum(axis=0)
     return np.asarray(np.sqrt((options.old_noise * new.sigma ** 2 + squares)
                               / (options.old_noise + new.robust_weights.sum(axis=0))))
 

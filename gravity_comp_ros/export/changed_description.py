@@ -22,6 +22,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.export.xml_edit import number, XmlEdit
@@ -96,8 +97,7 @@ class NearestMasses:
 
 def trained_poses(model: GravityModel, count: int = NearestOptions().poses) -> FloatArray:
     """Return poses (count, N) drawn from the trained range of a model."""
-    return np.random.default_rng(0).uniform(model.coverage.q_min, model.coverage.q_max,
-                                            (count, model.n_joints))
+    return random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max, count)
 
 
 def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, noise: FloatArray,

@@ -171,6 +171,12 @@ def correlation_time(residual: FloatArray, runs: IntArray) -> float:
     return float(1.0 + 2.0 * rho[:small[0] if small.size else len(rho)].sum())
 
 
+def inflation(residual: FloatArray, runs: IntArray) -> FloatArray:
+    """Return samples per independent one (N,): the correlation times, 1 for white residuals."""
+    times = correlation_times(residual, runs)
+    return np.where(times < WHITE, 1.0, times)
+
+
 def correlation_times(residual: FloatArray, runs: IntArray) -> FloatArray:
     """Return the `correlation_time` of each column of a residual (M, N), shape (N,)."""
     return np.array([correlation_time(column, runs) for column in residual.T])

@@ -17,9 +17,9 @@ def climbed(start: Point, gain: float,
     """
     Return the gain and the place of the maximum near a start.
 
-    The maximum of a parabola within half a step of the best point exceeds it by at most an eighth
-    of the sum by which it exceeds both neighbours. The climb ends where that bound is negligible
-    for all parameters together.
+    Let d be the sum of the differences between the best point and its two neighbours along a
+    parameter. A parabola through the three has a maximum that is at most d / 8 above the best
+    point. The climb ends where the sum of these bounds over all parameters is negligible.
 
     :param gain: that of the start, in nats.
     :param near: returns the neighbours of a point at a step, with their gains; the first step is

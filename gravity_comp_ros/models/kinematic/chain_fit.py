@@ -230,8 +230,7 @@ def _refine_with_noise(problem: ChainProblem, solution: Solution, samples: Joint
         predicted = solution.chain.torque(samples.q)
         residual = problem.residual(solution.chain)
         model = noise.estimate(residual, predicted, floor, used)
-        times = noise.correlation_times(residual, samples.runs)
-        inflation = np.where(times < noise.WHITE, 1.0, times)
+        inflation = noise.inflation(residual, samples.runs)
         if last is not None and model.is_close_to(last):
             break
         problem = problem.with_weights(1.0 / (model.sigma(predicted) * np.sqrt(inflation)))
