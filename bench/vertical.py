@@ -17,7 +17,8 @@ import sys
 from bench.planning.scenes import ARMS
 from bench.shared.fast_arms import moved
 from bench.shared.serial_arms import geometry_of
-from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.vertical import with_estimated_vertical
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
 
@@ -51,7 +52,7 @@ def is_inverted(name: str, angle: float, seed: int, seconds: float, share: float
     arm = tilted(upright, np.radians(angle), rng.uniform(0.0, 2.0 * np.pi))
     axes = geometry_of(upright)
     samples = moved(arm, seed, _SPEED, _BAND, 0.01 * rng.integers(2), seconds, 0.0, share)
-    estimated = with_estimated_vertical(axes, samples)
+    estimated = with_estimated_vertical(axes, Problem.of(samples))
     vertical = (estimated.rotations[0] @ axes.rotations[0].T)[2]
     return bool(vertical @ arm.model.gravity.linear > 0.0)
 

@@ -101,7 +101,7 @@ def _changed(rotations: FloatArray, signs: FloatArray, zeros: FloatArray) -> Flo
 def _misfit(fit: ArmFit, axes: FloatArray) -> float:
     """Return the squared residual of moments on these axes, as a share of the efforts."""
     scale = np.maximum(fit.size, 0.05 * fit.size.max())[:, None]
-    columns = fit.projected(ForwardKinematics(axes, fit.q).moment_columns())
+    columns = fit.whitened(ForwardKinematics(axes, fit.q).moment_columns())
     return float((_residual(columns / scale, fit.y / scale) ** 2).sum())
 
 

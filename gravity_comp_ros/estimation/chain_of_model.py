@@ -1,9 +1,9 @@
 """
 Gravity of a model as a chain of joints, against which a change of the payload is tested.
 
-A potential model of a serial arm and its chain predict the same torque. A chain fitted to the
-torque of a potential model, at the poses with the smallest standard deviation, separates the
-gravity of that model by links.
+A potential model of a serial arm and its chain predict the same torque. A chain is fitted to the
+torque of a model at the poses of its trained range with the smallest standard deviation. On known
+axes a payload has four parameters.
 """
 
 from __future__ import annotations
@@ -12,32 +12,39 @@ from contextlib import suppress
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import DataError, FitError, ModelMismatchError
-from gravity_comp_ros.estimation.payload_estimate import on_known_axes
-from gravity_comp_ros.estimation.update import effects_on_axes
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
+from gravity_comp_ros.errors import FitError, ModelMismatchError
+from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.regression.engine import regress
+from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+from gravity_comp_ros.regression.vertical import with_estimated_vertical
 import numpy as np
 
-# Number of poses drawn from the trained range for a chain, and of those with the smallest
-# standard deviation; largest RMS error of the chain in units of the model's noise.
-_DRAWN, _KEPT, _MAX_ERROR = 600, 200, 1.0
+# Minimum and maximum number of torques of a joint that replace a model's samples, and number of
+# poses that are drawn for each. Those with the smallest standard deviation are kept.
+_MIN_TORQUES, _MAX_TORQUES, _DRAWN = 200, 1000, 2
 
 
 def axes_under(model: GravityModel, geometry: Geometry | None) -> Geometry | None:
     """Return the axes of a chain, its own or those described; None if it has neither."""
-    for axes in (model.geometry, geometry):
-        if axes is not None and model.chain is not None and model.joints == axes.joints and (
-                np.abs(model.chain.axes[1:] - axes.rotations[1:]).max(initial=0.0) < 1e-6):
-            return axes
-    return None
+    return next((axes for axes in (model.geometry, geometry)
+                 if axes is not None and _is_on(model, axes)), None)
+
+
+def _is_on(model: GravityModel, axes: Geometry) -> bool:
+    """Return whether a model is a chain on these axes, of the same joints in their order."""
+    return model.chain is not None and model.joints == axes.joints and bool(
+        np.abs(model.chain.axes[1:] - axes.rotations[1:]).max(initial=0.0) < 1e-6)
 
 
 class ChainOfModel:
@@ -66,40 +73,130 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
     :param geometry: axes of the arm where they are known; the chain then has these axes.
     """
     if geometry is not None and geometry.joints == model.joints:
-        with suppress(ModelMismatchError, np.linalg.LinAlgError):
-            return _chain_model(model, *on_known_axes(model, geometry))
+        with suppress(ModelMismatchError):
+            return on_axes(model, geometry)
     if model.chain is not None and model.uncertainty is not None:
         return model
     if model.uncertainty is None:
         return None
-    rng = np.random.default_rng(0)
-    q = rng.uniform(model.coverage.q_min, model.coverage.q_max, (_DRAWN, model.n_joints))
-    noise = np.maximum(model.noise, 1e-3 * float(model.noise.max()) + 1e-9)
-    q = q[np.argsort((model.predict_std(q) / noise).max(axis=1))[:_KEPT]]
-    torque = model.predict(q)
-    samples = JointSamples.single_run(
-        model.joints, np.arange(len(q)), q, np.zeros_like(q),
-        torque + noise * rng.standard_normal(q.shape))
+    with suppress(ModelMismatchError):
+        return _fitted(model, None)
+    return None
+
+
+def on_axes(model: GravityModel, geometry: Geometry, *, as_described: bool = False
+            ) -> GravityModel:
+    """
+    Return the gravity of a model as a chain on known axes, with the joints in their order.
+
+    The axes have the vertical and the zero angles of the model. A chain that was fitted on them is
+    returned as it is.
+
+    :param as_described: whether to keep the vertical and the zero angles of `geometry`.
+    :raises ModelMismatchError: if no moments on these axes reproduce the model: they are of
+        another arm, or of one with other zero angles.
+    """
+    if sorted(model.joints) != sorted(geometry.joints):
+        raise ModelMismatchError(f'the known axes are of {", ".join(geometry.joints)}, but the '
+                                 f'model is of {", ".join(model.joints)}')
+    if not as_described:
+        own = model.geometry
+        own = own if own is not None and same_axes(own, geometry) else geometry
+        if model.chain is not None and model.uncertainty is not None and _is_on(model, own):
+            return _on_chain(model, model.chain, model.uncertainty.covariance, own)
+    return _fitted(model, geometry, as_described)
+
+
+def _fitted(model: GravityModel, geometry: Geometry | None, as_described: bool = False
+            ) -> GravityModel:
+    """
+    Return a chain with the torque of a model at poses of its trained range.
+
+    :param geometry: the known axes; None without any.
+    :raises ModelMismatchError: if the torque of no chain is that of the model.
+    """
+    samples, exact, noise = _drawn(model, model.joints if geometry is None else geometry.joints)
     try:
         problem = Problem.of(samples)
-        result = regress(problem, start_axes(problem, ()), ())
-    except (FitError, DataError, np.linalg.LinAlgError):
-        return None
+        shared = start_axes(problem, ()) if geometry is None else _described(
+            geometry, problem, as_described)
+        result = regress(problem, shared.at_near_angles() if as_described else shared, ())
+    except (FitError, np.linalg.LinAlgError) as error:
+        raise ModelMismatchError(f'no chain has the torque of the model: {error}') from None
     shared = result.shared
-    assert isinstance(shared, UnknownLengths)
-    error = np.sqrt(((shared.chain.torque(q) - torque) ** 2).mean(axis=0))
-    if (error > _MAX_ERROR * noise).any():
-        return None
+    assert isinstance(shared, (KnownAxes, UnknownLengths))
+    _check_misfit(exact - shared.chain.torque(samples.q), noise, samples.names)
     steps, p = shared.step_map(), len(shared.point)
-    return _chain_model(model, shared.chain, steps @ result.posterior.covariance[:p, :p] @ steps.T)
+    covariance = steps @ result.posterior.covariance[:p, :p] @ steps.T
+    return _on_chain(model, shared.chain, covariance,
+                     shared.geometry if isinstance(shared, KnownAxes) else None)
 
 
-def _chain_model(model: GravityModel, chain: Chain, covariance: FloatArray,
-                 geometry: Geometry | None = None) -> GravityModel:
+def _described(geometry: Geometry, problem: Problem, as_described: bool) -> Shared:
+    """Return the start on described axes."""
+    if as_described:
+        return KnownAxes.of(geometry)
+    mounted = with_estimated_vertical(geometry, problem)
+    return KnownAxes.of(mounted, mounted is geometry)
+
+
+def _drawn(model: GravityModel, joints: tuple[str, ...]
+           ) -> tuple[JointSamples, FloatArray, FloatArray]:
+    """
+    Return samples with noise, their torque (M, N) without it, and the noise (N,) in N·m.
+
+    Each pose is there twice, with opposite noise: it does not change the estimate.
+    """
+    rng, order = np.random.default_rng(0), [model.joints.index(name) for name in joints]
+    count = int(np.clip(model.coverage.n_samples, _MIN_TORQUES, _MAX_TORQUES)) // 2
+    q = rng.uniform(model.coverage.q_min, model.coverage.q_max, (_DRAWN * count, model.n_joints))
+    noise = np.maximum(model.noise, 1e-3 * float(model.noise.max()) + 1e-9)
+    if model.uncertainty is not None:
+        q = q[np.argsort((model.predict_std(q) / noise).max(axis=1))]
+    q = np.tile(q[:count], (2, 1))
+    exact, error = model.predict(q), noise * rng.standard_normal((count, model.n_joints))
+    error = np.concatenate([error, -error])
+    return (JointSamples.single_run(joints, np.arange(len(q)), q[:, order], np.zeros_like(q),
+                                    (exact + error)[:, order]), exact[:, order], noise[order])
+
+
+def _check_misfit(residual: FloatArray, noise: FloatArray, joints: tuple[str, ...]) -> None:
+    """Raise ModelMismatchError if a residual (M, N) in N·m is large against its noise (N,)."""
+    rms = np.sqrt((residual ** 2).mean(axis=0))
+    worst = int(np.argmax(rms / noise))
+    if rms[worst] > CHANGE.max_misfit * noise[worst]:
+        raise ModelMismatchError(
+            f'the known axes do not reproduce the model: the torque of joint {joints[worst]} '
+            f'differs by {rms[worst]:.2g} N·m within the trained range. `gravity_comp check` '
+            f'names what differs: an axis, a zero angle; a per_joint model may be of no arm: '
+            f'fit a chain')
+
+
+def _on_chain(model: GravityModel, chain: Chain, covariance: FloatArray,
+              geometry: Geometry | None) -> GravityModel:
+    """Return a model with its gravity as a chain, with the joints in the order of the axes."""
+    if geometry is not None and model.geometry is not None:
+        # Those of the coefficients of the model's dynamics.
+        geometry = replace(geometry, base=model.geometry.base)
+    joints = model.joints if geometry is None else geometry.joints
+    order = [model.joints.index(name) for name in joints]
+    coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
+                       q_max=model.coverage.q_max[order])
     result = GravityModel.from_energy(
-        model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
-        chain, ChainUncertainty(chain, covariance))
+        joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance, chain,
+        ChainUncertainty(chain, covariance))
+    residual = None if model.residual_std is None else model.residual_std[order]
     applied, fitted = effects_on_axes(model)
     return replace(result, applied=applied, history=model.history, fitted=fitted,
-                   residual_std=model.residual_std, payload_path=model.payload_path,
-                   geometry=geometry)
+                   residual_std=residual, payload_path=model.payload_path, geometry=geometry)
+
+
+def effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
+    """
+    Return the predicted and the fitted effects of a model whose gravity is put on known axes.
+
+    Dynamics with lengths between axes have no coefficients there; a nominal arm replaces them.
+    """
+    if model.geometry is not None:
+        return model.applied, model.fitted
+    return model.applied.without({DYNAMICS}), model.fitted.without({DYNAMICS})

@@ -24,7 +24,6 @@ from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
-from gravity_comp_ros.models.kinematic.known_axes import right_angles_kept, TOLERANCE
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import is_outlier
 from gravity_comp_ros.models.sparse.sparse_change import (
@@ -35,6 +34,9 @@ from scipy.special import softmax
 _DIRECTIONS = ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 # Minimum regressor norm, as a share of the largest, of a moment that may change.
 _MIN_RELATIVE_NORM = 1e-3
+# Standard deviation of a machined and zeroed right angle, in rad, and the multiple of it below
+# which that of an angle shows that it was adopted as right.
+TOLERANCE, _ADOPTED = 1e-3, 1.5
 
 
 @dataclass(frozen=True)
@@ -339,3 +341,20 @@ class _Hypothesis:
         self.moved = self.trial.chain.moved(self.step)
         self.residual = self.new.residual(self.moved)
         return share == 1.0 and bool(np.abs(move @ problem.columns).max() < CHANGE.converged)
+
+
+def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:
+    """
+    Return the mean of a step (K,), first angles (2N,), given that right angles stay right.
+
+    :param covariance: of the step, (K, K).
+    :param before: the covariance (K, K) before the new data; angles with a standard deviation near
+        the tolerance are right angles.
+    """
+    half = len(mean) // 2
+    spread = np.sqrt(np.maximum(np.diag(before)[:half], 0.0))
+    adopted = np.flatnonzero((spread > 0.0) & (spread < _ADOPTED * TOLERANCE))
+    shift = np.linalg.pinv(covariance[np.ix_(adopted, adopted)], hermitian=True) @ mean[adopted]
+    kept = mean - covariance[:, adopted] @ shift
+    kept[adopted] = 0.0
+    return np.asarray(kept)

@@ -24,7 +24,6 @@ from gravity_comp_ros.estimation.residuals import (
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
@@ -40,6 +39,7 @@ from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.term import Key, Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
+from gravity_comp_ros.regression.vertical import with_estimated_vertical
 import numpy as np
 
 MIN_SAMPLES = 10
@@ -249,8 +249,7 @@ class _Work:
 
     def _known(self, geometry: Geometry) -> Shared:
         """Return described axes, with an estimated vertical if it is not the described one."""
-        samples = self.problem.samples.select(self.problem.rows.samples)
-        mounted = with_estimated_vertical(geometry, samples)
+        mounted = with_estimated_vertical(geometry, self.problem)
         return self._prepared(KnownAxes.of(mounted, mounted is geometry))
 
     def _start(self) -> Shared:

@@ -15,10 +15,10 @@ from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import zero_angle_differences
-from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
 from gravity_comp_ros.printable import counted
+from gravity_comp_ros.regression.vertical import base_tilt_angle, MAX_FITTED_TILT
 import numpy as np
 from numpy.typing import NDArray
 

@@ -17,9 +17,10 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.offset import TorqueGain
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
-from gravity_comp_ros.estimation.arm_fit import ArmFit, cost_of
+from gravity_comp_ros.estimation.arm_fit import ArmFit
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.arm_solver import cost_of
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
@@ -197,14 +198,13 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     reference = int(np.argmax(fit.size))
     free = np.array([k for k in range(n) if k != reference and fit.size[k] > 0])
     equal, rng = fit.plain, np.random.default_rng(0)
-    fits = [fit.run(equal.chain, free=free)]
+    fits = [fit.run(equal.chain.axes, free=free)]
     for each in fit.plains:
         # The chain may be that of one joint, to which the gains of the others are relative.
         log = np.zeros(n)
         gains = fit.gains(each.chain)
         log[free] = np.log(gains[free] / gains[reference])
-        moments = each.chain.moments * gains[reference]
-        fits.append(fit.run(replace(each.chain, moments=moments), log, free))
+        fits.append(fit.run(each.chain.axes, log, free))
     best = min(fits, key=cost_of)
     # Few starts lead to the arm, whose residual is white. The first one has equal efforts of all
     # joints, the second one those of a reference with larger efforts.

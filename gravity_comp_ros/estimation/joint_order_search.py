@@ -10,12 +10,13 @@ torque, such as a vertical first joint or the last one, have no identifiable pos
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.models.kinematic.chain_fit import next_axes
-from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem
+from gravity_comp_ros.models.kinematic.chain_search import search
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.start import generic_poses
+from gravity_comp_ros.regression.start import arm_problem, generic_poses
 import numpy as np
 
 Order = tuple[int, ...]
@@ -23,8 +24,7 @@ Order = tuple[int, ...]
 # Maximum number of samples of a trial, and its number of starts: for the right order every other
 # start converges to the right axes, and a start takes 20 ms.
 _MAX_SAMPLES, _STARTS = 60, 8
-_QUICK = SolveOptions(max_steps=20, tolerance=1e-3)
-# Noise std that all rows assume, as a share of the largest RMS torque.
+# Smallest noise of a joint, as a share of the largest RMS torque.
 _NOISE_SHARE = 0.05
 # Maximum ratio of squared residuals for which an order is better than the last one, and for which
 # it replaces the recorded one.
@@ -51,7 +51,7 @@ def joint_order_from_torques(samples: JointSamples) -> tuple[str, ...] | None:
     return tuple(samples.names[k] for k in order)
 
 
-def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
+def _local_minimum(problem: ArmProblem, order: Order) -> tuple[Order, float]:
     """Return an order that no move improves, and its squared residual."""
     cost, moves = _cost(problem, order), _moves(order)
     for _ in range(1, _MAX_TRIALS):
@@ -64,24 +64,16 @@ def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
     return order, cost
 
 
-def _problem(samples: JointSamples) -> ChainProblem:
+def _problem(samples: JointSamples) -> ArmProblem:
     poses, nuisance = generic_poses(Problem.of(samples), _MAX_SAMPLES)
-    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((poses.tau ** 2).mean(axis=0)).max()), 1e-9)
-    return ChainProblem(poses.q, poses.tau, np.full(poses.tau.shape, weight), nuisance)
+    size = float(np.sqrt((poses.tau ** 2).mean(axis=0)).max())
+    return replace(arm_problem(poses, nuisance),
+                   floor=np.full(poses.n_joints, max(_NOISE_SHARE * size, 1e-9)))
 
 
-def _cost(problem: ChainProblem, order: Order) -> float:
+def _cost(problem: ArmProblem, order: Order) -> float:
     """Return the squared residual of the best chain with its joints in this order."""
-    joints = list(order)
-    nuisance = None if problem.nuisance is None else problem.nuisance.of_joints(joints)
-    ordered = ChainProblem(problem.q[:, joints], problem.tau[:, joints],
-                           problem.weights[:, joints], nuisance)
-    rng = np.random.default_rng(0)
-    best = solve(ordered, next_axes(rng, len(order), 1, None), options=_QUICK)
-    for count in range(2, _STARTS + 1):
-        solution = solve(ordered, next_axes(rng, len(order), count, best), options=_QUICK)
-        best = min(best, solution, key=lambda each: each.cost)
-    return best.cost
+    return float((search(problem.of_joints(list(order)), _STARTS).residual ** 2).sum())
 
 
 def _moves(order: Order) -> Iterator[Order]:

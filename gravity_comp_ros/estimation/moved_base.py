@@ -7,8 +7,9 @@ from itertools import product
 
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.arm_fit import ArmFit, ArmState
+from gravity_comp_ros.estimation.arm_fit import ArmFit
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.models.kinematic.arm_solver import ArmState
 import numpy as np
 
 
@@ -113,7 +114,7 @@ def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBas
     rows, tilts = len(fit.q), np.vstack([state.base_tilts, np.zeros((1, 2))])
     # The longer part before or after the tilt has one vertical.
     halves = [fit.start(rows=slice(rows // 2)), fit.start(rows=slice(rows // 2, None))] \
-        if not len(ramps) else [state.chain] * 2
+        if not len(ramps) else [state.chain.axes] * 2
     width = rows / (options.places + 1)
     best, at = None, ramps
     for place in width * np.arange(1, options.places + 1):
@@ -132,7 +133,7 @@ def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBas
             tried[-1] += begin, end
             if tried[-1, 0] > tried[-1, 1]:
                 continue
-            near = fit.run(best.chain, shares=_shares(tried, rows),
+            near = fit.run(best.chain.axes, shares=_shares(tried, rows),
                            base_tilts=best.base_tilts)
             if near.cost < best.cost:
                 best, at = near, tried

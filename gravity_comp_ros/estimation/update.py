@@ -20,22 +20,20 @@ from gravity_comp_ros.effects.predict import fitted_torque, motion_of
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.chain_of_model import on_axes
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.change_options import CHANGE
-from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
+from gravity_comp_ros.estimation.payload_estimate import estimate_payload
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
 from gravity_comp_ros.estimation.update_step import changed_model, UpdateStep
 from gravity_comp_ros.models import noise
-from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
-from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
 COULOMB = 'coulomb_friction'
@@ -107,13 +105,13 @@ def _with_payload(model: GravityModel, samples: JointSamples, options: UpdateOpt
     Those of the description are compared where a payload does not explain the change: if a drive
     subtracts its own gravity, the model has too little of it to identify vertical and angles.
     """
-    base = _on_axes(model, geometry)
+    base = on_axes(model, geometry)
     samples = samples.joints(geometry.joints)
     result, step = _update(base, samples, options, base.geometry)
     if step.is_payload:
         return result
     try:
-        described = _on_axes(model, geometry, as_described=True)
+        described = on_axes(model, geometry, as_described=True)
     except ModelMismatchError:
         return result
     other, other_step = _update(described, samples, options, geometry)
@@ -187,36 +185,6 @@ def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatA
         columns = design.columns(model.energy.indices).T.reshape(-1, *samples.tau.T.shape)
     return robust.irls_weights(samples.tau - model.predict(samples.q), columns,
                                noise.floor(samples.tau))
-
-
-def _on_axes(model: GravityModel, geometry: Geometry, *,
-             as_described: bool = False) -> GravityModel:
-    """Return the same gravity as a chain on known axes (`on_known_axes`)."""
-    chain, covariance, geometry = on_known_axes(model, geometry, as_described=as_described)
-    if model.geometry is not None and model.geometry.joints == geometry.joints:
-        # Those of the coefficients of the model's dynamics.
-        geometry = replace(geometry, base=model.geometry.base)
-    order = [model.joints.index(name) for name in geometry.joints]
-    coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
-                       q_max=model.coverage.q_max[order])
-    base = GravityModel.from_energy(
-        geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
-        chain, ChainUncertainty(chain, covariance))
-    residual = None if model.residual_std is None else model.residual_std[order]
-    applied, fitted = effects_on_axes(model)
-    return replace(base, applied=applied, history=model.history, fitted=fitted,
-                   residual_std=residual, geometry=geometry)
-
-
-def effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
-    """
-    Return the predicted and the fitted effects of a model whose gravity is put on known axes.
-
-    Dynamics with lengths between axes have no coefficients there; a nominal arm replaces them.
-    """
-    if model.geometry is not None:
-        return model.applied, model.fitted
-    return model.applied.without({DYNAMICS}), model.fitted.without({DYNAMICS})
 
 
 def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:

@@ -25,7 +25,7 @@ from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import rough_fit, SearchOptions
+from gravity_comp_ros.models.kinematic.chain_search import search
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -33,7 +33,7 @@ from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.start import generic_poses
+from gravity_comp_ros.regression.start import arm_problem, generic_poses
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors
 import numpy as np
 
@@ -199,7 +199,7 @@ class _Sums:
         poses, nuisance = generic_poses(problem, _ROWS)
         self.q, n = poses.q, poses.n_joints
         if geometry is None:
-            self.chain = rough_fit(poses, nuisance, SearchOptions(_STARTS)).chain
+            self.chain = search(arm_problem(poses, nuisance), _STARTS).chain
         else:
             self.chain = Chain(geometry.rotations, np.zeros((n, 2)))
         moment = LengthPriors().moment * problem.scale.largest

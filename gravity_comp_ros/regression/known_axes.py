@@ -50,7 +50,7 @@ class KnownPriors:
 
     `tilt` in rad of the base and `zero` in rad of a zero angle: a base is levelled and encoders
     are set to within half a degree. `vertical` in rad is that of the tilts of a vertical that was
-    estimated (`models.kinematic.vertical`); `exact` in rad is the rounding of an angle in a
+    estimated (`regression.vertical`); `exact` in rad is the rounding of an angle in a
     description, and `fixed` the standard deviation of one that is as described.
     """
 

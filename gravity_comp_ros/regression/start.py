@@ -1,9 +1,9 @@
 """
 Start of the axes of an arm without a description.
 
-The squared error has several minima. A few searches from random axes, with generic friction, an
-offset and own inertia of each joint, find the best one; a wrong one shows by a residual of several
-times that of the right one.
+The squared error has several minima. Two searches from random axes, with generic friction, an
+offset and own inertia of each joint, find the best one. A wrong one has several times its
+residual.
 """
 
 from __future__ import annotations
@@ -12,31 +12,34 @@ from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, rough_fit, SearchOptions
-from gravity_comp_ros.models.kinematic.chain_solver import Nuisance
+from gravity_comp_ros.errors import FitError
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
+from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
+from gravity_comp_ros.models.kinematic.chain_search import search
 from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
-# Number of searches, starts of each, and poses that they use.
-_SEARCHES, _STARTS, _POSES = 4, 24, 400
-# Shares of the rows in turn: gravity dominates those with the least motion.
-_SHARES = (1.0, 1.0, 0.5, 0.5)
-# Number of searches with a white residual after which it ends: few poses are consistent with
-# several chains.
-_CLEAN = 2
+# Number of starts of a search, and of poses that it uses.
+_STARTS, _POSES = 24, 400
+# Shares of the rows in the searches: gravity dominates those with the least motion.
+_SHARES = (1.0, 0.5)
 # Number of rows on which the searches are compared.
 _ROWS = 400
-# Width in rad/s of the direction of generic friction.
-_WIDTH = 0.01
-# Prior standard deviations of offset, Coulomb and viscous friction and inertia per N·m of noise,
-# and the place of inertia.
-_SPREAD = (3.0, 30.0, 300.0, 30.0)
-INERTIA = 3
-# Rows of a recording with an offset of its own: twice the number of generic columns.
-_OWN_OFFSET = 8
+# Widths in rad/s of the direction of generic friction.
+_WIDTHS = (0.003, 0.01, 0.04)
+# Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia.
+_SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0])
+# Columns that differ between recordings, by zeroed sensors and by temperature: offset, friction of
+# the middle width, viscous friction.
+_CHANGING = np.array([0, 2, 4])
+# Smallest noise of a joint, as a share of its RMS effort, and smallest effort, as a share of the
+# largest: a joint without gravity has no effort but rounding.
+_FLOOR, _SMALL = 1e-4, 0.1
+# Rows of a recording from which they are identified there.
+_MIN_ROWS = 20
 
 
 def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
@@ -49,34 +52,24 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     :raises FitError: if there are no samples.
     """
     few = _thinned(problem, _ROWS)
-    minima: list[ChainFit] = []
-    n_clean = 0
-    for seed in range(_SEARCHES):
-        poses = generic_poses(problem, _POSES, _SHARES[seed])
-        rough = rough_fit(*poses, SearchOptions(_STARTS, seed))
-        same = next((k for k, other in enumerate(minima)
-                     if _are_same(rough, other, poses[0].q)), None)
-        if same is None:
-            minima.append(rough)
-        elif rough.clean:
-            minima[same] = rough
-        n_clean += rough.clean
-        if n_clean == _CLEAN:
-            # A minimum whose residual is not white is wrong if others have a white one.
-            minima = [each for each in minima if each.clean]
-            break
-    best = min((with_common_terms(few, UnknownLengths.of(each.chain), effects)
-                for each in minima), key=_log_noise)
+    candidates: list[ArmState] = []
+    for seed, share in enumerate(_SHARES):
+        rough = arm_problem(*generic_poses(problem, _POSES, share))
+        each = search(rough, _STARTS, seed)
+        if not any(_are_same(each, other, rough.q) for other in candidates):
+            candidates.append(each)
+    best = min((with_common_terms(few, UnknownLengths.of(in_frames_of_axes(each.chain)), effects)
+                for each in candidates), key=_log_noise)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)
     return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
-def _are_same(one: ChainFit, other: ChainFit, q: FloatArray) -> bool:
+def _are_same(one: ArmState, other: ArmState, q: FloatArray) -> bool:
     """Return whether the gravity of two fits differs by less than the noise of the better one."""
     change = np.sqrt(((one.chain.torque(q) - other.chain.torque(q)) ** 2).mean(axis=0))
-    return bool((change < np.minimum(one.noise.absolute, other.noise.absolute)).all())
+    return bool((change < np.minimum(one.noise, other.noise)).all())
 
 
 def _axes_of(fit: Linear) -> UnknownLengths:
@@ -111,8 +104,8 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     """
     Return means over rows as samples, and the generic columns of each joint.
 
-    They are offset, Coulomb and viscous friction and inertia, then the deviations of the offset
-    in later recordings: sensors may be zeroed at each start.
+    They are offset, friction of several widths, viscous friction and inertia, then the deviations
+    of those that change in later recordings.
 
     :param count: number of rows, evenly picked among those with the least motion.
     :param share: of the rows with the least motion, by |qdd| + qd^2 of all joints.
@@ -123,16 +116,29 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     slow = np.flatnonzero(motion <= np.quantile(motion, share))
     rows = slow[np.unique(np.linspace(0, len(slow) - 1, count).astype(int))]
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
-    later = later_recordings(problem.rows.run[rows], _OWN_OFFSET)
-    columns = np.stack([np.ones(qd.shape), np.tanh(qd / _WIDTH), qd, qdd,
-                        *(np.ones(qd.shape) * own[:, None] for own in later)])
-    spread = np.array([*_SPREAD, *_SPREAD[:1] * len(later)])
+    columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd])
+    later = [own[:, None] * columns[k]
+             for own in _later_recordings(problem.rows.run[rows]) for k in _CHANGING]
+    spread = np.concatenate([_SPREAD, np.resize(_SPREAD[_CHANGING], len(later))])
     poses = JointSamples(samples.names, problem.rows.t[rows], q, qd, problem.y[rows],
                          problem.rows.run[rows], samples.run_labels)
-    return poses, Nuisance(columns.transpose(2, 0, 1), spread)
+    return poses, Nuisance(np.stack([*columns, *later]).transpose(2, 0, 1), spread)
 
 
-def later_recordings(runs: IntArray, min_rows: int) -> list[BoolArray]:
+def arm_problem(poses: JointSamples, nuisance: Nuisance) -> ArmProblem:
+    """
+    Return the problem of one arm's gravity in poses with nuisance columns.
+
+    :raises FitError: if there are no samples.
+    """
+    if not poses.n_samples:
+        raise FitError('no samples to fit')
+    rms = np.sqrt((poses.tau ** 2).mean(axis=0))
+    return ArmProblem(poses.q, poses.tau, nuisance,
+                      _FLOOR * np.maximum(rms, _SMALL * rms.max()) + 1e-9)
+
+
+def _later_recordings(runs: IntArray) -> list[BoolArray]:
     """Return the masks (M,) of the recordings after the first one that have enough rows."""
     numbers, counts = np.unique(runs, return_counts=True)
-    return [runs == number for number in numbers[counts >= min_rows][1:]]
+    return [runs == number for number in numbers[counts >= _MIN_ROWS][1:]]

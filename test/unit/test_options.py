@@ -12,7 +12,6 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.update import UpdateOptions
-from gravity_comp_ros.models.kinematic.chain_fit import SearchOptions
 from gravity_comp_ros.models.sparse.admm import AdmmOptions
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.planning import PlanOptions
@@ -54,7 +53,7 @@ def test_constants_are_positive(options, value):
         'over_relaxation': [0.9, 2.0], 'rho': [0.0, -1.0, INF, NAN]}.items() for value in values),
     (SparseOptions, {'lam': 0.0}, 'lambda'), (SparseOptions, {'lam': INF}, 'lambda'),
     (SparseOptions, {'lam': NAN}, 'lambda'), (SparseOptions, {'inflation': 0.5}, 'inflation'),
-    (SparseOptions, {'inflation': NAN}, 'inflation'), (SearchOptions, {'starts': 0}, 'starts'),
+    (SparseOptions, {'inflation': NAN}, 'inflation'),
     (FitOptions, {'formulation': 'magic'},
      "unknown formulation 'magic'; choose from auto, per_joint"),
     (UpdateOptions, {'min_samples': 1}, 'update'), (UpdateOptions, {'old_noise': 0.0}, 'update'),

@@ -17,7 +17,8 @@ from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.geometry import same_axes
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics as torque_of
-from gravity_comp_ros.models.kinematic.vertical import (
+from gravity_comp_ros.regression.problem import Problem
+from gravity_comp_ros.regression.vertical import (
     base_tilt_angle, MAX_FITTED_TILT, with_estimated_vertical)
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (
@@ -112,6 +113,10 @@ def held(arm=ARM, q=Q, seed=0, add=0.0):
     return JointSamples.single_run(arm.joints, MOTION.t, q, qd, tau)
 
 
+def problem_of(*args, **kwargs):
+    return Problem.of(held(*args, **kwargs))
+
+
 def following(arm=ARM, motion=MOTION, seed=0, zero=0.0):
     """Return samples of the moving arm, including its inertia, with other zero angles (N,)."""
     samples = synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed))
@@ -140,7 +145,7 @@ def truth_of(arm):
 @example(179.0, 0.03125)
 def test_any_vertical_is_estimated_from_the_torque(angle, about):
     arm = tilted(ARM, np.radians(angle), about)
-    estimated = with_estimated_vertical(AXES, held(arm))
+    estimated = with_estimated_vertical(AXES, problem_of(arm))
     assert np.degrees(np.arccos(np.clip(vertical_of(estimated) @ truth_of(arm), -1.0, 1.0))) < 3.0
     # Only the base is rotated.
     np.testing.assert_array_equal(estimated.rotations[1:], AXES.rotations[1:])
@@ -149,14 +154,14 @@ def test_any_vertical_is_estimated_from_the_torque(angle, about):
 
 @pytest.mark.parametrize('angle', [0.0, 2.0, 10.0])
 def test_a_small_tilt_is_left_to_the_fit(angle):
-    assert with_estimated_vertical(AXES, held(tilted(ARM, np.radians(angle), 1.0))) is AXES
+    assert with_estimated_vertical(AXES, problem_of(tilted(ARM, np.radians(angle), 1.0))) is AXES
 
 
 @pytest.mark.parametrize('moving', [(), (1,), (0, 1), (3,), (4, 5, 6)])
 def test_motion_of_few_joints_yields_no_other_vertical(moving):
     q = np.tile([0.3, 0.7, -0.4, 1.1, 0.2, -0.8, 0.5], (len(Q), 1))
     q[:, list(moving)] = Q[:, list(moving)]
-    assert with_estimated_vertical(AXES, held(ARM, q)) is AXES
+    assert with_estimated_vertical(AXES, problem_of(ARM, q)) is AXES
 
 
 @pytest.mark.parametrize('joint', [0, 1, 3, *campaign(2, 4, 5, 6)])
@@ -165,7 +170,7 @@ def test_unmodelled_effects_yield_no_other_vertical(joint):
     spring[:, joint] = 5.0 * (Q[:, joint] - Q[:, joint].mean())
     friction[:, joint] = 3.0 * np.sign(np.gradient(Q[:, joint]))
     for effect in (spring, friction, np.sin(3.0 * Q) * (np.arange(7) == joint)):
-        assert with_estimated_vertical(AXES, held(ARM, add=effect)) is AXES
+        assert with_estimated_vertical(AXES, problem_of(ARM, add=effect)) is AXES
 
 
 @pytest.mark.parametrize('angle', [180.0, *campaign(45.0, 90.0)])

@@ -217,7 +217,7 @@ def test_a_model_that_changes_with_its_samples_has_not_converged(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)
     assert convergence_objection(base, case.samples, noise, lambda early: base) is None
-    result = convergence_objection(with_wrong_axes(base, 0.3), case.samples, noise,
+    result = convergence_objection(with_wrong_axes(base, 0.6), case.samples, noise,
                                    lambda early: base)
     assert result is not None and 'has not converged' in result and 'N·m' in result
     parts = []
@@ -228,7 +228,7 @@ def test_a_model_that_changes_with_its_samples_has_not_converged(base):
     # A fit to the first part may agree with the model, and one to the last part contradict it.
     result = convergence_objection(
         base, case.samples, noise,
-        lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+        lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.6))
     assert 'the first 90 of 300 samples changed' in result
 
     def too_few(part):

@@ -1,0 +1,314 @@
+"""
+Levenberg-Marquardt on the gravity of one arm: axes, moments, gains of efforts, tilts of the base.
+
+    effort_n = exp(g_n) gravity_n(axes, moments, base) + Z_n c_n + e_n,    e_n ~ N(0, sigma_n^2)
+
+The columns Z_n of a joint (friction, offset, inertia) have coefficients c_n ~ N(0, sigma_n^2 S^2),
+so that the covariance of its efforts is sigma_n^2 (I + Z_n S^2 Z_n'). Its rows are whitened by the
+root of that matrix, whatever its noise. The most probable noise is the RMS of the residual r_n,
+and what is minimised over M rows is the negative log likelihood
+
+    M sum_n log sigma_n,    sigma_n^2 = |r_n|^2 / M + floor_n^2,
+
+which does not depend on the units of the joints. For given angles and gains the effort is linear
+in the moments, which are solved for at every step (variable projection, in the form of A. Ruhe and
+P. A. Wedin, SIAM Review 22 (1980), algorithm 2: the step comes from the full Jacobian).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.least_squares import svd
+from gravity_comp_ros.models.noise import correlation_times
+import numpy as np
+
+# Largest step of an axis or the base in rad, and of the logarithm of a gain.
+_MAX_STEP = 0.7
+# Damping of the angles and gains: the first, its factors after a success and a failure, and its
+# limits.
+_DAMPING, _SHRINK, _GROW, _LOWEST, _HIGHEST = 1e-2, 0.2, 5.0, 1e-9, 1e6
+# Share of a column's size that keeps normal equations positive definite under rounding.
+_ROUNDING = 1e-13
+# Noise estimates at each point, with the moments between them.
+_NOISES = 2
+
+
+@dataclass(frozen=True)
+class ArmPriors:
+    """
+    Standard deviations of a step: `tilt` of an axis or the base in rad, `gain` of a logarithm.
+
+    `moment` is that of a moment, as a multiple of the largest effort. It sets moments that are not
+    identifiable to 0, and is far larger than those of the arm, also where the efforts have the
+    units of several drives.
+    """
+
+    tilt: float = 1.0
+    gain: float = 3.0
+    moment: float = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """
+    C columns of each joint, which act on that joint only.
+
+    `columns` (N, C, M) are torques per unit of coefficient; `spread` (C,) are the prior standard
+    deviations of the coefficients per N·m of noise.
+    """
+
+    columns: FloatArray
+    spread: FloatArray
+
+    @classmethod
+    def none(cls, n_joints: int, n_samples: int) -> Nuisance:
+        """Return no columns."""
+        return cls(np.zeros((n_joints, 0, n_samples)), np.zeros(0))
+
+    def select(self, keep: IntArray) -> Nuisance:
+        """Return the columns of some of the samples."""
+        return replace(self, columns=self.columns[:, :, keep])
+
+    def of_joints(self, joints: list[int]) -> Nuisance:
+        """Return the columns of joints in another order."""
+        return replace(self, columns=self.columns[joints])
+
+    @cached_property
+    def _basis(self) -> tuple[FloatArray, FloatArray]:
+        """Return orthonormal columns (N, M, K), and the share (N, K) that whitening removes."""
+        parts = [svd((self.spread[:, None] * rows).T) for rows in self.columns]
+        basis = np.stack([u for u, _, _ in parts])
+        sizes = np.stack([s for _, s, _ in parts])
+        return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes ** 2)
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Return rows (P, N, M), whitened."""
+        if not len(self.spread):
+            return rows
+        basis, share = self._basis
+        by_joint = rows.swapaxes(0, 1)
+        inside = (by_joint @ basis) * share[:, None]
+        return np.asarray((by_joint - inside @ basis.swapaxes(1, 2)).swapaxes(0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmProblem:
+    """
+    Efforts `tau` (M, N) of poses `q` (M, N) in rad.
+
+    `floor` is the smallest noise (N,), in the unit of the effort. With `has_one_noise` all joints
+    have the same noise.
+    """
+
+    q: FloatArray
+    tau: FloatArray
+    nuisance: Nuisance
+    floor: FloatArray
+    has_one_noise: bool = False
+    priors: ArmPriors = ArmPriors()
+
+    @cached_property
+    def target(self) -> FloatArray:
+        """Return the whitened efforts (N, M)."""
+        return self.nuisance.whitened(np.ascontiguousarray(self.tau.T)[None])[0]
+
+    @cached_property
+    def sin_cos(self) -> tuple[FloatArray, FloatArray]:
+        """Return the sines and cosines (N, M) of all poses."""
+        q = np.ascontiguousarray(self.q.T)
+        return np.sin(q), np.cos(q)
+
+    @cached_property
+    def moment_std(self) -> float:
+        """Return the prior standard deviation of a moment, in N·m."""
+        return self.priors.moment * max(float(np.abs(self.tau).max(initial=0.0)), 1e-9)
+
+    def noise(self, residual: FloatArray) -> FloatArray:
+        """Return the noise (N,) of a whitened residual (N, M)."""
+        variance = (residual ** 2).mean(axis=1) + self.floor ** 2
+        return np.sqrt(np.full(len(variance), variance.mean()) if self.has_one_noise else variance)
+
+    def select(self, keep: IntArray) -> ArmProblem:
+        """Return the problem of some of the samples."""
+        return replace(self, q=self.q[keep], tau=self.tau[keep],
+                       nuisance=self.nuisance.select(keep))
+
+    def of_joints(self, joints: list[int]) -> ArmProblem:
+        """Return the problem of joints in another order."""
+        return replace(self, q=self.q[:, joints], tau=self.tau[:, joints],
+                       nuisance=self.nuisance.of_joints(joints), floor=self.floor[joints])
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """
+    What is estimated in addition to the moments.
+
+    `axes` (2N,) masks the tilts of the axes, those of the first are the base's; `gains` (K,) are
+    the joints with a free gain; `shares` (M, L) are those of each tilt of a moving base.
+    """
+
+    axes: BoolArray
+    gains: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    shares: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """
+    A chain, logarithms of gains (N,), and `base_tilts` (L, 2) in rad.
+
+    The base at each pose has the sum of the tilts times their shares. `residual` (N, M) is
+    whitened; `noise` (N,) and `cost`, in nats, are those of it.
+    """
+
+    chain: Chain
+    log: FloatArray
+    base_tilts: FloatArray
+    residual: FloatArray
+    noise: FloatArray
+    cost: float
+
+    def times(self, runs: IntArray) -> FloatArray:
+        """Return the correlation times (N,) of the residuals, in rows."""
+        return correlation_times(self.residual.T, runs)
+
+
+def cost_of(state: ArmState) -> float:
+    return state.cost
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSolver:
+    """Levenberg-Marquardt on a problem with some unknowns."""
+
+    problem: ArmProblem
+    unknowns: Unknowns
+    max_steps: int = 60
+    converged: float = 0.3
+
+    @classmethod
+    def of_axes(cls, problem: ArmProblem, max_steps: int = 60) -> ArmSolver:
+        """Return the solver for all axes and moments."""
+        return cls(problem, Unknowns(np.ones(2 * problem.q.shape[1], dtype=bool)), max_steps)
+
+    def run(self, axes: FloatArray, log: FloatArray | None = None,
+            base_tilts: FloatArray | None = None) -> ArmState:
+        """
+        Return the minimum near a start.
+
+        :param axes: (N, 3, 3). :param log: logarithms of gains (N,), 0 if not given.
+        :param base_tilts: (L, 2) in rad, 0 if not given.
+        """
+        n, shares = len(axes), self.unknowns.shares
+        state = self._state(
+            axes, np.zeros(n) if log is None else log,
+            np.zeros((0 if shares is None else shares.shape[1], 2)) if base_tilts is None
+            else base_tilts, self.problem.noise(self.problem.target))
+        damping = _DAMPING
+        for _ in range(self.max_steps):
+            columns, moments = self._columns(state)
+            if not len(columns):
+                break
+            better, damping = self._better(state, columns, moments, damping)
+            if better is None:
+                break
+            gain, state = state.cost - better.cost, better
+            if gain < self.converged:
+                break
+        return state
+
+    def precision(self, state: ArmState) -> FloatArray:
+        """Return the precision of the unknowns, then moments (2N,), for white residuals."""
+        columns, moments = self._columns(state)
+        return self._gram(np.concatenate([columns, moments]) / state.noise[:, None])
+
+    def _better(self, state: ArmState, columns: FloatArray, moments: FloatArray, damping: float
+                ) -> tuple[ArmState | None, float]:
+        """Return the next state, or None where no step lowers the cost, and the damping."""
+        x = np.concatenate([columns, moments]) / state.noise[:, None]
+        gram, k = self._gram(x), len(columns)
+        vector = x.reshape(len(x), -1) @ (state.residual / state.noise[:, None]).ravel()
+        vector[k:] -= state.chain.moments.ravel() * self.problem.moment_std ** -2.0
+        diagonal = gram.diagonal()[:k].copy()
+        while damping < _HIGHEST:
+            gram.flat[:k * len(gram):len(gram) + 1] = (1.0 + damping) * diagonal
+            step = np.linalg.solve(gram, vector)[:k]
+            share = min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
+            tried = self._moved(state, np.asarray(share * step))
+            if tried.cost < state.cost:
+                return tried, max(_SHRINK * damping, _LOWEST)
+            damping *= _GROW
+        return None, damping
+
+    def _moved(self, state: ArmState, step: FloatArray) -> ArmState:
+        free = self.unknowns
+        n_axes, n_gains = int(free.axes.sum()), len(free.gains)
+        tilts, log = np.zeros(len(free.axes)), state.log.copy()
+        tilts[free.axes] = step[:n_axes]
+        log[free.gains] += step[n_axes:n_axes + n_gains]
+        return self._state(state.chain.axes @ tilt(tilts.reshape(-1, 2)), log,
+                           state.base_tilts + step[n_axes + n_gains:].reshape(-1, 2), state.noise)
+
+    def _state(self, axes: FloatArray, log: FloatArray, base_tilts: FloatArray,
+               noise: FloatArray) -> ArmState:
+        """Return the state with the best moments; `noise` (N,) is the first estimate."""
+        problem, target = self.problem, self.problem.target
+        columns = problem.nuisance.whitened(
+            self._kinematics(axes, base_tilts).moment_columns() * np.exp(log)[:, None])
+        by_joint = columns.swapaxes(0, 1)
+        grams = by_joint @ by_joint.swapaxes(1, 2)
+        vectors = (by_joint @ target[:, :, None])[:, :, 0]
+        prior = problem.moment_std ** -2.0
+        for _ in range(_NOISES):
+            weights = noise ** -2.0
+            gram = np.tensordot(weights, grams, axes=1)
+            gram.flat[::len(gram) + 1] += prior + _ROUNDING * gram.diagonal().max()
+            moments = np.linalg.solve(gram, weights @ vectors)
+            residual = target - np.tensordot(moments, columns, axes=1)
+            noise = problem.noise(residual)
+        cost = float(len(problem.q) * np.log(noise).sum())
+        chain = Chain(_orthogonal(axes), np.asarray(moments.reshape(-1, 2)))
+        return ArmState(chain, log, base_tilts, residual, noise, cost)
+
+    def _columns(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
+        """Return whitened columns (K, N, M) of the unknowns, and of the moments."""
+        free, moments = self.unknowns, state.chain.moments
+        arm, gain = self._kinematics(state.chain.axes, state.base_tilts), np.exp(state.log)
+        shape = arm.rotated.shape
+        by_gain = np.zeros((len(free.gains), shape[0], shape[-1]))
+        for k, joint in enumerate(free.gains):
+            by_gain[k, joint] = arm.torque(moments)[:, joint]
+        parts = [arm.axis_columns(moments)[free.axes], by_gain]
+        if free.shares is not None:
+            by_tilt = free.shares.T[:, None, None] * arm.base_columns(moments)
+            parts.append(by_tilt.reshape(-1, shape[0], shape[-1]))
+        return (self.problem.nuisance.whitened(np.concatenate(parts) * gain[:, None]),
+                self.problem.nuisance.whitened(arm.moment_columns() * gain[:, None]))
+
+    def _gram(self, x: FloatArray) -> FloatArray:
+        """Return the products (P, P) of columns in units of the noise, with the prior."""
+        priors, free = self.problem.priors, self.unknowns
+        rows = x.reshape(len(x), -1)
+        n_axes, n_gains = int(free.axes.sum()), len(free.gains)
+        std = np.full(len(x), priors.tilt)
+        std[n_axes:n_axes + n_gains] = priors.gain
+        std[len(x) - len(free.axes):] = self.problem.moment_std
+        gram = rows @ rows.T
+        gram.flat[::len(gram) + 1] += std ** -2.0 + _ROUNDING * gram.diagonal().max()
+        return np.asarray(gram)
+
+    def _kinematics(self, axes: FloatArray, base_tilts: FloatArray) -> ForwardKinematics:
+        shares = self.unknowns.shares
+        return ForwardKinematics(axes, self.problem.q, self.problem.sin_cos,
+                                 None if shares is None else shares @ base_tilts)
+
+
+def _orthogonal(axes: FloatArray) -> FloatArray:
+    """Return the nearest rotations: products of many are no longer orthogonal after rounding."""
+    u, _, vt = np.linalg.svd(axes)
+    return np.asarray(u @ vt)

@@ -1,0 +1,72 @@
+"""
+Search for the gravity of a serial arm with unknown axes, as the start of a regression.
+
+The likelihood has several maxima. Most of the wrong ones have one wrong axis. They are
+sought from random axes, and from the best axes with one or two of them replaced, until the best
+one is reached again or the starts are used up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmSolver, ArmState
+from gravity_comp_ros.models.kinematic.chain import aligned
+import numpy as np
+
+# Number of samples for a coarse solution.
+_COARSE_SAMPLES = 200
+# Number of starts from random axes before the best axes are varied.
+_RANDOM = 4
+# The best maximum is accepted after this number of further starts reached it, within this many
+# nats per effort.
+_HITS, _SAME = 4, 0.01
+
+
+def search(problem: ArmProblem, starts: int, seed: int = 0) -> ArmState:
+    """Return the best solution from at most a number of starts, drawn from `seed`."""
+    few = ArmSolver.of_axes(_coarse(problem))
+    rng, hits = np.random.default_rng(seed), 0
+    same = _SAME * few.problem.tau.size
+    best: ArmState | None = None
+    for count in range(1, starts + 1):
+        tried = few.run(_next_axes(rng, problem.q.shape[1], count, best))
+        if best is not None and tried.cost > best.cost - same:
+            # A slightly lower cost is the same maximum again.
+            hits += tried.cost < best.cost + same
+            if hits >= _HITS:
+                break
+            continue
+        best, hits = tried, 0
+    assert best is not None
+    return ArmSolver.of_axes(problem).run(best.chain.axes)
+
+
+def _next_axes(rng: np.random.Generator, n: int, count: int, best: ArmState | None) -> FloatArray:
+    """Return random axes, or the best ones with one or two of them replaced."""
+    random_axes = _random_axes(rng, n)
+    if best is None or count <= _RANDOM or rng.random() < 0.25:
+        return np.stack(list(random_axes))
+    axes = best.chain.axes.copy()
+    for j in rng.choice(n, size=min(n, int(rng.integers(1, 3))), replace=False):
+        axes[j] = axes[j] @ next(random_axes)
+    return axes
+
+
+def _random_axes(rng: np.random.Generator, n: int) -> Iterator[FloatArray]:
+    """Yield n rotations that take z to a random direction."""
+    for direction in rng.normal(size=(n, 3)):
+        yield aligned(direction / np.linalg.norm(direction))
+
+
+def _coarse(problem: ArmProblem) -> ArmProblem:
+    """
+    Return the problem of at most `_COARSE_SAMPLES` evenly picked samples, with one noise.
+
+    Far from a solution a joint with little effort would be fitted at the cost of all others.
+    """
+    count = len(problem.q)
+    keep = np.unique(np.linspace(0, count - 1, min(count, _COARSE_SAMPLES)).astype(int))
+    return replace(problem.select(keep), has_one_noise=True)
