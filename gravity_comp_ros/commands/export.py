@@ -115,7 +115,8 @@ def _description(args: argparse.Namespace, model: GravityModel) -> Result:
     return [_link_table(changed), '', _difference_table(changed), '', *changed.notes,
             f'wrote {args.output}'], {
             'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
-            'not_added': written_friction(_only_found(model)),
+            'not_added': [effect.target for effect in written_friction(
+                _only_found(model), model.joints)],
             'links': {name: vars(link) for name, link in changed.links.items()},
             'difference': {joint: {'before': changed.before[joint], 'after': value}
                            for joint, value in changed.after.items()}}

@@ -117,26 +117,43 @@ static gc_real gc_p[GC_N_PARAMETERS] = {
 };
 
 @HELPERS@
-void gc_gravity(const gc_real q[GC_N], gc_real tau[GC_N])
+/* Set s, c and tau to sines and cosines of the pose and to the gravity torque. */
+static void gc_at(const gc_real q[GC_N], gc_real s[GC_N], gc_real c[GC_N], gc_real tau[GC_N])
 {
-    gc_real s[GC_N], c[GC_N];
     int k;
     for (k = 0; k < GC_N; ++k) {
         s[k] = GC_SIN(q[k]);
         c[k] = GC_COS(q[k]);
+        tau[k] = GC_C(0.0);
     }
     {
 @GRAVITY@
     }
 }
 
+void gc_gravity(const gc_real q[GC_N], gc_real tau[GC_N])
+{
+    gc_real s[GC_N], c[GC_N];
+    gc_at(q, s, c, tau);
+}
+
 void gc_static(const gc_real q[GC_N], gc_real tau[GC_N])
 {
+    gc_real s[GC_N], c[GC_N], g[GC_N];
+    int i;
+    gc_at(q, s, c, g);
+    for (i = 0; i < GC_N; ++i) tau[i] = g[i];
 @STATIC@
 }
 
 void gc_friction(const gc_real q[GC_N], const gc_real qd[GC_N], gc_real tau[GC_N])
 {
+    gc_real g[GC_N];
+    int i;
+    for (i = 0; i < GC_N; ++i) tau[i] = g[i] = GC_C(0.0);
+    (void)q;
+    (void)qd;
+    (void)g;
 @FRICTION@
 }
 
@@ -169,18 +186,6 @@ enum gc_result gc_set_parameters(const double *values, unsigned int count, unsig
     for (i = 0; i < GC_N_PARAMETERS; ++i) gc_p[i] = (gc_real)values[i];
     return GC_OK;
 }
-"""
-
-COPY_GRAVITY = """\
-    int i;
-    gc_gravity(q, g);
-    for (i = 0; i < GC_N; ++i) tau[i] = g[i];"""
-
-SINES = """\
-    for (i = 0; i < GC_N; ++i) {
-        s[i] = GC_SIN(q[i]);
-        c[i] = GC_COS(q[i]);
-    }
 """
 
 CHECK_ROTATIONS = """\

@@ -18,17 +18,21 @@ consistent.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import FitError, ModelMismatchError
-from gravity_comp_ros.export.xml_edit import number, XmlEdit
+from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
+from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
+
+# Coefficients of the effects that a description has as friction.
+_SYMBOLS = {'coulomb_friction': 'F_c', 'viscous_friction': 'F_v'}
 
 
 @dataclass(frozen=True)
@@ -93,11 +97,6 @@ class NearestMasses:
     centres: FloatArray
     before: Mapping[str, float]
     after: Mapping[str, float]
-
-
-def trained_poses(model: GravityModel, count: int = NearestOptions().poses) -> FloatArray:
-    """Return poses (count, N) drawn from the trained range of a model."""
-    return random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max, count)
 
 
 def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, noise: FloatArray,
@@ -231,42 +230,56 @@ class ChangedDescription:
     notes: tuple[str, ...]
 
 
-def changed_description(edit: XmlEdit, model: GravityModel, links: Links, result: NearestMasses,
-                        effects: tuple[str, ...], reason: str,
-                        notes: Sequence[str] = ()) -> ChangedDescription:
+def changed_description(edit: XmlEdit, model: GravityModel, links: Links,
+                        columns: Callable[[FloatArray], FloatArray],
+                        write: Callable[[int, float, FloatArray], None],
+                        joints: Mapping[str, Element], friction: tuple[str, str, str],
+                        reason: str, notes: Sequence[str] = ()) -> ChangedDescription:
     """
-    Return the result of an edit.
+    Return an edit with the masses, centres and friction of a model.
 
+    :param columns: torque (M, N, 4L) per mass and first moment of the links at q (M, N) in rad.
+    :param write: writes mass in kg and centre (3,) in m of a link, by its number.
+    :param joints: elements of the joints by name.
+    :param friction: child of a joint with friction ('' for the joint itself), and its attributes
+        of Coulomb friction in N·m and viscous friction in N·m·s/rad.
     :param reason: why the other effects of the model are left out.
+    :raises ModelMismatchError: if no masses give the torque of the model.
     """
-    changes = {name: LinkChange(float(mass_before), float(mass), tuple(before.tolist()),
-                                tuple(centre.tolist()))
-               for name, mass_before, before, mass, centre in zip(
-                   links.names, links.masses, links.centres, result.masses, result.centres)}
+    q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max,
+                     NearestOptions.poses)
+    result = nearest_masses(links, columns(q), model.predict(q), model.noise, model.joints)
+    changes = {}
+    for k, (name, mass, centre) in enumerate(zip(links.names, result.masses, result.centres)):
+        write(k, float(mass), centre)
+        changes[name] = LinkChange(float(links.masses[k]), float(mass),
+                                   tuple(links.centres[k].tolist()), tuple(centre.tolist()))
+    written = written_friction(model, joints)
+    _write_friction(edit, joints, written, friction)
     left_out = {effect.target: reason for effect in model.applied.effects
-                if effect.target not in effects}
-    return ChangedDescription(edit.result(), changes, result.before, result.after, effects,
-                              left_out, tuple(notes))
+                if effect not in written}
+    return ChangedDescription(edit.result(), changes, result.before, result.after,
+                              tuple(effect.target for effect in written), left_out, tuple(notes))
 
 
-def written_friction(model: GravityModel) -> tuple[str, ...]:
-    """Return the targets of the effects of a model that a description has as friction."""
-    return friction_numbers(model, model.joints, 'coulomb', 'viscous')[1]
+def written_friction(model: GravityModel, joints: Collection[str]) -> list[AppliedEffect]:
+    """Return the effects of a model on some joints that a description has as friction."""
+    return [effect for effect in model.applied.effects if effect.joint in joints
+            and _SYMBOLS.get(effect.name, '') in effect.coefficients]
 
 
-def friction_numbers(model: GravityModel, joints: Collection[str], coulomb: str, viscous: str
-                     ) -> tuple[dict[str, dict[str, str]], tuple[str, ...]]:
-    """
-    Return the attributes for Coulomb and viscous friction by joint, and the targets written.
-
-    :param coulomb: name of the attribute in N·m. :param viscous: of that in N·m·s/rad.
-    """
-    keys = {'coulomb_friction': ('F_c', coulomb), 'viscous_friction': ('F_v', viscous)}
+def _write_friction(edit: XmlEdit, joints: Mapping[str, Element],
+                    effects: Iterable[AppliedEffect], friction: tuple[str, str, str]) -> None:
+    tag, keys = friction[0], dict(zip(_SYMBOLS, friction[1:]))
     values: dict[str, dict[str, str]] = {}
-    written = []
-    for effect in model.applied.effects:
-        symbol, key = keys.get(effect.name, ('', ''))
-        if effect.joint is not None and effect.joint in joints and symbol in effect.coefficients:
-            values.setdefault(effect.joint, {})[key] = number(effect.coefficients[symbol].value)
-            written.append(effect.target)
-    return values, tuple(written)
+    for effect in effects:
+        values.setdefault(str(effect.joint), {})[keys[effect.name]] = number(
+            effect.coefficients[_SYMBOLS[effect.name]].value)
+    for name, attributes in values.items():
+        element = joints[name].child(tag) if tag else joints[name]
+        if element is None:
+            text = ' '.join(f'{key}="{value}"' for key, value in sorted(attributes.items()))
+            edit.insert(joints[name], f'<{tag} {text}/>')
+            continue
+        for key, text in attributes.items():
+            edit.set(element, key, text)

@@ -50,7 +50,7 @@ _CHAIN = """\
 
 def gravity_code(model: GravityModel, numbers: Numbers) -> str:
     """
-    Return statements that set `tau` from the sines `s` and cosines `c` of the pose.
+    Return statements that add gravity to `tau`, 0 before, from sines `s` and cosines `c`.
 
     Order of the numbers: of a chain, first the moments h_x, h_y of every joint, then the rotations
     A of every joint by rows; of an energy, its weights by ascending feature; else the weights of
@@ -58,10 +58,8 @@ def gravity_code(model: GravityModel, numbers: Numbers) -> str:
     """
     if model.chain is not None:
         return _chain(model, model.chain, numbers)
-    zero = '    int i;\n    for (i = 0; i < GC_N; ++i) tau[i] = GC_C(0.0);'
-    lines = _energy(model, model.energy, numbers) if model.energy is not None \
-        else sum_code(model.joints, model.torques, numbers)
-    return '\n'.join([zero, *(lines or ['    (void)s;', '    (void)c;'])])
+    return '\n'.join(_energy(model, model.energy, numbers) if model.energy is not None
+                     else sum_code(model.joints, model.torques, numbers))
 
 
 def _chain(model: GravityModel, chain: Chain, numbers: Numbers) -> str:
@@ -69,6 +67,7 @@ def _chain(model: GravityModel, chain: Chain, numbers: Numbers) -> str:
                                for axis in 'xy'), chain.moments.ravel())
     axes = numbers.add_all((f'{joint} A_{row}{column}' for joint in model.joints
                             for row in '123' for column in '123'), chain.axes.ravel())
+    numbers.rotations = axes
     return _CHAIN.replace('@H@', str(moments)).replace('@A@', str(axes))
 
 

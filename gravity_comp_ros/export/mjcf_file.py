@@ -15,8 +15,7 @@ from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
-    changed_description, ChangedDescription, friction_numbers, Links, nearest_masses,
-    trained_poses)
+    changed_description, ChangedDescription, Links)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable, shown_names
@@ -34,14 +33,14 @@ def changed_mjcf(path: Path, data: bytes, model: GravityModel) -> ChangedDescrip
     edit = _edit(data, str(path))
     arm = _Mujoco(path, model.joints)
     elements = _body_elements(edit, arm, str(path))
-    links = arm.links()
-    q = trained_poses(model)
-    result = nearest_masses(links, arm.columns(q), model.predict(q), model.noise, model.joints)
-    for body, mass, centre in zip(arm.bodies, result.masses, result.centres):
-        _write(edit, elements[body], arm, body, float(mass), centre)
-    effects = _write_friction(edit, model)
-    return changed_description(edit, model, links, result, effects,
-                               'an MJCF has no such effect')
+
+    def write(link: int, mass: float, centre: FloatArray) -> None:
+        _write(edit, elements[arm.bodies[link]], arm, arm.bodies[link], mass, centre)
+
+    joints = {element.attributes.get('name', ''): element for element in edit.root.descendants()
+              if element.tag == 'joint'}
+    return changed_description(edit, model, arm.links(), arm.columns, write, joints,
+                               ('', 'frictionloss', 'damping'), 'an MJCF has no such effect')
 
 
 def _edit(data: bytes, source: str) -> XmlEdit:
@@ -142,13 +141,3 @@ def _write(edit: XmlEdit, element: Element, arm: _Mujoco, body: int, mass: float
         arm.model.body_iquat[body], arm.model.body_inertia[body]))
     edit.insert(element, f'<inertial pos="{pos}" quat="{quat}" mass="{number(mass)}" '
                          f'diaginertia="{diagonal}"/>')
-
-
-def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
-    joints = {element.attributes.get('name', ''): element for element in edit.root.descendants()
-              if element.tag == 'joint'}
-    numbers, written = friction_numbers(model, joints, coulomb='frictionloss', viscous='damping')
-    for name, attributes in numbers.items():
-        for key, value in attributes.items():
-            edit.set(joints[name], key, value)
-    return written

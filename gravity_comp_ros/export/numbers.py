@@ -21,11 +21,13 @@ class Numbers:
     """
     Numbers in the order in which the code uses them, with a label and its unit for each.
 
-    `positive` are the indices of those that the code divides by.
+    `positive` are the indices of those that the code divides by, `rotations` that of the first of
+    N rotations.
     """
 
     labels: list[str] = field(default_factory=list)
     positive: list[int] = field(default_factory=list)
+    rotations: int | None = None
     _values: list[float] = field(default_factory=list)
 
     @property

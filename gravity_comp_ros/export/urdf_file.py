@@ -10,8 +10,7 @@ from gravity_comp_ros.description.links import (
 from gravity_comp_ros.description.urdf import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
-    changed_description, ChangedDescription, friction_numbers, Links, nearest_masses,
-    NearestOptions, trained_poses)
+    changed_description, ChangedDescription, Links, NearestOptions)
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
@@ -38,14 +37,18 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
                   np.array([x.centre for x in inertials.values()]),
                   np.array([_consistent(x.second_moment) for x in inertials.values()]))
     order = [model.joints.index(name) for name in arm.geometry.joints]
-    q = trained_poses(model)
-    result = nearest_masses(links, arm.columns(q[:, order], links.names),
-                            model.predict(q)[:, order], model.noise[order], arm.geometry.joints)
-    for name, mass, centre in zip(inertials, result.masses, result.centres):
-        _write(edit, elements[name], float(mass), centre)
-    notes = _repaired(edit, elements, inertials)
-    return changed_description(edit, model, links, result, _write_friction(edit, model),
-                               'a URDF has no such effect', notes)
+
+    def columns(q: FloatArray) -> FloatArray:
+        return arm.columns(q[:, order], links.names)[:, np.argsort(order)]
+
+    def write(link: int, mass: float, centre: FloatArray) -> None:
+        _write(edit, elements[links.names[link]], mass, centre)
+
+    joints = {printable(joint.attributes.get('name', '')): joint for joint in edit.root.children
+              if joint.tag == 'joint'}
+    return changed_description(edit, model, links, columns, write, joints,
+                               ('dynamics', 'friction', 'damping'),
+                               'a URDF has no such effect', _repaired(edit, elements, inertials))
 
 
 def _elements(edit: XmlEdit, arm: DescribedArm) -> dict[str, Element]:
@@ -93,19 +96,3 @@ def _write(edit: XmlEdit, inertial: Element, mass: float, centre: FloatArray) ->
         edit.insert(inertial, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
     else:
         edit.set(origin, 'xyz', xyz)
-
-
-def _write_friction(edit: XmlEdit, model: GravityModel) -> tuple[str, ...]:
-    """Write Coulomb and viscous friction as <dynamics>, and return these effects."""
-    joints = {printable(joint.attributes.get('name', '')): joint for joint in edit.root.children
-              if joint.tag == 'joint'}
-    numbers, written = friction_numbers(model, joints, coulomb='friction', viscous='damping')
-    for name, attributes in numbers.items():
-        element = joints[name].child('dynamics')
-        if element is None:
-            text = ' '.join(f'{key}="{value}"' for key, value in sorted(attributes.items()))
-            edit.insert(joints[name], f'<dynamics {text}/>')
-            continue
-        for key, value in attributes.items():
-            edit.set(element, key, value)
-    return written
