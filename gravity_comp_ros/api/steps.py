@@ -1,8 +1,8 @@
 """
 Steps of the loop on `GravityModel`, with provenance and history.
 
-The commands and ROS services call these functions. `gravity_comp_ros.fit` and the other public
-functions wrap them.
+Commands, workbench and fleet call these functions. The public ones (`loop`) wrap them, and name
+the errors that they raise.
 """
 
 from __future__ import annotations
@@ -102,13 +102,7 @@ class Learned:
 
 
 def known_arm(recording: Recording, options: LearnOptions = LearnOptions()) -> KnownArm:
-    """
-    Return the axes and the joint order of a recorded arm, from a description or the names.
-
-    :raises DataError: if a named description is not a URDF.
-    :raises ModelMismatchError: if it describes another arm.
-    :raises OptionError: if fixed joints are given without a description.
-    """
+    """Return axes and joint order, from a description or the names; errors as `known_axes`."""
     axes = KnownAxes()
     if options.formulation in WITH_AXES:
         axes = known_axes(recording.reports, recording.joints, options.axes, not options.ordered)
@@ -127,12 +121,8 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
 
     If neither description nor names give the joint order, it is identified from the torques.
 
-    :param effects: effects as in `gravity_comp_ros.fit`.
     :param speeds: selection of the samples that the effects are fitted to.
     :param arm: axes and joint order; None takes them from the recording.
-    :raises FitError: if there are too few samples, or no joint moves.
-    :raises DataError: if no sample is slow, or an effect is not identifiable.
-    :raises ModelMismatchError: if a joint of the arm is missing in the recording.
     """
     arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
@@ -157,8 +147,7 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     """
     Fit gravity to the slow samples, jointly with the named effects, on known axes and joints.
 
-    Returns the fit with provenance, and the refit of the effects (None if the fit of gravity
-    predicts all of them). The parameters and errors are those of `learn`.
+    The refit of the effects is None if the fit of gravity predicts all of them.
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
@@ -211,8 +200,6 @@ def with_enough_motion(recording: Recording) -> Recording:
     The few slow samples of a fast recording cover few poses, and a model fitted to them does not
     generalise. Friction and inertia are nuisance terms of the fit, so that fast samples can be
     used. Only the default gate is removed.
-
-    :raises DataError: if there are no samples.
     """
     if recording.gate != GateOptions():
         return recording
@@ -249,14 +236,8 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
     """
     Add effects to a model and refit gravity and effects; the history keeps the old model.
 
-    Samples held out of the original fit are not fitted.
-
-    :param effects: effects as in `gravity_comp_ros.fit`; without any, only the held-out error is
-        computed.
-    :raises DataError: if an effect is in the model already or is not identifiable, or if there
-        are too few samples.
-    :raises OptionError: if an effect or joint is unknown, or named twice.
-    :raises ModelMismatchError: if a joint of the model is missing in the recording.
+    Samples held out of the original fit are not fitted. Without effects only the held-out error
+    is computed.
     """
     recording = recording.select_joints(model.joints)
     result = refit(recording.samples, model, requests(effects, model.joints), speeds,
@@ -278,13 +259,6 @@ def update_model(model: GravityModel, recording: Recording,
     Update the gravity model after a payload change; its effects stay unchanged.
 
     Returns the update and the axes used; axes from a recording are used only if they match.
-
-    :param recording: motion with the new payload only.
-    :param axes: joint axes of the arm; with them, mass and centre of mass are identified.
-    :raises FitError: if there are too few slow samples.
-    :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if a joint of the model is missing in the recording, the model has
-        no potential energy, or the user named the description of another arm.
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
@@ -315,11 +289,6 @@ def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
 
 
 def compare_model(model: GravityModel, recording: Recording) -> Comparison:
-    """
-    Compare gravity and effects of a model with the measured torques of the slow samples.
-
-    :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if a joint of the model is missing in the recording.
-    """
+    """Compare gravity and effects of a model with the measured torques of the slow samples."""
     recording = recording.select_joints(model.joints)
     return compare(model, recording.slow, recording.samples)

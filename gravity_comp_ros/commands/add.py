@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 import shlex
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
+from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer

@@ -9,8 +9,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, learn, LearnOptions
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal

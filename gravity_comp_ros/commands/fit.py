@@ -7,8 +7,8 @@ from dataclasses import asdict, replace
 from math import degrees
 import time
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.provenance import Holdout
+from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import (
     compare_model, known_arm, learn, Learned, LearnOptions, with_enough_motion)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from gravity_comp_ros.api.arm_facts import arm_facts
-from gravity_comp_ros.api.read import joined, read_each
+from gravity_comp_ros.api.read import arm_facts, joined, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step, terminal

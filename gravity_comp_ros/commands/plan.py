@@ -103,7 +103,7 @@ def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> l
     """Return options that may resolve effects the planned motion does not resolve."""
     names = ', '.join(each.target.name for each in planned.expectations if not each.is_likely)
     lines = []
-    if names and not options.goes_beyond:
+    if names and options.low is None:
         lines.append(f'poses farther from the recorded ones may resolve {names}: --widen 0.7 '
                      f'extends the recorded range of every joint by 0.7 rad, --within limits '
                      f'--urdf FILE uses the limits of a description')

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import known_axes, NO_DESCRIPTION
+from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer

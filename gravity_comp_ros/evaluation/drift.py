@@ -7,7 +7,7 @@ the coefficients of the effects of single joints.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -32,6 +32,9 @@ class DriftOptions:
 
     def __post_init__(self) -> None:
         check_positive(self, 'drift')
+
+
+DRIFT = DriftOptions()
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,7 @@ class Drift:
                 'coefficients': [asdict(one) for one in self.coefficients]}
 
 
-def drift(before: GravityModel, after: GravityModel, samples: JointSamples,
-          options: DriftOptions = DriftOptions()) -> Drift:
+def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> Drift:
     """
     Return the changes from one model to another at the poses of samples.
 
@@ -89,8 +91,8 @@ def drift(before: GravityModel, after: GravityModel, samples: JointSamples,
         rms = float(np.sqrt((change[:, k] ** 2).mean()))
         error = None if std is None else float(std[k])
         joints[name] = JointDrift(rms, float(change[:, k].mean()), error,
-                                  error is not None and rms > options.significance * error)
-    return Drift(joints, tuple(_coefficients(before, after, options)))
+                                  error is not None and rms > DRIFT.significance * error)
+    return Drift(joints, tuple(_coefficients(before, after)))
 
 
 def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray | None:
@@ -102,21 +104,15 @@ def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray
     return np.asarray(np.sqrt(variance.mean(axis=0)))
 
 
-def _coefficients(before: GravityModel, after: GravityModel,
-                  options: DriftOptions) -> list[CoefficientDrift]:
-    """Return the coefficients of the effects of single joints, in the order of the joints."""
+def _coefficients(before: GravityModel, after: GravityModel) -> Iterator[CoefficientDrift]:
+    """Yield the coefficients of the effects of single joints, in the order of the joints."""
     old, new = _effects(before), _effects(after)
-    result = []
-    for target in sorted({**old, **new}, key=lambda t: (after.joints.index(t[1]), t[0])):
-        a, b = old.get(target), new.get(target)
-        for symbol in dict.fromkeys((*(a.coefficients if a else ()),
-                                     *(b.coefficients if b else ()))):
-            x = a.coefficients.get(symbol) if a else None
-            y = b.coefficients.get(symbol) if b else None
-            result.append(CoefficientDrift(
-                (a or b).target, symbol, x, y,  # type: ignore[union-attr]
-                _has_drifted(x, y, options)))
-    return result
+    for key in sorted({**old, **new}, key=lambda key: (after.joints.index(key[1]), key[0])):
+        effects = [model[key] for model in (old, new) if key in model]
+        for symbol in dict.fromkeys(symbol for each in effects for symbol in each.coefficients):
+            x, y = (model[key].coefficients.get(symbol) if key in model else None
+                    for model in (old, new))
+            yield CoefficientDrift(effects[0].target, symbol, x, y, _has_drifted(x, y))
 
 
 def _effects(model: GravityModel) -> dict[tuple[str, str], AppliedEffect]:
@@ -125,9 +121,9 @@ def _effects(model: GravityModel) -> dict[tuple[str, str], AppliedEffect]:
             if effect.joint is not None}
 
 
-def _has_drifted(before: Quantity | None, after: Quantity | None, options: DriftOptions) -> bool:
+def _has_drifted(before: Quantity | None, after: Quantity | None) -> bool:
     """Return whether two coefficients differ; one that was not found counts as 0."""
     values = [0.0 if x is None else x.value for x in (before, after)]
     halves = [0.5 * (x.ci95[1] - x.ci95[0]) for x in (before, after) if x is not None]
     return bool(abs(values[1] - values[0])
-                > options.significance / HALF_95 * float(np.linalg.norm(halves)))
+                > DRIFT.significance / HALF_95 * float(np.linalg.norm(halves)))

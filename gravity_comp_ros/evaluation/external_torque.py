@@ -25,7 +25,7 @@ the smaller of both, 0 if they have opposite signs: a push accelerates a joint w
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
@@ -106,48 +106,40 @@ class ExternalTorqueObserver:
     def __init__(self, model: GravityModel,
                  options: ExternalTorqueOptions = ExternalTorqueOptions()) -> None:
         self._model, self.options = model, options
-        every = (*model.applied.effects, *model.fitted.effects)
-        # Without effects that another version has fitted: they cannot be computed.
-        effects = [effect for effect in every if _size_of(model, effect) is not None]
         library = all_effects()
-
-        def live(needs: Needs, is_friction: bool) -> LiveEffects:
-            return LiveEffects(model, [
-                effect for effect in effects if library[effect.name].needs is needs
-                and (library[effect.name].family == FRICTION) == is_friction])
-
-        self._friction, self._others = live(Needs.SPEED, True), live(Needs.SPEED, False)
-        self._dynamics = live(Needs.ACCELERATION, False)
-        included = {target for part in (self._friction, self._others, self._dynamics)
-                    for target in part.targets}
-        left_out = [effect for effect in effects if effect.target not in included]
-        self.left_out = tuple(effect.target for effect in left_out)
-        self._noise = np.hypot(residual_noise(model), size(model, left_out))
-        for effect in every:
-            if effect not in effects:
+        kinds = defaultdict[tuple[Needs, bool], list[AppliedEffect]](list)
+        self._noise = residual_noise(model).copy()
+        for effect in (*model.applied.effects, *model.fitted.effects):
+            if _size_of(model, effect) is not None:
+                own = library[effect.name]
+                kinds[own.needs, own.family == FRICTION].append(effect)
+            else:  # of another version: it cannot be computed
                 self._noise[slice(None) if effect.joint is None
                             else model.joints.index(effect.joint)] = np.nan
-        known = [e for e in effects if library[e.name].family == FRICTION]
+        friction = [*kinds[Needs.SPEED, True], *kinds[Needs.HISTORY, True]]
+        self._friction = LiveEffects(model, kinds.pop((Needs.SPEED, True)))
+        self._others = LiveEffects(model, kinds.pop((Needs.SPEED, False), []))
+        self._dynamics = LiveEffects(model, kinds.pop((Needs.ACCELERATION, False), []))
+        left_out = [effect for rest in kinds.values() for effect in rest]
+        self.left_out = tuple(effect.target for effect in left_out)
+        self._noise = np.hypot(self._noise, size(model, left_out))
         self._slow = np.full(model.n_joints, options.rest_speed)
-        for effect in known:
+        for effect in friction:
             if effect.joint is not None:
                 k = model.joints.index(effect.joint)
                 self._slow[k] = max(self._slow[k], *speed_law(effect.setting, 0.0).values())
-        self._limit = static_limit(model, known, self._slow)
-        self._rows: deque[tuple[float, FloatArray]] = deque()
-        # Results of the last `scatter_delay` s, those of one window before it, and the running
-        # mean square of changes with its weight.
-        self._recent: deque[tuple[float, FloatArray]] = deque()
-        self._results: deque[tuple[float, FloatArray]] = deque()
+        self._limit = static_limit(model, friction, self._slow)
+        # The running mean square of changes of the results, with its weight.
         self._squares, self._weight = np.zeros(model.n_joints), 0.0
         self._model_std = np.full(model.n_joints, np.nan)
-        self._std_at = self._due = -np.inf
+        self.restart()
 
     def restart(self) -> None:
         """Forget earlier samples: the clock has started again."""
-        self._rows.clear()
-        self._recent.clear()
-        self._results.clear()
+        self._rows = deque[tuple[float, FloatArray]]()
+        # Results of the last `scatter_delay` s, and those of one window before it.
+        self._recent = deque[tuple[float, FloatArray]]()
+        self._results = deque[tuple[float, FloatArray]]()
         self._std_at = self._due = -np.inf
 
     def add(self, t: float, q: FloatArray, qd: FloatArray,
@@ -160,18 +152,18 @@ class ExternalTorqueObserver:
         :param t: time in s, later than before. :param q: pose (N,) in rad.
         :param qd: speed (N,) in rad/s. :param tau: measured torque (N,) in N·m.
         """
-        options, rows = self.options, self._rows
-        if rows and not 0.0 < t - rows[-1][0] <= options.max_gap:
+        options = self.options
+        if self._rows and not 0.0 < t - self._rows[-1][0] <= options.max_gap:
             self.restart()
+        rows = self._rows
         gravity = self._model.predict_one(q)
         friction = self._friction.torque(q, qd, gravity)
         rest = tau - gravity - friction - self._others.torque(q, qd, gravity)
         rows.append((t, np.stack([q, qd, gravity, friction, rest])))
         while len(rows) > options.min_samples and t - rows[1][0] >= options.window - 1e-9:
             rows.popleft()
-        if len(rows) < options.min_samples or t - rows[0][0] < 0.8 * options.window - 1e-9:
-            return None
-        if t < self._due:
+        if (len(rows) < options.min_samples or t - rows[0][0] < 0.8 * options.window - 1e-9
+                or t < self._due):
             return None
         self._due = t + options.period - 1e-9
         times = np.array([row[0] for row in rows])

@@ -30,6 +30,8 @@ from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import minimize
 
 # Coefficients of the effects that a description has as friction.
 _SYMBOLS = {'coulomb_friction': 'F_c', 'viscous_friction': 'F_v'}
@@ -46,8 +48,8 @@ class NearestOptions:
     descriptions give point masses. `max_misfit` is the largest RMS deviation from the model, as a
     share of the joint's RMS torque, beyond the noise: a larger one is that of another arm.
     `thinnest` is the smallest second moment along an axis of a repaired inertia, as a share of the
-    largest. `converged` is the decrease of the divergence at which the search ends, after `steps`
-    at most.
+    largest. `converged` is the gradient by the logarithms of the masses at which the search ends;
+    at more than `acceptable` it failed.
 
     :raises OptionError: if a number is not positive.
     """
@@ -57,8 +59,8 @@ class NearestOptions:
     min_radius: float = 0.01
     max_misfit: float = 0.05
     thinnest: float = 1e-3
-    converged: float = 1e-10
-    steps: int = 200
+    converged: float = 1e-8
+    acceptable: float = 1e-3
 
     def __post_init__(self) -> None:
         check_positive(self, 'nearest masses')
@@ -125,67 +127,38 @@ def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, nois
 
 def _minimum(links: Links, rows: FloatArray, target: FloatArray,
              options: NearestOptions) -> FloatArray:
-    """Return x of the least divergence plus half the squared deviation, by Newton's method."""
-    distance = _Divergence(links, options.min_radius)
-    square, linear = rows.T @ rows, rows.T @ target
-    x = links.parameters
+    """
+    Return x of the least divergence plus half the squared deviation.
 
-    def cost(x: FloatArray) -> float:
-        return distance.value(x) + 0.5 * float(x @ square @ x) - float(linear @ x)
+    For given masses the best first moments are linear in the target. What remains is a function
+    of the logarithms of the masses, whose gradient is that at fixed moments (envelope theorem).
+    """
+    count, size = len(links.masses), np.arange(3)
+    second = links.second_moments.copy()
+    second[:, size, size] += links.masses[:, None] * options.min_radius ** 2
+    weight, columns = np.linalg.inv(second), rows.reshape(len(rows), count, 4)
+    moments = columns[:, :, 1:].reshape(len(rows), -1)
+    masses = columns[:, :, 0] + np.einsum('rli,li->rl', columns[:, :, 1:], links.centres)
+    gram = moments.T @ moments
 
-    for _ in range(options.steps):
-        gradient, hessian = distance.derivatives(x)
-        gradient, hessian = gradient + square @ x - linear, hessian + square
-        # Scaled by its diagonal: masses and moments, and stiff and free directions, differ.
-        size = 1.0 / np.sqrt(np.diag(hessian))
-        step = -size * np.linalg.solve(size[:, None] * hessian * size, size * gradient)
-        decrease = -float(gradient @ step)
-        if decrease < options.converged:
-            return x
-        share, before = 1.0, cost(x)
-        while share > 1e-12 and not cost(x + share * step) <= before - 0.1 * share * decrease:
-            share *= 0.5
-        if share <= 1e-12:
-            return x  # rounding of the cost
-        x = x + share * step
-    raise FitError('the masses nearest to the description did not converge')
+    def best(logs: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return cost, gradient and x for logarithms (L,) of the masses over those before."""
+        m = links.masses * np.exp(logs)
+        rest = target - masses @ m
+        shift = np.linalg.solve(gram + block_diag(*(2.0 * weight / m[:, None, None])),
+                                moments.T @ rest)
+        rest, h = rest - moments @ shift, shift.reshape(count, 3)
+        spread = np.einsum('li,lij,lj->l', h, weight, h) / m
+        ratio = np.exp(logs)
+        cost = (ratio - logs - 1.0 + spread).sum() + 0.5 * rest @ rest
+        return float(cost), ratio - 1.0 - spread - m * (masses.T @ rest), np.column_stack(
+            [m, m[:, None] * links.centres + h]).ravel()
 
-
-class _Divergence:
-    """Sum of the divergences of all links, and its derivatives by x."""
-
-    def __init__(self, links: Links, min_radius: float) -> None:
-        self.masses = links.masses
-        floor = (links.masses * min_radius ** 2)[:, None, None] * np.eye(3)
-        self.weight = np.linalg.inv(links.second_moments + floor)
-        self.pull = np.einsum('lij,lj->li', self.weight, links.centres)
-        self.constant = np.einsum('li,li->l', self.pull, links.centres)
-
-    def value(self, x: FloatArray) -> float:
-        m, h = x.reshape(-1, 4)[:, 0], x.reshape(-1, 4)[:, 1:]
-        if (m <= 0.0).any():
-            return float('inf')
-        ratio = m / self.masses
-        moment = np.einsum('li,lij,lj->l', h, self.weight, h) / m
-        return float((ratio - np.log(ratio) - 1.0 + moment - 2.0 * (self.pull * h).sum(axis=1)
-                      + m * self.constant).sum())
-
-    def derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        m, h = x.reshape(-1, 4)[:, 0], x.reshape(-1, 4)[:, 1:]
-        count = len(m)
-        wh = np.einsum('lij,lj->li', self.weight, h)
-        hwh = (wh * h).sum(axis=1)
-        gradient = np.empty((count, 4))
-        gradient[:, 0] = 1.0 / self.masses - 1.0 / m - hwh / m ** 2 + self.constant
-        gradient[:, 1:] = 2.0 * (wh / m[:, None] - self.pull)
-        hessian = np.zeros((count, 4, count, 4))
-        each = np.arange(count)
-        block = np.empty((count, 4, 4))
-        block[:, 0, 0] = 1.0 / m ** 2 + 2.0 * hwh / m ** 3
-        block[:, 0, 1:] = block[:, 1:, 0] = -2.0 * wh / (m ** 2)[:, None]
-        block[:, 1:, 1:] = 2.0 * self.weight / m[:, None, None]
-        hessian[each, :, each, :] = block
-        return gradient.ravel(), hessian.reshape(4 * count, 4 * count)
+    result = minimize(lambda logs: best(logs)[:2], np.zeros(count), jac=True,
+                      options={'gtol': options.converged})
+    if np.abs(result.jac).max() > options.acceptable:
+        raise FitError('the masses nearest to the description did not converge')
+    return best(result.x)[2]
 
 
 def _check_misfit(residual: FloatArray, torque: FloatArray, noise: FloatArray,

@@ -1,27 +1,21 @@
 """
-Criterion of a motion: the evidence of each target against its alternatives, expected and drawn.
+Criterion of a motion: the evidence of each target against its alternatives in drawn results.
 
-Let M be the information on a target's coefficients and those of an alternative, the terms of the
-base eliminated (the Schur complement of the posterior's precision). If the target's size has the
-second moments Sigma, the score of coefficients x has the second moments M_xx + M_xt Sigma M_tx, so
-that their expected log evidence is, with their prior covariance S,
+With N the information on a target and its alternatives after the terms of the base are eliminated
+(the Schur complement of the posterior's precision) and x the size of the target, the scores of
+their coefficients are N_x x plus noise of covariance N. They give the log evidence of each model.
+x is drawn from the posterior if the recordings measure it, else from its prior.
 
-    1/2 tr((M_xx + S^-1)^-1 (M_xx + M_xt Sigma M_tx)) - 1/2 log |I + M_xx S|.
-
-The separation is that of the target minus that of an alternative, the gain that of the target. The
-utility is logarithmic in the smallest of them, so that one target does not take the whole time.
-
-The chance that a chosen motion resolves a target is that of the evidences of the models after it,
-for drawn results. The torque of the motion is drawn from the model with the target. A size that
-the recordings measure is drawn from its estimate, and their sums are as measured; another one is
-drawn from its prior, and so are the sums of the recordings. The target is resolved if its gain and
-its separation from every alternative reach the limits of the engine.
+The separation of a target in a drawn result is the lead of its evidence over the best other model,
+with an alternative or without both. The utility is log(1 + mean log(1 + exp(separation))): it is
+logarithmic in the separation, so that one target does not take the whole time. The chance that a
+motion resolves a target is the share of results in which its gain and its separation from every
+alternative reach the limits of the engine.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
@@ -66,62 +60,43 @@ class Question:
     alternatives: Terms
     sums: Sums
 
-    @cached_property
+    @property
     def is_measured(self) -> bool:
-        """Return whether the recordings contain the term."""
-        regression, (*_, evidence) = self.sums.regression, self._now
-        gain = evidence - _solved(self.sums, self.base, self.sums.recorded, self.sums.score)[2]
-        return (self.term.key not in regression.candidates.untestable
-                and float(gain) >= regression.problem.options.min_gain)
+        """Return whether the term is in the regression of the recordings."""
+        return self.term in self.sums.regression.posterior.at
 
-    @cached_property
+    @property
     def size(self) -> FloatArray:
         """Return the estimate (K,) of a measured size, else its prior standard deviations."""
-        mean: FloatArray = self._now[0][-self.term.n_columns:]
-        return mean if self.is_measured else self.term.prior_std
+        posterior = self.sums.regression.posterior
+        return posterior.beta[posterior.at[self.term]] if self.is_measured else self.term.prior_std
 
     def utility(self, marginal: FloatArray) -> FloatArray:
         """Return the utility (C,) of sums of the terms, the shared part eliminated, (C, T, T)."""
-        options, first = self.sums.regression.problem.options, self.sums.n_shared
-        models = [self.sums.at([term]) - first for term in (self.term, *self.alternatives)]
-        kept = np.concatenate(models)
-        information = eliminated(marginal, self.sums.at(self.base) - first, kept,
-                                 self.sums.std[first:])
-        ends = np.cumsum([len(model) for model in models])
-        gain, *others = (self._expected(information, np.arange(end - len(model), end),
-                                        self.sums.std[first:][model])
-                         for model, end in zip(models, ends))
-        smallest = np.min([gain, *(gain - other for other in others)], axis=0)
-        needed = options.min_gain + options.margin - self.term.log_odds
-        return np.asarray(np.log1p(np.maximum(smallest, 0.0) / needed))
+        p = self.sums.n_shared
+        information = eliminated(marginal, self.sums.at(self.base) - p,
+                                 self.sums.at(self._models) - p, self.sums.std[p:])
+        separation = np.min(self._separations(information), axis=0)
+        return np.asarray(np.log1p(np.logaddexp(0.0, separation).mean(axis=-1)))
 
-    def _expected(self, information: FloatArray, here: IntArray, std: FloatArray) -> FloatArray:
-        """Return the expected log evidence (C,) of coefficients if the target is present."""
-        own = information[:, here[:, None], here] * np.outer(std, std)
-        side = information[:, here, :self.term.n_columns] * std[:, None]
-        score = own + side @ self._moment @ side.transpose(0, 2, 1)
-        whole = own + np.eye(len(here))
-        explained = np.trace(np.linalg.solve(whole, score), axis1=1, axis2=2)
-        return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(whole)[1])
+    @property
+    def _models(self) -> Terms:
+        return (self.term, *self.alternatives)
 
-    @cached_property
-    def _moment(self) -> FloatArray:
-        """Return the second moments (K, K) of the size."""
-        if not self.is_measured:
-            return np.diag(self.size ** 2)
-        k = self.term.n_columns
-        return np.outer(self.size, self.size) + self._now[1][-k:, -k:]
+    def _information(self, a: FloatArray, terms: Terms) -> FloatArray:
+        """Return the information (K, K) on some terms at sums (L, L), the base eliminated."""
+        return eliminated(a[None], self.sums.places(self.base), self.sums.at(terms),
+                          self.sums.std)[0]
 
     def identified(self, a: FloatArray) -> float:
         """Return the share (RMS) of the best coefficient that others leave at sums (L, L)."""
-        own, base = self.sums.at([self.term]), self.sums.places(self.base)
-        information = eliminated(a[None], base, own, self.sums.std)[0]
-        return float(shares_left(information, np.diag(a)[own]).max())
+        return float(shares_left(self._information(a, (self.term,)),
+                                 np.diag(a)[self.sums.at([self.term])]).max())
 
     def std(self, a: FloatArray) -> FloatArray:
         """Return the standard deviations (K,) of the coefficients at sums (L, L)."""
-        _, covariance, _ = _solved(self.sums, self._with_term, a, self.sums.score)
-        return np.sqrt(np.diag(covariance)[-self.term.n_columns:])
+        precision = self._information(a, (self.term,)) + np.diag(self.term.prior_std ** -2.0)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision))))
 
     def untestable(self, motion: Motion, a: FloatArray) -> str:
         """Return why a motion of sums (L, L) does not identify the target, '' if it does."""
@@ -131,44 +106,41 @@ class Question:
             return f'the other terms absorb all but {share:.1%} of its torque'
         return reason or ''
 
-    def after(self, added: FloatArray) -> Chance:
-        """Return the chance with the recordings and a motion of sums (L, L)."""
-        sums, options = self.sums, self.sums.regression.problem.options
-        a, b = sums.recorded + added, self._drawn(added)
-        own, without, *others = (_solved(sums, terms, a, b)[2] for terms in (
-            self._with_term, self.base, *((*self.base, t) for t in self.alternatives)))
-        gain, separations = own - without, [own - other for other in others]
-        separation = np.min([gain, *separations], axis=0)
-        closest = min(zip(separations, self.alternatives), key=lambda each: each[0].mean(),
-                      default=(gain, None))
+    def chance(self, a: FloatArray) -> Chance:
+        """Return the chance at sums (L, L) of the recordings and a motion."""
+        options = self.sums.regression.problem.options
+        gain, *others = self._separations(self._information(a, self._models))
+        separation = np.min([gain, *others], axis=0)
+        means = [other.mean() for other in others]
+        closest = int(np.argmin(means)) if means and min(means) < gain.mean() else None
         return Chance(float(((gain >= options.min_gain) & (separation >= options.margin)).mean()),
                       float(np.median(gain)), float(np.median(separation)),
-                      closest[1] if closest[0].mean() < gain.mean() else None)
+                      None if closest is None else self.alternatives[closest])
 
-    def _drawn(self, added: FloatArray) -> FloatArray:
-        """Return drawn products (D, L) of the columns with the torque."""
-        sums, rng, places = self.sums, np.random.default_rng(0), self.sums.places(self._with_term)
-        drawn = rng.standard_normal((_DRAWS, len(places)))
+    def _separations(self, information: FloatArray) -> list[FloatArray]:
+        """
+        Return the gain (..., D) of the target in drawn results, and its lead over alternatives.
+
+        :param information: on target and alternatives, (..., T, T).
+        """
+        rng, start, evidences = np.random.default_rng(0), 0, []
+        score = self._drawn_size(rng) @ information[..., :self.term.n_columns, :]
+        score += rng.standard_normal(score.shape[-2:]) @ np.swapaxes(_root(information), -1, -2)
+        for term in self._models:
+            here = slice(start, start + term.n_columns)
+            evidences.append(_evidence(term, information[..., here, here], score[..., here]))
+            start = here.stop
+        return [evidences[0], *(evidences[0] - other for other in evidences[1:])]
+
+    def _drawn_size(self, rng: np.random.Generator) -> FloatArray:
+        """Return drawn coefficients (D, K) of the target."""
+        drawn = rng.standard_normal((_DRAWS, self.term.n_columns))
         if self.is_measured:
-            mean, covariance, _ = self._now
-            drawn = mean + drawn @ _root(covariance).T
-            start, products = sums.score, added
-        else:
-            drawn[:, :-self.term.n_columns] = 0.0
-            drawn[:, -self.term.n_columns:] *= self.term.prior_std
-            if self.term.effect.why_not_negative:
-                drawn = np.abs(drawn)
-            start, products = 0.0 * sums.score, sums.recorded + added
-        noise = rng.standard_normal((_DRAWS, len(start))) @ _root(products).T
-        return np.asarray(start + drawn @ products[places] + noise)
-
-    @property
-    def _with_term(self) -> Terms:
-        return (*self.base, self.term)
-
-    @cached_property
-    def _now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return _solved(self.sums, self._with_term, self.sums.recorded, self.sums.score)
+            posterior = self.sums.regression.posterior
+            here = posterior.at[self.term]
+            return self.size + drawn @ _root(posterior.covariance[np.ix_(here, here)]).T
+        drawn = drawn * self.term.prior_std
+        return np.abs(drawn) if self.term.effect.why_not_negative else drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,30 +219,19 @@ def eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -
     return np.asarray(own - side.transpose(0, 2, 1) @ np.linalg.solve(whole, side))
 
 
-def _solved(sums: Sums, terms: Terms, a: FloatArray, b: FloatArray
-            ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """
-    Return posterior mean (…, K), covariance (K, K) and log evidence (…,) of a model.
-
-    :param terms: those of the model, after the shared part.
-    :param a: sums (L, L). :param b: scores (…, L).
-    """
-    places = sums.places(terms)
-    size = sums.std[places]
-    scale = np.outer(size, size)
-    covariance = np.linalg.inv(a[np.ix_(places, places)] * scale + np.eye(len(places)))
-    score = b[..., places] * size
-    mean = np.asarray(score @ covariance)
-    evidence = (0.5 * (score * mean).sum(axis=-1) + 0.5 * np.linalg.slogdet(covariance)[1]
-                + sum(term.log_odds for term in terms))
-    # Priors of positive coefficients are cut at 0 (`gains.log_share_allowed`).
-    cut = np.flatnonzero(sums.positive[places])
-    evidence = evidence + (log_ndtr(mean[..., cut] / np.sqrt(np.diag(covariance)[cut]))
-                           + np.log(2.0)).sum(axis=-1)
-    return mean * size, np.asarray(covariance * scale), np.asarray(evidence)
+def _evidence(term: Term, information: FloatArray, score: FloatArray) -> FloatArray:
+    """Return the log evidence (..., D) of a term for scores (..., D, K) (`regression.gains`)."""
+    covariance = np.linalg.inv(information + np.diag(term.prior_std ** -2.0))
+    mean = score @ covariance
+    spread = np.linalg.slogdet(np.eye(term.n_columns) + information * term.prior_std ** 2)[1]
+    evidence = term.log_odds + 0.5 * ((score * mean).sum(axis=-1) - spread[..., None])
+    if term.effect.why_not_negative:
+        std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        evidence += (log_ndtr(mean / std[..., None, :]) + np.log(2.0)).sum(axis=-1)
+    return np.asarray(evidence)
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """Return a factor F of a positive semi-definite matrix, F F'."""
+    """Return a factor F (..., K, K) of positive semi-definite matrices, F F'."""
     values, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

@@ -16,6 +16,7 @@ Joints whose angle is a linear function of the other angles are named for themse
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import Any
 
 from gravity_comp_ros.data.option_checks import check_positive
@@ -78,6 +79,9 @@ class EnoughOptions:
         check_positive(self, 'motion')
 
 
+LIMITS = EnoughOptions()
+
+
 @dataclass(frozen=True)
 class Stroke:
     """Slow motion of a joint from `low` to `high` and back, in rad, for `seconds`."""
@@ -109,7 +113,6 @@ class Enough:
     dependent: tuple[str, ...]
     directions: int
     moving: int
-    options: EnoughOptions = EnoughOptions()
 
     @property
     def seconds(self) -> float:
@@ -118,7 +121,7 @@ class Enough:
 
     def facts(self) -> list[Fact]:
         """Return the facts on motion that is missing."""
-        facts, limit = [], self.options.max_std
+        facts = []
         if self.dependent:
             facts.append(Fact(
                 Kind.MOTION, self.dependent,
@@ -126,12 +129,11 @@ class Enough:
                 f'moving joints span {self.directions} directions', Action.NOTED,
                 'a model may be wrong at other poses; move these joints on their own as well, or '
                 'all joints with different periods'))
-        uncertain = {name: share for name, share in self.std.items() if share > limit}
+        uncertain = {name: share for name, share in self.std.items() if share > LIMITS.max_std}
         if uncertain:
-            by_size: dict[str, list[str]] = {}
-            for name, share in sorted(uncertain.items(), key=lambda each: -each[1]):
-                by_size.setdefault(_percent(share), []).append(name)
-            words = ', '.join(f'{size} on {", ".join(names)}' for size, names in by_size.items())
+            largest = sorted(uncertain, key=lambda name: -uncertain[name])
+            words = ', '.join(f'{size} on {", ".join(names)}' for size, names in groupby(
+                largest, lambda name: _percent(uncertain[name])))
             facts.append(Fact(
                 Kind.MOTION, tuple(uncertain), f'too little motion for a model: the standard '
                 f'deviation of gravity within the ranges, as a share of the torque, is {words}',
@@ -143,11 +145,11 @@ class Enough:
         parts = [str(sweep) for sweep in self.sweeps]
         if self.together:
             parts.append(f'all joints at once, each over its range and at least '
-                         f'{self.options.min_range:g} rad, for {self.together:.0f} s')
-        motion = (f'record {self.seconds:.0f} s more at about {self.options.speed:g} rad/s: '
+                         f'{LIMITS.min_range:g} rad, for {self.together:.0f} s')
+        motion = (f'record {self.seconds:.0f} s more at about {LIMITS.speed:g} rad/s: '
                   f'{"; ".join(parts)}')
         worst = max(self.after.values())
-        if worst <= self.options.max_std:
+        if worst <= LIMITS.max_std:
             return motion
         if self.seconds == 0:
             return 'slow motion within these ranges does not reduce it'
@@ -155,15 +157,14 @@ class Enough:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `motion` of `info --json`."""
-        return {'std': self.std, 'std_after': self.after, 'max_std': self.options.max_std,
+        return {'std': self.std, 'std_after': self.after, 'max_std': LIMITS.max_std,
                 'seconds': self.seconds, 'together_s': self.together,
                 'sweeps': [asdict(sweep) for sweep in self.sweeps],
                 'dependent': list(self.dependent), 'directions': self.directions,
                 'moving': self.moving}
 
 
-def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
-                  options: EnoughOptions = EnoughOptions()) -> Enough:
+def enough_motion(samples: JointSamples, geometry: Geometry | None = None) -> Enough:
     """
     Return the sufficiency of the motion of one or several recordings.
 
@@ -172,15 +173,15 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None,
     """
     if samples.n_samples < _MIN_SAMPLES or at_rest(samples.q).all() or not samples.tau.any():
         raise FitError('no motion with efforts, from which gravity could be estimated')
-    sums = _Sums(Problem.of(samples), geometry, options)
-    time, after = sums.motion_to_add()
-    names, low, high = samples.names, sums.low, sums.high
-    sweeps = tuple(Stroke(names[n], float(low[n]), float(high[n]), time[n])
-                   for n in sorted(n for n in time if n is not None))
-    dependent, directions, moving = _dependence(samples.q, options)
-    return Enough(_by_name(names, sums.std(sums.recorded)), _by_name(names, after), sweeps,
-                  time.get(None, 0.0), tuple(names[n] for n in dependent), directions, moving,
-                  options)
+    sums = _Sums(Problem.of(samples), geometry)
+    (*each, together), after = sums.motion_to_add()
+    names = samples.names
+    sweeps = tuple(Stroke(*stroke) for stroke in zip(
+        names, sums.low.tolist(), sums.high.tolist(), each) if stroke[-1])
+    dependent, directions, moving = _dependence(samples.q)
+    std, after_by_name = (dict(zip(names, x.tolist())) for x in (sums.std(sums.recorded), after))
+    return Enough(std, after_by_name, sweeps, together, tuple(names[n] for n in dependent),
+                  directions, moving)
 
 
 class _Sums:
@@ -190,11 +191,10 @@ class _Sums:
     That of the K deviations of each offset in later recordings (N K) is eliminated.
     """
 
-    def __init__(self, problem: Problem, geometry: Geometry | None,
-                 options: EnoughOptions) -> None:
-        self.options, self.scale = options, problem.scale
+    def __init__(self, problem: Problem, geometry: Geometry | None) -> None:
+        self.scale = problem.scale
         middle = 0.5 * (problem.scale.low + problem.scale.high)
-        half = 0.5 * np.maximum(problem.scale.high - problem.scale.low, options.min_range)
+        half = 0.5 * np.maximum(problem.scale.high - problem.scale.low, LIMITS.min_range)
         self.low, self.high = middle - half, middle + half
         poses, nuisance = generic_poses(problem, _ROWS)
         self.q, n = poses.q, poses.n_joints
@@ -213,7 +213,7 @@ class _Sums:
         times = correlation_times(residual, poses.runs)
         rows = problem.rows.n_rows / len(self.q)
         self.weight = weight / np.where(times < WHITE, 1.0, times * rows)
-        whole = _precision(x, rows * self.weight, prior_std)
+        whole = _products(x, rows * self.weight, prior_std)
         own = slice(8 * n, None)
         self.recorded = whole[:8 * n, :8 * n] - whole[:8 * n, own] @ np.linalg.solve(
             whole[own, own], whole[own, :8 * n])
@@ -235,7 +235,7 @@ class _Sums:
         offsets = np.arange(8 * n, x.shape[1]).reshape(n, -1)
         weight = np.full(n, 1.0 / max(float(tau.var()), least ** 2))
         for _ in range(_ROUNDS):
-            covariance = _inverse(_precision(x, weight, prior_std))
+            covariance = _inverse(_products(x, weight, prior_std))
             beta = covariance @ np.einsum('n,njm,mn->j', weight, x, tau)
             residual = tau - np.einsum('njm,j->mn', x, beta)
             weight = 1.0 / ((residual ** 2).mean(axis=0) + least ** 2)
@@ -258,49 +258,43 @@ class _Sums:
         """Return the standard deviation (N,) of gravity as a share of the torque scale."""
         p = self.mean_square.shape[1]
         square = np.einsum('ij,nji->n', _inverse(precision)[:p, :p], self.mean_square)
-        scale = np.maximum(self.scale.torque, self.options.min_scale * self.scale.largest)
+        scale = np.maximum(self.scale.torque, LIMITS.min_scale * self.scale.largest)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / scale)
 
-    def motion_to_add(self) -> tuple[dict[int | None, float], FloatArray]:
-        """Return seconds of motions to add by joint (None for all), and the result (N,)."""
-        limit, total, std = self.options.max_std, self.recorded, self.std(self.recorded)
-        time: dict[int | None, float] = {}
+    def motion_to_add(self) -> tuple[list[float], FloatArray]:
+        """Return seconds of motions of each joint, then of all, to add, and the result (N,)."""
+        limit, total, std = LIMITS.max_std, self.recorded, self.std(self.recorded)
+        time = [0.0] * (1 + len(std))
         candidates = self._candidates() if (std > limit).any() else []
-        while (std > limit).any() and sum(time.values()) < self.options.max_seconds:
+        while (std > limit).any() and sum(time) < LIMITS.max_seconds:
             results = [self.std(total + added) for _, _, added in candidates]
-            gains = [self._gain(std, after) / seconds
-                     for after, (_, seconds, _) in zip(results, candidates)]
+            # By how much uncertain joints become certain, in units of ln std per s.
+            gains = [float(np.log(np.maximum(std, limit) / np.maximum(after, limit)).sum())
+                     / seconds for after, (_, seconds, _) in zip(results, candidates)]
             best = int(np.argmax(gains))
-            if gains[best] * self.options.max_seconds < limit:
+            if gains[best] * LIMITS.max_seconds < limit:
                 break
             joint, seconds, added = candidates[best]
             total, std = total + added, results[best]
-            time[joint] = time.get(joint, 0.0) + seconds
+            time[joint] += seconds
         return time, std
 
-    def _gain(self, before: FloatArray, after: FloatArray) -> float:
-        """Return by how much uncertain joints become certain, in units of ln std."""
-        limit = self.options.max_std
-        return float(np.log(np.maximum(before, limit) / np.maximum(after, limit)).sum())
-
-    def _candidates(self) -> list[tuple[int | None, float, FloatArray]]:
-        """Return joint, duration in s and sums of each motion."""
+    def _candidates(self) -> list[tuple[int, float, FloatArray]]:
+        """Return joint (N for all), duration in s and sums of each motion."""
         rng, n = np.random.default_rng(1), self.q.shape[1]
-        bases = self.q[rng.integers(0, len(self.q), _BASES)]
-        result: list[tuple[int | None, float, FloatArray]] = []
+        bases, result = self.q[rng.integers(0, len(self.q), _BASES)], []
         for joint in range(n):
             for base in bases:
                 ends = np.stack([base, base])
                 ends[:, joint] = self.low[joint], self.high[joint]
                 result.append((joint, *self._moved(ends)))
-        for _ in range(_TOURS):
-            result.append((None, *self._moved(rng.uniform(self.low, self.high, (_POSTURES, n)))))
-        return result
+        return result + [(n, *self._moved(rng.uniform(self.low, self.high, (_POSTURES, n))))
+                         for _ in range(_TOURS)]
 
     def _moved(self, postures: FloatArray) -> tuple[float, FloatArray]:
         """Return duration and sums of the motion through postures (K, N) and back to the first."""
         lines = through([*postures, postures[0]], Limits(
-            self.options.speed, PlanOptions.max_acceleration, PlanOptions.max_jerk))
+            LIMITS.speed, PlanOptions.max_acceleration, PlanOptions.max_jerk))
         seconds = duration(lines)
         q, qd, qdd = sampled(lines, _PLANNED / seconds)[1]
         nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, qdd])
@@ -309,12 +303,11 @@ class _Sums:
         return seconds, _products(x, rows * self.weight)
 
 
-def _precision(x: FloatArray, weight: FloatArray, prior_std: FloatArray) -> FloatArray:
-    return _products(x, weight) + np.diag(prior_std ** -2.0)
-
-
-def _products(x: FloatArray, weight: FloatArray) -> FloatArray:
-    return np.asarray(sum(w * (own @ own.T) for w, own in zip(weight, x)))
+def _products(x: FloatArray, weight: FloatArray, prior_std: FloatArray | float = np.inf
+              ) -> FloatArray:
+    """Return the precision (P, P) of columns (N, P, M) and of a prior."""
+    prior = np.eye(x.shape[1]) * np.square(1.0 / np.asarray(prior_std))
+    return np.asarray(prior + sum(w * (own @ own.T) for w, own in zip(weight, x)))
 
 
 def _inverse(precision: FloatArray) -> FloatArray:
@@ -323,22 +316,18 @@ def _inverse(precision: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(precision * scale) * scale)
 
 
-def _dependence(q: FloatArray, options: EnoughOptions) -> tuple[list[int], int, int]:
+def _dependence(q: FloatArray) -> tuple[list[int], int, int]:
     """Return joints that follow the others, dimensions of the angles, number of moving joints."""
     moving = np.flatnonzero(np.ptp(q, axis=0) > FactOptions().wide_travel)
     centred = q[:, moving] - q[:, moving].mean(axis=0)
     unit = centred / np.maximum(centred.std(axis=0), 1e-12) / np.sqrt(len(q))
     values, vectors = np.linalg.eigh(unit.T @ unit)
-    small = values < options.min_share ** 2
+    small = values < LIMITS.min_share ** 2
     # Joints that take part in a combination of angles that hardly varies.
     weight = (vectors[:, small] ** 2).sum(axis=1)
-    dependent = [int(moving[k]) for k in np.flatnonzero(weight > options.min_share)]
+    dependent = [int(moving[k]) for k in np.flatnonzero(weight > LIMITS.min_share)]
     return dependent, int((~small).sum()), len(moving)
 
 
 def _percent(share: float) -> str:
     return f'{100 * share:.0f} %' if share < 1.0 else 'above 100 %'
-
-
-def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float]:
-    return dict(zip(names, values.tolist()))

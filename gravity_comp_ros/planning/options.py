@@ -57,11 +57,6 @@ class PlanOptions:
     high: FloatArray | None = None
     start: FloatArray | None = None
 
-    @property
-    def goes_beyond(self) -> bool:
-        """Return whether the motion may exceed the recorded range."""
-        return self.low is not None
-
     def __post_init__(self) -> None:
         check_positive(self, 'plan', 'duration', 'max_speed', 'max_acceleration', 'max_jerk',
                        'rate')

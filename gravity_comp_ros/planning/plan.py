@@ -15,6 +15,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import Part, strokes
+from gravity_comp_ros.planning.collision import SelfCollision
 from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
@@ -24,7 +25,7 @@ from gravity_comp_ros.planning.questions import (
 from gravity_comp_ros.planning.segments import Limits, sampled
 from gravity_comp_ros.planning.selection import Selection
 from gravity_comp_ros.planning.sums import joined, motion_of
-from gravity_comp_ros.planning.workspace import Obstacles, Workspace, workspace
+from gravity_comp_ros.planning.workspace import Workspace, workspace
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -32,7 +33,7 @@ Progress = Callable[[str, float], None]
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
-         progress: Progress | None = None, obstacles: Obstacles | None = None,
+         progress: Progress | None = None, obstacles: SelfCollision | None = None,
          estimated: Estimate | None = None) -> MotionPlan:
     """
     Return the motion of largest utility for the targets, within the limits.
@@ -116,7 +117,7 @@ def _expectation(question: Question, both: Motion, added: FloatArray) -> Expecta
     regression, term, recorded = question.sums.regression, question.term, question.sums.recorded
     unseen = question.untestable(regression.motion, recorded)
     reason = question.untestable(both, recorded + added)
-    before, after = question.after(0.0 * added), question.after(added)
+    before, after = question.chance(recorded), question.chance(recorded + added)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     # A coefficient that the other terms absorb is not published.
     widths = np.where(bool(reason), np.inf, HALF_95 * question.std(recorded + added))

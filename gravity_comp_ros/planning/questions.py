@@ -96,25 +96,22 @@ class _Maker:
         self._terms: dict[Key, Term | None] = {term.key: term for term in regression.terms}
 
     def term(self, key: Key) -> Term | None:
-        """Return a term of the regression, or an effect at its middle setting if it is excited."""
+        """
+        Return a term of the regression, or an effect at its middle setting if it is excited.
+
+        Its settings are those on the recordings, or on both motions; its prior is that of its
+        torque in the recordings or the plan, the smaller one.
+        """
         if key not in self._terms:
-            grid = self._settings(key)
-            self._terms[key] = self._at(key, grid) if grid else None
+            effect, joint = known_effect(key[0]), key[1] or 0
+            grid = next((grid for motion in (self._recorded.motion, self._joined)
+                         if not effect.untestable(motion, joint)
+                         and (grid := effect.settings(motion, joint))), [])
+            terms = [factory.term(effect, key[1], grid[round(0.5 * (len(grid) - 1))], len(grid))
+                     for factory in (self._recorded, self._planned) if grid]
+            self._terms[key] = replace(terms[0], prior_std=np.minimum(
+                *(term.prior_std for term in terms))) if terms else None
         return self._terms[key]
-
-    def _at(self, key: Key, grid: list[dict[str, float]]) -> Term:
-        """Return a term whose prior is that of its torque in the recordings or the plan."""
-        setting = grid[round(0.5 * (len(grid) - 1))]
-        recorded, planned = (factory.term(known_effect(key[0]), key[1], setting, len(grid))
-                             for factory in (self._recorded, self._planned))
-        return replace(recorded, prior_std=np.minimum(recorded.prior_std, planned.prior_std))
-
-    def _settings(self, key: Key) -> list[dict[str, float]]:
-        """Return the settings of an effect on the recordings, else on both motions."""
-        effect, joint = known_effect(key[0]), key[1] or 0
-        return next((grid for motion in (self._recorded.motion, self._joined)
-                     if not effect.untestable(motion, joint)
-                     and (grid := effect.settings(motion, joint))), [])
 
     def reason(self, key: Key) -> str:
         """Return why an effect without terms is not excited."""

@@ -83,10 +83,8 @@ class Sums:
     Weighted sums of products of L coefficients: those of the shared part, then of some terms.
 
     The shared part is in units `root` (P, P) of its prior, in which it is independent. `std` (L,)
-    are the prior standard deviations, `recorded` (L, L) the products of the recordings' columns
-    with themselves, and `score` (L,) those with the torque plus the prior means over their
-    variances. `positive` (L,) tells which cannot be negative. `n_shared` is the
-    number of the shared coefficients.
+    are the prior standard deviations, `recorded` (L, L) the products of the recordings' columns.
+    `n_shared` is the number of the shared coefficients.
     """
 
     def __init__(self, regression: Regression, terms: Sequence[Term], seconds: float) -> None:
@@ -102,21 +100,17 @@ class Sums:
         self._at = {t: np.arange(a, b) for t, a, b in zip(self.terms, ends, ends[1:])}
         self.root = design.prior.root
         self.std = np.concatenate([np.ones(p), total_std(self.terms)])
-        self.positive = np.repeat([False, *(bool(t.effect.why_not_negative) for t in self.terms)],
-                                  np.diff([0, *ends]))
         discrepancy = (problem.options.discrepancy * problem.scale.torque) ** 2
         self.weights = np.asarray(1.0 / (1.0 / regression.posterior.precision
                                          + discrepancy * seconds / row_seconds(regression)))
         design.add(self.terms)
-        self.recorded, self.score = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
-        self.score[:p] = design.prior.whitened(design.prior.mean)
+        self.recorded = np.zeros((ends[-1], ends[-1]))
         for j, weight in enumerate(self.weights):
             acting = self._acting(j)
             columns, places = design.selected(j, acting), self.places(acting)
             units = block_diag(self.root, np.eye(len(columns) - p))
             self.recorded[np.ix_(places, places)] += weight * (
                 units.T @ design.gram[j][np.ix_(columns, columns)] @ units)
-            self.score[places] += weight * (design.cross[j][columns] @ units)
 
     def at(self, terms: Sequence[Term]) -> IntArray:
         """Return the numbers of the coefficients of some terms."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.planning.collision import SelfCollision
 from gravity_comp_ros.planning.options import PlanOptions
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,13 +18,6 @@ _MAX_POSES = 1500
 # Distance between the points at which a line is checked, rad.
 _STEP = 0.01
 _ROUNDING = 1e-9
-
-
-class Obstacles(Protocol):
-    """Collision check of poses."""
-
-    def hits(self, q: FloatArray) -> bool:
-        """Return whether the arm hits something at one of the poses q (M, N)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +34,7 @@ class Workspace:
     poses: FloatArray
     reach: float
     start: FloatArray
-    obstacles: Obstacles | None = None
+    obstacles: SelfCollision | None = None
 
     def inside(self, q: FloatArray, margin: float = 0.0) -> BoolArray:
         """Return a mask (M,) of admissible poses q (M, N), with a margin in rad."""
@@ -84,7 +77,7 @@ class Workspace:
 
 
 def workspace(samples: JointSamples, options: PlanOptions,
-              obstacles: Obstacles | None = None) -> Workspace:
+              obstacles: SelfCollision | None = None) -> Workspace:
     """
     Return the workspace of the options and the recorded poses.
 

@@ -115,16 +115,17 @@ def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: 
     rng = np.random.default_rng(seed)
     highest = int(np.floor(options.band * options.period + 1e-9))
     shapes = []
-    for joint in range(low.size):
-        order = rng.permutation(np.arange(1, highest + 1))[:options.n_sines]
-        omega = 2 * np.pi * np.sort(order) / options.period
-        phase = rng.uniform(0, 2 * np.pi, size=omega.size)
-        shapes.append((1 / omega, omega, phase))
+    for _ in range(low.size):
+        order = np.sort(rng.permutation(np.arange(1, highest + 1))[:options.n_sines])
+        shapes.append((order, rng.uniform(0, 2 * np.pi, size=order.size)))
+    omega, phase = (np.stack(values, axis=1) for values in zip(*shapes))
+    omega = 2 * np.pi * omega / options.period
+    shape = _ramped(sines(1 / omega, omega, phase, np.zeros(low.size)), options.ramp)
     # The phase of the fastest sine advances by at most 0.063 rad per step, so that the grid
     # underestimates a peak by 0.05 %; the margins below are four times that.
     step = min(0.01 / options.band, options.ramp / 200)
     fine = np.arange(0.0, options.ramp + options.period + step, step)
-    unit_q, unit_qd, _ = _ramped_sums(shapes, options.ramp)(fine)
+    unit_q, unit_qd, _ = shape(fine)
     bound = np.minimum(options.max_speed, np.asarray(speed_limit, dtype=float))
     by_speed = 0.998 * bound / np.abs(unit_qd).max(axis=0)
     by_range = 0.95 * (high - low) / np.ptp(unit_q, axis=0)
@@ -133,7 +134,6 @@ def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: 
     lowest_centre = low - scale * unit_q.min(axis=0) + margin
     highest_centre = high - scale * unit_q.max(axis=0) - margin
     centre = rng.uniform(lowest_centre, highest_centre)
-    shape = _ramped_sums(shapes, options.ramp)
 
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         q, qd, qdd = shape(t)
@@ -157,11 +157,17 @@ def sample(name: str, path: Path, duration: float, rate: float, start: float = 0
 
 def sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
           offset: FloatArray) -> Path:
-    """Return one sine per joint, each parameter (N,) in rad and s, about an offset."""
+    """Return a sum of K sines, each parameter (K, N) or (N,) in rad and s, about an offset."""
+    shapes = list(zip(*map(np.atleast_2d, (amplitude, omega, phase))))
+
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
-        return (amplitude * np.sin(angle) + offset, amplitude * omega * np.cos(angle),
-                -amplitude * omega ** 2 * np.sin(angle))
+        q, qd, qdd = (np.zeros((len(t), len(offset))) for _ in range(3))
+        for a, w, p in shapes:
+            angle = np.multiply.outer(t, w) + p
+            q += a * np.sin(angle)
+            qd += a * w * np.cos(angle)
+            qdd -= a * w ** 2 * np.sin(angle)
+        return q + offset, qd, qdd
     return path
 
 
@@ -172,18 +178,10 @@ def quintic_step(t: FloatArray, duration: float) -> tuple[FloatArray, FloatArray
             60 * x * (1 - x) * (1 - 2 * x) / duration ** 2)
 
 
-def _ramped_sums(shapes: list[tuple[FloatArray, FloatArray, FloatArray]], ramp: float) -> Path:
-    """Return a sum of sines for each joint, times a quintic step of `ramp` s."""
-    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _ramped(path: Path, ramp: float) -> Path:
+    """Return a path times a quintic step of `ramp` s."""
+    def ramped(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         w, wd, wdd = (x[:, None] for x in quintic_step(t, ramp))
-        parts = [_sums(t, *shape) for shape in shapes]
-        s, sd, sdd = (np.stack(columns, axis=1) for columns in zip(*parts))
+        s, sd, sdd = path(t)
         return w * s, w * sd + wd * s, w * sdd + 2 * wd * sd + wdd * s
-    return path
-
-
-def _sums(t: FloatArray, amplitude: FloatArray, omega: FloatArray,
-          phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
-    return (np.sin(angle) @ amplitude, np.cos(angle) @ (amplitude * omega),
-            -np.sin(angle) @ (amplitude * omega ** 2))
+    return ramped

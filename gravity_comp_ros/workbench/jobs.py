@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from gravity_comp_ros.api.arm_facts import arm_facts, check_facts
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.read import read_each
+from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import (
     add_to_model, ASKED, known_arm, KnownArm, learn, Learned, LearnOptions)

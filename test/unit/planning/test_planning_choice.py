@@ -12,12 +12,13 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of, Switches
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import _solved, Criterion, Gravity
+from gravity_comp_ros.planning.criterion import _evidence, Criterion, Gravity
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.sums import row_seconds, Sums
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
+from gravity_comp_ros.regression.gains import gain, score_of
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import State
@@ -96,32 +97,27 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
 
 
 @pytest.mark.parametrize('effect', ['torque_offset', 'coulomb_friction', 'joint_spring'])
-def test_the_evidence_of_the_recordings_is_that_of_the_engine(effect):
+def test_information_and_evidence_are_those_of_the_engine(effect):
     sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
-    design = estimated().regression.posterior.design
-    evidence = [_solved(sums, terms, sums.recorded, sums.score)[2] for terms in (
-        (*question.base, question.term), question.base)]
-    engine = [solve(design, terms, sums.weights).log_evidence for terms in (
-        (*question.base, question.term), question.base)]
-    assert evidence[0] - evidence[1] == pytest.approx(engine[0] - engine[1], rel=1e-4, abs=1e-3)
+    term, design = question.term, estimated().regression.posterior.design
+    without = solve(design, question.base, sums.weights)
+    scored = score_of(without, term)
+    information = question._information(sums.recorded, (term,))
+    size = np.sqrt(np.outer(*2 * [np.diag(scored.own)]))
+    assert np.abs(information - scored.information).max() < 1e-6 * size.max()
+    assert question.identified(sums.recorded) == pytest.approx(scored.identified.max(), rel=1e-3)
+    evidence = _evidence(term, scored.information, scored.score[None])[0]
+    assert evidence == pytest.approx(gain(without, scored, 1.0), rel=1e-9)
 
 
-def test_the_utility_is_the_mean_evidence_of_drawn_results():
+def test_motion_raises_the_utility_and_an_alternative_lowers_it():
     path = back_and_forth(0.0, 0.3, -0.3, 0.2, -0.4, 0.0)
     sums, question = asked(Target('torque_offset', 'elbow'), path)
-    added = sums.added([path])
+    after = np.stack([sums.recorded, sums.recorded + sums.added([path])[0]])
+    before, then = Criterion(sums, (question,), None).utilities(after)[:, 0]
+    assert 0.0 <= before < then
     alone = replace(question, alternatives=())
-    utility = Criterion(sums, (alone,), None).utilities(sums.recorded + added)[0, 0]
-    a, b = sums.recorded + added[0], alone._drawn(added[0])
-    own, base = (_solved(sums, terms, a, b)[2] for terms in (
-        (*question.base, question.term), question.base))
-    drawn = own - base - question.term.log_odds
-    options = estimated().regression.problem.options
-    mean = (options.min_gain + options.margin - question.term.log_odds) * np.expm1(utility)
-    assert mean == pytest.approx(drawn.mean(), abs=4.0 * drawn.std() / np.sqrt(len(drawn)))
-    # An alternative never raises it.
-    smallest = Criterion(sums, (question,), None).utilities(sums.recorded + added)[0, 0]
-    assert question.alternatives and smallest <= utility + 1e-9
+    assert question.alternatives and then < Criterion(sums, (alone,), None).utilities(after)[1, 0]
 
 
 def test_more_motion_identifies_more():
@@ -133,7 +129,7 @@ def test_more_motion_identifies_more():
     assert shares[0] < 0.15 < min(shares[1:])
     stds = [question.std(a)[0] for a in after]
     assert stds[2] < stds[1] < 0.5 * stds[0]
-    chances = [question.after(a).chance for a in added]
+    chances = [question.chance(a).chance for a in after[1:]]
     assert 0.7 < chances[0] <= chances[1] + 0.05
 
 
