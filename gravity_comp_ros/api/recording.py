@@ -46,11 +46,10 @@ def _runs(what: str, values: ArrayOrRuns, ndim: int,
 def _times(t: ArrayOrRuns | None, rate: float | None, q: list[FloatArray]) -> list[FloatArray]:
     if (t is None) == (rate is None):
         raise OptionError('give either the times t in s, or the rate in Hz, not both')
-    if rate is not None:
-        if not (np.isfinite(rate) and rate > 0.0):
+    if t is None:
+        if rate is None or not (np.isfinite(rate) and rate > 0.0):
             raise OptionError(f'the rate is {rate} Hz; it must be positive')
         return [np.arange(len(run)) / rate for run in q]
-    assert t is not None
     times = _runs('t', t, 1, len(q))
     for number, (time, run) in enumerate(zip(times, q)):
         if len(time) != len(run):
@@ -63,22 +62,19 @@ def _names(names: Sequence[str] | None, q: list[FloatArray]) -> tuple[str, ...]:
     if any(run.shape[1] != n for run in q):
         raise DataError(f'the runs have {", ".join(str(run.shape[1]) for run in q)} joints; '
                         'all runs must have the same joints')
-    if names is None:
-        return tuple(f'joint_{k + 1}' for k in range(n))
-    if len(names) != n:
+    if names is not None and len(names) != n:
         raise DataError(f'{len(names)} names for {n} joints')
-    return tuple(names)
+    return tuple(names or (f'joint_{k + 1}' for k in range(n)))
 
 
 def _scale(effort_scale: float | Mapping[str, float], joints: tuple[str, ...]) -> FloatArray:
-    if isinstance(effort_scale, Mapping):
-        unknown = [name for name in effort_scale if name not in joints]
-        if unknown:
-            raise ModelMismatchError(f'an effort scale is given for {", ".join(unknown)}; the '
-                                     f'joints are {", ".join(joints)}')
-        scale = np.array([effort_scale.get(name, 1.0) for name in joints])
-    else:
-        scale = np.full(len(joints), float(effort_scale))
+    by_name = effort_scale if isinstance(effort_scale, Mapping) else dict.fromkeys(
+        joints, effort_scale)
+    unknown = [name for name in by_name if name not in joints]
+    if unknown:
+        raise ModelMismatchError(f'an effort scale is given for {", ".join(unknown)}; the '
+                                 f'joints are {", ".join(joints)}')
+    scale = np.array([by_name.get(name, 1.0) for name in joints], dtype=np.float64)
     if not np.isfinite(scale).all() or (scale == 0.0).any():
         raise OptionError(f'effort scale is {effort_scale}; it must be finite and not 0')
     return scale

@@ -8,7 +8,7 @@ poses are excluded: they overlap in the description only. So are neighbours on o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,20 +44,19 @@ class SelfCollision:
 
     def hits(self, q: FloatArray) -> bool:
         """Return whether links collide at one of the poses q (M, N)."""
-        return self.first_hit(q) is not None
+        return any(self.colliding(q, True))
 
-    def first_hit(self, q: FloatArray) -> tuple[int, str] | None:
-        """Return the number of the first pose with a collision, and the names of the links."""
+    def colliding(self, q: FloatArray, is_one_enough: bool = False) -> Iterator[list[int]]:
+        """Yield the numbers of the pairs that collide at each of the poses q (M, N)."""
         import pinocchio as pin
-        data, geometry_data = self.model.createData(), _geometry_data(self.geometry)
-        for number, pose in enumerate(np.atleast_2d(q)):
-            if pin.computeCollisions(self.model, data, self.geometry, geometry_data,
-                                     self.configuration(pose), True):
-                pair = next(pair for pair, result in zip(
-                    self.geometry.collisionPairs, geometry_data.collisionResults)
-                    if result.isCollision())
-                return number, _pair_name(self.geometry, pair)
-        return None
+        data, geometry_data = self.model.createData(), self.geometry.createData()
+        for request in geometry_data.collisionRequests:
+            request.security_margin = MARGIN
+        for pose in np.atleast_2d(q):
+            pin.computeCollisions(self.model, data, self.geometry, geometry_data,
+                                  self.configuration(pose), is_one_enough)
+            yield [k for k, result in enumerate(geometry_data.collisionResults)
+                   if result.isCollision()]
 
     def configuration(self, pose: FloatArray) -> FloatArray:
         """Return the configuration of Pinocchio at a pose (N,)."""
@@ -81,20 +80,19 @@ def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
     """
     try:
         import pinocchio as pin
+        model = pin.buildModelFromXML(urdf)
+        geometry = pin.buildGeomFromUrdfString(
+            model, urdf, pin.GeometryType.COLLISION,
+            package_dirs=[] if folder is None else [str(f) for f in (folder, *folder.parents)])
     except ImportError:
         raise CollisionsUnchecked('pinocchio is not installed (pip install pin)') from None
-    folders = [str(f) for f in (folder, *folder.parents)] if folder is not None else []
-    try:
-        model = pin.buildModelFromXML(urdf)
-        geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION,
-                                               package_dirs=folders)
     except (ValueError, RuntimeError) as problem:
         raise CollisionsUnchecked(' '.join(str(problem).split())) from None
-    if geometry.ngeoms < 2:
-        raise CollisionsUnchecked('the description has no collision geometry')
     missing = [joint for joint in joints if not model.existJointName(joint)]
-    if missing:
-        raise CollisionsUnchecked(f'the description has no moving joint {", ".join(missing)}')
+    if geometry.ngeoms < 2 or missing:
+        raise CollisionsUnchecked(
+            'the description has no collision geometry' if geometry.ngeoms < 2 else
+            f'the description has no moving joint {", ".join(missing)}')
     geometry.addAllCollisionPairs()
     moving = tuple(model.joints[model.getJointId(joint)] for joint in joints)
     check = SelfCollision(model, geometry, moving, pin.neutral(model), ())
@@ -105,13 +103,13 @@ def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
 def collision_check(urdf: Path | None, joints: Sequence[str],
                     recorded: FloatArray) -> tuple[SelfCollision | None, str]:
     """Return the self-collision check of a file, if possible, and a message about it."""
-    if urdf is None:
-        return None, ('not checked whether the links of the arm hit each other: this requires a '
-                      'description with collision geometry (--urdf)')
     from gravity_comp_ros.description.urdf import read_text
-    text = read_text(urdf).decode('utf-8', 'replace')
     try:
-        check = self_collision(text, joints, recorded, urdf.resolve().parent)
+        if urdf is None:
+            raise CollisionsUnchecked('this requires a description with collision geometry '
+                                      '(--urdf)')
+        check = self_collision(read_text(urdf).decode('utf-8', 'replace'), joints, recorded,
+                               urdf.resolve().parent)
     except CollisionsUnchecked as problem:
         return None, f'not checked whether the links of the arm hit each other: {problem}'
     excluded = (f'; {", ".join(check.overlapping)} overlap in recorded poses and are excluded'
@@ -122,32 +120,14 @@ def collision_check(urdf: Path | None, joints: Sequence[str],
 
 def _remove_pairs(check: SelfCollision, recorded: FloatArray) -> tuple[str, ...]:
     """Remove neighbours, and pairs that touch in recorded poses (M, N); return these."""
-    import pinocchio as pin
-    model, geometry = check.model, check.geometry
+    geometry, parents = check.geometry, check.model.parents
     for pair in list(geometry.collisionPairs):
         one, other = (geometry.geometryObjects[k].parentJoint for k in (pair.first, pair.second))
-        if model.parents[other] == one or model.parents[one] == other:
+        if parents[other] == one or parents[one] == other:
             geometry.removeCollisionPair(pair)
-    data, geometry_data, pairs = model.createData(), _geometry_data(geometry), list(
-        geometry.collisionPairs)
-    touching: set[int] = set()
-    for pose in recorded:
-        pin.computeCollisions(model, data, geometry, geometry_data, check.configuration(pose),
-                              False)
-        touching.update(k for k, result in enumerate(geometry_data.collisionResults)
-                        if result.isCollision())
-    for k in touching:
+    pairs, names = list(geometry.collisionPairs), []
+    for k in sorted({k for touching in check.colliding(recorded) for k in touching}):
         geometry.removeCollisionPair(pairs[k])
-    return tuple(_pair_name(geometry, pairs[k]) for k in sorted(touching))
-
-
-def _geometry_data(geometry: Any) -> Any:
-    data = geometry.createData()
-    for request in data.collisionRequests:
-        request.security_margin = MARGIN
-    return data
-
-
-def _pair_name(geometry: Any, pair: Any) -> str:
-    one, other = (geometry.geometryObjects[k].name for k in (pair.first, pair.second))
-    return f'{one} and {other}'
+        names.append(' and '.join(geometry.geometryObjects[n].name
+                                  for n in (pairs[k].first, pairs[k].second)))
+    return tuple(names)

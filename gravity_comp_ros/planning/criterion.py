@@ -181,6 +181,11 @@ class Gravity:
                              self.mean_square, optimize=True)
         return np.asarray(np.sqrt(np.maximum(variance, 1e-24)))
 
+    def after(self, added: FloatArray) -> list[tuple[int, float, float]]:
+        """Return uncertain joints with their standard deviation before and after a motion."""
+        (after,) = self.std((self.sums.recorded + added)[None])
+        return [(n, float(self.now[n]), float(after[n])) for n in self.joints]
+
     def utility(self, a: FloatArray) -> FloatArray:
         """Return the utility (C,) of sums (C, L, L)."""
         return np.asarray(-np.log(self.std(a)[:, list(self.joints)]).mean(axis=1))

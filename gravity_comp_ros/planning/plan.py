@@ -68,9 +68,11 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     expected = tuple(_expectation(question, both, added) for question in criterion.questions)
     report('plan', 1.0)
     notes += [_unlikely(one) for one in expected if not one.is_likely]
+    uncertain = [] if criterion.gravity is None else criterion.gravity.after(added)
     return MotionPlan(Trajectory(model.joints, t, q, qd, qdd),
                       _planned_parts(selection, criterion, times, model.joints), expected,
-                      tuple(notes), _gravity_expectations(criterion, added, model.joints))
+                      tuple(notes), tuple(GravityExpectation(model.joints[n], before, after)
+                                          for n, before, after in uncertain))
 
 
 def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
@@ -128,17 +130,6 @@ def _expectation(question: Question, both: Motion, added: FloatArray) -> Expecta
         {c.symbol: float(x) for c, x in zip(listed, question.size)}, question.is_measured,
         after.gain, before.separation, after.separation, reason,
         question.identified(recorded + added))
-
-
-def _gravity_expectations(criterion: Criterion, added: FloatArray, names: tuple[str, ...]
-                          ) -> tuple[GravityExpectation, ...]:
-    """Return the standard deviations of the uncertain joints before and after the motion."""
-    gravity = criterion.gravity
-    if gravity is None:
-        return ()
-    (after,) = gravity.std((criterion.sums.recorded + added)[None])
-    return tuple(GravityExpectation(names[n], float(gravity.now[n]), float(after[n]))
-                 for n in gravity.joints)
 
 
 def _planned_parts(selection: Selection, criterion: Criterion,

@@ -1,4 +1,4 @@
-"""Selection of candidate parts: greedy by utility per time, or by utility alone."""
+"""Selection of candidate parts: greedy by utility per time."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ class Selection:
         self._added = criterion.sums.added([part.lines for part in self._candidates])
         self._alone = self._gains([], slice(None))
         self._is_clear = cache(lambda k: space.is_clear(self._candidates[k].stops))
-        # Gain per time prefers short parts.
-        chosen = max(self._greedy(True), self._greedy(False), key=self._utility)
+        chosen: list[int] = []
+        while (best := self._best(chosen)) is not None:
+            chosen.append(best)
         # Parts from one base follow each other.
         self.parts = [self._candidates[k] for k in chosen]
         self.parts = [part for way in dict.fromkeys(part.way for part in self.parts)
@@ -59,19 +60,8 @@ class Selection:
         return [k for k, gain in enumerate(gains)
                 if gain > max(_MIN_GAIN, _MIN_GAIN_SHARE * gains.max())]
 
-    def _greedy(self, by_time: bool) -> list[int]:
-        """Return parts of largest gain, or gain per time, until none has a gain."""
-        chosen: list[int] = []
-        while (best := self._best(chosen, by_time)) is not None:
-            chosen.append(best)
-        return chosen
-
-    def _utility(self, chosen: list[int]) -> float:
-        sums = self._criterion.sums.recorded + self._added[chosen].sum(axis=0)
-        return float(self._criterion.utilities(sums[None]).sum())
-
-    def _best(self, chosen: list[int], by_time: bool) -> int | None:
-        """Return the part of largest gain, or gain per time; None if none has a gain."""
+    def _best(self, chosen: list[int]) -> int | None:
+        """Return the part of largest gain per time, None if none has a gain."""
         used = self._time(chosen)
         times = {k: self._time([*chosen, k]) - used for k in range(len(self._candidates))
                  if k not in chosen}
@@ -79,8 +69,7 @@ class Selection:
         if not fits:
             return None
         gains = self._gains(chosen, fits).sum(axis=1)
-        rates = gains / [times[k] for k in fits] if by_time else gains
-        return next((fits[k] for k in np.argsort(-rates)
+        return next((fits[k] for k in np.argsort(-gains / [times[k] for k in fits])
                      if gains[k] > _MIN_GAIN and self._is_clear(fits[k])), None)
 
     def _gains(self, chosen: list[int], others: list[int] | slice) -> FloatArray:

@@ -109,19 +109,17 @@ def from_urdf(path: str | Path) -> Arm:
     joints = tuple(model.names)[1:]
     if not joints:
         raise OptionError(f'URDF {path} has no moving joint')
-    for number, joint in enumerate(joints, start=1):
-        _check_revolute(path, joint, model.joints[number])
     lower, upper = np.full(len(joints), -pi), np.full(len(joints), pi)
-    speed = np.array(getattr(model, 'upperVelocityLimit', model.velocityLimit), dtype=float)
     for n, joint_model in enumerate(list(model.joints)[1:]):
+        _check_revolute(path, joints[n], joint_model)
         if joint_model.nq == 1:
             lower[n] = model.lowerPositionLimit[joint_model.idx_q]
             upper[n] = model.upperPositionLimit[joint_model.idx_q]
-    usable = np.isfinite(speed) & (speed > 0) & (speed < 1e3)
-    speed = np.where(usable, speed, radians(100.0))
-    unlimited = ~(upper > lower) | ~np.isfinite(upper - lower) | (upper - lower > 1e3)
-    return Arm(model.name or path.stem, joints, model, np.where(unlimited, -pi, lower),
-               np.where(unlimited, pi, upper), speed)
+    speed = np.array(getattr(model, 'upperVelocityLimit', model.velocityLimit), dtype=float)
+    speed[~((speed > 0) & (speed < 1e3))] = radians(100.0)
+    limited = (upper > lower) & (upper - lower <= 1e3)
+    return Arm(model.name or path.stem, joints, model, np.where(limited, lower, -pi),
+               np.where(limited, upper, pi), speed)
 
 
 def serial_model(name: str, joints: Sequence[str], origins: Sequence[Sequence[Sequence[float]]],
@@ -227,13 +225,13 @@ def _configuration(arm: Arm, pose: FloatArray) -> FloatArray:
 
 def _check_revolute(path: Path, joint: str, model: pin.JointModel) -> None:
     kind = model.shortname()
-    if kind.startswith('JointModelR'):
-        return
     if kind.startswith('JointModelP'):
         raise OptionError(
             f'joint {joint} of {path} is prismatic: its force is not a sum of sines and cosines, '
             f'as the gravity model is; only revolute joints are possible')
-    raise OptionError(f'joint {joint} of {path} is a {kind}; only revolute joints are possible')
+    if not kind.startswith('JointModelR'):
+        raise OptionError(f'joint {joint} of {path} is a {kind}; only revolute joints are '
+                          f'possible')
 
 
 def _inertia_matrix(values: Sequence[float]) -> FloatArray:

@@ -154,19 +154,13 @@ class Backlash(Gear):
 
 @dataclass(frozen=True)
 class ElasticGear(Gear):
-    """
-    A gear of `stiffness` N·m/rad: the motor's (reported) angle is q + tau / stiffness.
-
-    With `hardening` in (N·m)^-2 the stiffness grows with load, as in harmonic drives: the wind-up
-    is tau / (stiffness (1 + hardening tau^2)^(1/2)).
-    """
+    """A gear of `stiffness` N·m/rad: the motor's (reported) angle is q + tau / stiffness."""
 
     joint: int
     stiffness: float
-    hardening: float = 0.0
 
     def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
-        return np.asarray(load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2)))
+        return load / self.stiffness
 
 
 @dataclass(frozen=True)

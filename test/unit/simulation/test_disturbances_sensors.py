@@ -203,13 +203,11 @@ def motion_and_gravity():
     return motion, Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
 
 
-@pytest.mark.parametrize('hardening', [0.0, 1e-3])
-def test_the_wind_up_of_an_elastic_gear_transmits_the_load(hardening):
+def test_the_wind_up_of_an_elastic_gear_transmits_the_load():
     motion, signals = motion_and_gravity()
-    out = ElasticGear(1, 5000.0, hardening).apply(signals, motion, ARM, np.random.default_rng(0))
+    out = ElasticGear(1, 5000.0).apply(signals, motion, ARM, np.random.default_rng(0))
     wound = out.q[:, 1] - motion.q[:, 1]
-    carried = 5000.0 * wound / np.sqrt(1 - hardening * (5000.0 * wound) ** 2)
-    assert carried == pytest.approx(signals.tau[:, 1], rel=1e-6)
+    assert 5000.0 * wound == pytest.approx(signals.tau[:, 1], rel=1e-6)
     assert np.array_equal(out.tau, signals.tau)
     assert out.qd[1:-1, 1] == pytest.approx(np.gradient(out.q[:, 1], motion.t)[1:-1], abs=1e-3)
 
