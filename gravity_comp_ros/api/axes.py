@@ -15,7 +15,6 @@ import numpy as np
 if TYPE_CHECKING:
     from gravity_comp_ros.description.urdf import HeldPositions
     from gravity_comp_ros.recordings.bag import ReadReport
-    from gravity_comp_ros.recordings.robot_description import RecordedDescription
 
 NO_DESCRIPTION = 'none'
 # Maximum travel during the recordings of an unrecorded joint that counts as at rest, rad or m.
@@ -96,9 +95,12 @@ def known_axes(reports: Sequence[ReadReport], joints: Sequence[str],
         from gravity_comp_ros.description.urdf import read_text
         return _axes(reports, joints, options, choose, read_text(options.file), str(options.file))
     try:
-        recorded = _recorded(reports)
-        if recorded is not None:
-            return _axes(reports, joints, options, choose, recorded.text, recorded.source)
+        if reports:
+            # Imports file-format libraries, which arrays do not need.
+            from gravity_comp_ros.recordings.robot_description import first_description
+            recorded = first_description(report.path for report in reports)
+            if recorded is not None:
+                return _axes(reports, joints, options, choose, recorded.text, recorded.source)
     except OptionError:
         raise
     except GravityCompError as problem:
@@ -109,14 +111,6 @@ def known_axes(reports: Sequence[ReadReport], joints: Sequence[str],
     if model is not None and model.geometry is not None:
         return KnownAxes(model.geometry, notes=('axes of the model',))
     return KnownAxes()
-
-
-def _recorded(reports: Sequence[ReadReport]) -> RecordedDescription | None:
-    if not reports:
-        return None
-    # Imports file-format libraries, which arrays do not need.
-    from gravity_comp_ros.recordings.robot_description import first_description
-    return first_description(report.path for report in reports)
 
 
 def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOptions,

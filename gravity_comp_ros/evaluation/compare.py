@@ -77,27 +77,20 @@ def find_regions(samples: JointSamples, predicted: FloatArray, outside: BoolArra
     be worse in most of its visits, not only on average over its samples.
     """
     residual = samples.tau[:, joint] - predicted[:, joint]
-    regions = [region for candidate in _candidates(samples, predicted, outside, joint)
-               if (region := _region(samples, residual, candidate)) is not None]
-    best: dict[str, ResidualRegion] = {}
-    for region in sorted(regions, key=lambda each: -each.ratio):
-        best.setdefault(region.axis, region)
-    return list(best.values())[:REGIONS.max_regions]
-
-
-def _region(samples: JointSamples, residual: FloatArray,
-            candidate: _Candidate) -> ResidualRegion | None:
-    """Return a candidate with its errors, None if they are not larger than elsewhere."""
-    axis, low, high, text, mask = candidate
-    n = int(mask.sum())
-    if min(n, len(mask) - n) < REGIONS.min_samples:
-        return None
-    rmse, elsewhere = (float(np.sqrt((residual[m] ** 2).mean())) for m in (mask, ~mask))
-    ratio = rmse / max(elsewhere, 1e-12)
-    if ratio < REGIONS.min_ratio or not _is_repeated(samples, residual, mask, elsewhere):
-        return None
-    sentence = f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)'
-    return ResidualRegion(axis, low, high, n, rmse, float(residual[mask].mean()), ratio, sentence)
+    worst: dict[str, ResidualRegion] = {}
+    for axis, low, high, text, mask in _candidates(samples, predicted, outside, joint):
+        n = int(mask.sum())
+        if min(n, len(mask) - n) < REGIONS.min_samples:
+            continue
+        rmse, elsewhere = (float(np.sqrt((residual[m] ** 2).mean())) for m in (mask, ~mask))
+        ratio = rmse / max(elsewhere, 1e-12)
+        is_worst = axis not in worst or ratio > worst[axis].ratio
+        if (ratio >= REGIONS.min_ratio and is_worst
+                and _is_repeated(samples, residual, mask, elsewhere)):
+            worst[axis] = ResidualRegion(
+                axis, low, high, n, rmse, float(residual[mask].mean()), ratio,
+                f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)')
+    return sorted(worst.values(), key=lambda each: -each.ratio)[:REGIONS.max_regions]
 
 
 def _is_repeated(samples: JointSamples, residual: FloatArray, mask: BoolArray,
