@@ -11,15 +11,11 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
-from gravity_comp_ros.recordings.joint_state_cdr import LayoutDecoder, ROS1
-from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
 import numpy as np
 
-# Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
-_GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
 __all__ = ['joint_goals', 'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
 
 
@@ -42,7 +38,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         count = max((one.count for one in storage.topics if one.name == topic), default=0)
         limit = options.max_messages
         share = 1.0 if limit is None else min(limit / max(count, 1), 1.0)
-        columns = _read_columns(storage, topic, options.rename, share)
+        columns = Columns(storage, topic, options.rename, share)
         notes += storage.notes
         if share < 1.0:
             notes.append(f'{share:.0%} of {count} messages are used, to limit memory')
@@ -73,7 +69,7 @@ def joint_positions(path: Path | str, joints: Collection[str],
     """
     path = Path(path)
     with open_storage(path) as storage:
-        columns = _read_columns(storage, choose_topic(path, storage, topic)[0])
+        columns = Columns(storage, choose_topic(path, storage, topic)[0])
     names = [name for name in columns.names if name in joints]
     finite = {name: values[np.isfinite(values)]
               for name, values in zip(names, columns.values(names)[0].T)}
@@ -96,7 +92,7 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
     path = Path(path)
     with open_storage(path) as storage:
         topic = choose_topic(path, storage, topic)[0]
-        columns = _read_columns(storage, topic, options.rename)
+        columns = Columns(storage, topic, options.rename)
     where = f'{path}, topic {topic}'
     options = _with_joint_names(where, columns.names,
                                 replace(options, joints=joints, effort_scale={},
@@ -126,18 +122,3 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
                    position_unit=unit if isinstance(unit, str) else by_name(unit, 'unit'),
                    rated_torque=by_name(options.rated_torque, 'rated torque'),
                    reverse=named(options.reverse, 'reversed'))
-
-
-def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
-                  share: float = 1.0) -> Columns:
-    """Decode an evenly distributed share of the messages of a topic."""
-    is_ros1 = any((each.type, each.encoding) == ROS1 for each in storage.topics
-                  if each.name == topic)
-    columns, decoder, count = Columns(rename), LayoutDecoder(is_ros1), 0
-    for batch in storage.batches(topic):
-        count += len(batch)
-        if share < 1.0:
-            # Every k-th message could select one of several alternating publishers.
-            batch = batch.select(np.arange(count - len(batch), count) * _GOLDEN % 1.0 < share)
-        columns.add(batch, decoder.decode(batch))
-    return columns

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.recordings.joint_state_cdr import Block
-from gravity_comp_ros.recordings.messages import Batch
+from gravity_comp_ros.recordings.joint_state_cdr import Block, LayoutDecoder, ROS1
+from gravity_comp_ros.recordings.messages import Batch, Storage
 import numpy as np
 
 UNDECODABLE = 'not decodable'
@@ -16,66 +16,75 @@ DUPLICATE = 'duplicate joint name'
 SIZES = 'arrays of different lengths'
 
 _MAX_NS = 2**63 - 1
-
-
-class _Layout:
-    """All messages with the same sequence of names, as flat rows of numbers."""
-
-    def __init__(self) -> None:
-        self.rows = array('q')
-        self.position, self.velocity, self.effort = array('d'), array('d'), array('d')
-
-    def add(self, rows: IntArray, block: Block) -> None:
-        self.rows.frombytes(rows.astype(np.int64, copy=False).tobytes())
-        for store, values in ((self.position, block.position), (self.velocity, block.velocity),
-                              (self.effort, block.effort)):
-            if not values.shape[1]:
-                values = np.full((len(rows), len(block.names)), np.nan)
-            store.frombytes(values.tobytes())
+# Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
+_GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
 
 
 class Columns:
     """
-    Valid messages in recorded order, and the number of invalid ones by reason.
+    Valid messages of a topic in recorded order, and the number of invalid ones by reason.
 
-    Messages with the same names are stored together: 24 bytes per joint and message.
+    `log_ns` and `stamp_ns` (M,) are log times and stamps. `recorded` are the names of joints
+    before they were renamed.
 
     :param rename: new names of joints, by the name in the messages.
+    :param share: share of the messages to use, evenly distributed.
     """
 
-    def __init__(self, rename: Mapping[str, str] | None = None) -> None:
+    def __init__(self, storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
+                 share: float = 1.0) -> None:
         self.dropped: Counter[str] = Counter()
-        self.recorded: set[str] = set()   # names before `rename`
+        self.recorded: set[str] = set()
         self._rename = dict(rename or {})
-        self._log_ns, self._stamp_ns = array('q'), array('q')
-        self._layouts: dict[tuple[str, ...], _Layout] = {}
+        # Numbers of the messages with each sequence of names, and their values, which grow in
+        # place: 24 bytes per joint and message.
+        self._rows: dict[tuple[str, ...], list[IntArray]] = {}
+        self._values: dict[tuple[str, ...], tuple[array, array, array]] = {}
+        decoder = LayoutDecoder(any((each.type, each.encoding) == ROS1 for each in storage.topics
+                                    if each.name == topic))
+        times, count, valid = [np.zeros((2, 0), dtype=np.int64)], 0, 0
+        for batch in storage.batches(topic):
+            count += len(batch)
+            if share < 1.0:
+                # Every k-th message could select one of several alternating publishers.
+                batch = batch.select(np.arange(count - len(batch), count) * _GOLDEN % 1.0 < share)
+            times.append(self._add(batch, decoder.decode(batch), valid))
+            valid += times[-1].shape[1]
+        self.log_ns, self.stamp_ns = np.concatenate(times, axis=1)
 
     def __len__(self) -> int:
-        return len(self._log_ns)
+        return len(self.log_ns)
 
-    def add(self, batch: Batch, blocks: Iterable[Block]) -> None:
-        """Add the messages of a batch; those in no block count as undecodable."""
-        good = np.zeros(len(batch), dtype=bool)
+    def _add(self, batch: Batch, blocks: Iterable[Block], first: int) -> IntArray:
+        """
+        Add the valid messages of a batch; those in no block count as undecodable.
+
+        :param first: number of its first valid message.
+        :return: log times and stamps (2, M) of the valid ones, ns.
+        """
+        accepted = []
         stamps = np.zeros(len(batch), dtype=np.int64)
-        accepted, decoded = [], 0
+        good, decoded = np.zeros((2, len(batch)), dtype=bool)
         for block in blocks:
-            decoded += len(block.which)
-            reason = self._defect(block)
+            decoded[block.which] = True
+            names = tuple(self._rename.get(name, name) for name in block.names)
+            reason = _defect(block, names)
             if reason:
                 self.dropped[reason] += len(block.which)
                 continue
             good[block.which] = True
             stamps[block.which] = block.stamp_ns
-            accepted.append(block)
-        if decoded < len(batch):
-            self.dropped[UNDECODABLE] += len(batch) - decoded
-        rows = len(self) + np.cumsum(good) - 1
-        for block in accepted:
             self.recorded.update(block.names)
-            names = self._renamed(block.names)
-            self._layouts.setdefault(names, _Layout()).add(rows[block.which], block)
-        self._log_ns.frombytes(np.minimum(batch.log_ns[good], _MAX_NS).astype('i8').tobytes())
-        self._stamp_ns.frombytes(stamps[good].tobytes())
+            accepted.append((names, block.which))
+            stores = self._values.setdefault(names, (array('d'), array('d'), array('d')))
+            for store, values in zip(stores, (block.position, block.velocity, block.effort)):
+                missing = np.full((len(values), len(names)), np.nan)
+                store.frombytes((values if values.shape[1] else missing).tobytes())
+        self.dropped += Counter({UNDECODABLE: int((~decoded).sum())})
+        numbers = first + np.cumsum(good) - 1
+        for names, which in accepted:
+            self._rows.setdefault(names, []).append(numbers[which])
+        return np.stack([np.minimum(batch.log_ns, _MAX_NS).astype(np.int64), stamps])[:, good]
 
     def put_in_order(self, max_steps: int) -> None:
         """
@@ -86,81 +95,59 @@ class Columns:
         if np.count_nonzero(np.diff(self.log_ns) < 0) <= max_steps:
             return
         order = np.argsort(self.log_ns, kind='stable')
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        self._log_ns, self._stamp_ns = (
-            array('q', each[order].tobytes()) for each in (self.log_ns, self.stamp_ns))
-        for layout in self._layouts.values():
-            layout.rows = array('q', place[np.array(layout.rows)].tobytes())
-
-    def _defect(self, block: Block) -> str | None:
-        size, names = len(block.names), self._renamed(block.names)
-        if names not in self._layouts and len(set(names)) < size:
-            return f'{DUPLICATE} {next(name for name in names if names.count(name) > 1)}'
-        if (not size or block.position.shape[1] != size
-                or block.velocity.shape[1] not in (0, size)
-                or block.effort.shape[1] not in (0, size)):
-            return SIZES
-        return None
-
-    def _renamed(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(self._rename.get(name, name) for name in names) if self._rename else names
+        place = np.argsort(order)
+        self.log_ns, self.stamp_ns = self.log_ns[order], self.stamp_ns[order]
+        self._rows = {names: [place[np.concatenate(rows)]] for names, rows in self._rows.items()}
 
     @property
     def names(self) -> tuple[str, ...]:
         """All joint names, in order of their first appearance."""
-        return tuple(dict.fromkeys(name for layout in self._layouts for name in layout))
+        return tuple(dict.fromkeys(name for layout in self._rows for name in layout))
 
     @property
-    def layouts(self) -> tuple[tuple[str, ...], ...]:
-        """The distinct name sequences of the messages, in order of their first appearance."""
-        return tuple(self._layouts)
+    def layouts(self) -> dict[tuple[str, ...], int]:
+        """The distinct name sequences, in order of first appearance, and their messages."""
+        return {names: sum(map(len, rows)) for names, rows in self._rows.items()}
 
     def names_of(self, message: int) -> tuple[str, ...]:
         """Return the joint names of message number `message`."""
-        return next(names for names, layout in self._layouts.items()
-                    if (np.frombuffer(layout.rows, dtype=np.int64) == message).any())
-
-    @property
-    def most_common(self) -> tuple[str, ...]:
-        """The most frequent sequence of joint names."""
-        return max(self._layouts, key=lambda names: len(self._layouts[names].rows))
-
-    @property
-    def log_ns(self) -> IntArray:
-        return np.frombuffer(self._log_ns, dtype=np.int64)
-
-    @property
-    def stamp_ns(self) -> IntArray:
-        return np.frombuffer(self._stamp_ns, dtype=np.int64)
+        return next(names for names, rows in self._rows.items()
+                    if any(message in part for part in rows))
 
     def presence(self, joints: Sequence[str]) -> BoolArray:
         """Return a mask (M, N): whether message m contains joint n."""
         present = np.zeros((len(self), len(joints)), dtype=bool)
-        for names, layout in self._layouts.items():
-            present[np.array(layout.rows)] = [joint in names for joint in joints]
+        for names, rows in self._rows.items():
+            present[np.concatenate(rows)] = [joint in names for joint in joints]
         return present
 
     def values(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """
         Return position, velocity and effort, each (M, N); NaN for missing values.
 
-        If all messages have exactly these joints, the arrays are views of the columns, and no
-        more messages can be added.
+        If all messages have exactly these joints, in order, the arrays are views.
         """
         shape = (len(self), len(joints))
-        if self.layouts == (tuple(joints),):
-            layout = self._layouts[tuple(joints)]
-            if (np.diff(np.frombuffer(layout.rows, dtype=np.int64)) > 0).all():
-                q, qd, tau = (np.frombuffer(flat).reshape(shape) for flat in (
-                    layout.position, layout.velocity, layout.effort))
-                return q, qd, tau
-        out = (np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan))
-        for names, layout in self._layouts.items():
+        out = [np.empty(shape) for _ in range(3)]
+        for names, parts in self._rows.items():
+            rows = np.concatenate(parts)
+            stored = [np.frombuffer(flat).reshape(-1, len(names)) for flat in self._values[names]]
+            if names == tuple(joints) and len(rows) == len(self) and (np.diff(rows) > 0).all():
+                out = stored
+                break
             target = [k for k, joint in enumerate(joints) if joint in names]
             source = [names.index(joints[k]) for k in target]
-            rows = np.array(layout.rows)
-            for array_out, flat in zip(out, (layout.position, layout.velocity, layout.effort)):
-                table = np.frombuffer(flat).reshape(len(rows), len(names))
-                array_out[rows[:, None], target] = table[:, source]
-        return out
+            for table, values in zip(out, stored):
+                table[rows] = np.nan
+                table[rows[:, None], target] = values[:, source]
+        return out[0], out[1], out[2]
+
+
+def _defect(block: Block, names: tuple[str, ...]) -> str | None:
+    size = len(names)
+    if len(set(names)) < size:
+        return f'{DUPLICATE} {next(name for name in names if names.count(name) > 1)}'
+    if (not size or block.position.shape[1] != size or block.velocity.shape[1] not in (0, size)
+            or block.effort.shape[1] not in (0, size)):
+        return SIZES
+    return None

@@ -104,7 +104,8 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     if (missing >= DEFECTS.common).any():
         worst = int(np.argmax(missing))
         good = [joint for joint, share in zip(joints, missing) if share < DEFECTS.common]
-        good = good or [joint for joint in columns.most_common if joint in joints]
+        good = good or [joint for joint in max(columns.layouts, key=columns.layouts.__getitem__)
+                        if joint in joints]
         raise BagError(
             f'{where}: joint {joints[worst]} is missing from '
             f'{int((~present[:, worst]).sum())} of {len(present)} messages; leave it out with '
