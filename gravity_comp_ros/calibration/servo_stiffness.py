@@ -22,6 +22,7 @@ from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.facts.friction import without
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -69,8 +70,8 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
         others = np.column_stack([np.ones(len(goal)), samples.qd[:, j],
                                   directions(samples, j)])
         # Without the part that the other columns explain, a torque of any size has its own error.
-        load, error = (_without(others, values) for values in (torque[:, j],
-                                                               goal[:, j] - samples.q[:, j]))
+        load, error = (without(others, values) for values in (
+            torque[:, j], goal[:, j] - samples.q[:, j]))
         size = max(float(np.linalg.norm(load)), 1e-12)
         slope = float(load @ error) / size ** 2
         rest = float((error - slope * load).std())
@@ -92,11 +93,6 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
             f'{", ".join(joint for joint in left_out if left_out[joint] == why)}: {why}'
             for why in dict.fromkeys(left_out.values())))
     return ServoStiffness(stiffness, left_out, sag, rmse)
-
-
-def _without(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (M,) without their least-squares fit by columns (M, C)."""
-    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
 def held_goals(t: FloatArray, goal_t: FloatArray, goal: FloatArray) -> FloatArray:

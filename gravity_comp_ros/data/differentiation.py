@@ -190,8 +190,9 @@ def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
         f'Check the units of velocity in the driver')
 
 
-# Maximum sample interval, in s, of a recording that resolves starts and stops.
-_MAX_INTERVAL = 0.06
+# Maximum sample interval, in s, of a recording that resolves starts and stops; static poses are
+# recorded less often.
+MAX_INTERVAL = 0.06
 
 
 # Window of the cubics, s: it passes slow arm motion (up to about 2 Hz) and reduces a speed noise
@@ -236,7 +237,7 @@ def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:
 
 def is_resolved(samples: JointSamples) -> bool:
     """Return whether the sample rate resolves quick starts and stops."""
-    return median_interval(samples.t, samples.runs) <= _MAX_INTERVAL
+    return median_interval(samples.t, samples.runs) <= MAX_INTERVAL
 
 
 def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray | None:
@@ -252,7 +253,7 @@ def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray |
     near = np.abs(times - t) <= half + 1e-9
     x = (times[near] - t) / half
     has_both_sides = len(x) >= 4 and x[0] < -0.5 and x[-1] > 0.5
-    if not has_both_sides or np.median(np.diff(x)) * half > _MAX_INTERVAL:
+    if not has_both_sides or np.median(np.diff(x)) * half > MAX_INTERVAL:
         return None
     powers = np.vander(x, 4, increasing=True)
     cubic = np.linalg.lstsq(powers, qd[near], rcond=None)[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import BoolArray, evenly_picked, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed, rows_left_out
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals, spans, stretches
@@ -35,11 +35,13 @@ def dead(signals: Signals, options: FactOptions) -> list[Fact]:
     return facts
 
 
-def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
+def unit(signals: Signals, raw: FloatArray, scaled: BoolArray,
+         options: FactOptions) -> list[Fact]:
     """
     Return the facts on the unit of effort.
 
     :param raw: efforts (M, N) before scaling; whole numbers are raw counts.
+    :param scaled: mask (N,) of joints whose unit was given.
     """
     largest = np.quantile(np.abs(signals.tau), 0.98, axis=0)
     option = ('--effort-unit UNIT, --effort-scale JOINT=N·m per unit, or --accept effort_unit if '
@@ -60,7 +62,7 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
                 Kind.EFFORT_UNIT, names, f'effort reaches {largest.max():.3g} on '
                 f'{", ".join(names)}', Action.REFUSED, 'no arm has such torques in N·m',
                 option, _by_joint(signals, largest)))
-    counts = _whole(raw, options) & ~signals.scaled
+    counts = _whole(raw, options) & ~scaled
     if counts.any():
         names = signals.named(counts)
         facts.append(Fact(
@@ -75,10 +77,9 @@ def unit(signals: Signals, raw: FloatArray, options: FactOptions) -> list[Fact]:
 
 def _whole(raw: FloatArray, options: FactOptions) -> BoolArray:
     """Return the mask (N,) of joints with large whole numbers, of several values."""
-    part = raw[::-(-len(raw) // options.max_samples)]
-    whole = np.asarray((part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2))
-    is_large = whole.any() and np.abs(part[:, whole]).max() >= options.min_count
-    return whole & is_large
+    part = raw[evenly_picked(len(raw), options.max_samples)]
+    whole = (part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2)
+    return np.asarray(whole & (np.abs(part[:, whole]).max(initial=0.0) >= options.min_count))
 
 
 def disabled(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:

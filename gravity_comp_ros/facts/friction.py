@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
@@ -37,27 +37,24 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
 
     :param moves: the joint whose direction of motion counts; None for n.
     """
-    step = -(-max(len(q), 1) // options.max_samples)
-    moves = n if moves is None else moves
-    q, speed, effort = q[::step], qd[::step, moves], tau[::step, n]
+    part, moves = evenly_picked(len(q), options.max_samples), n if moves is None else moves
+    q, speed, effort = q[part], qd[part, moves], tau[part, n]
     moving = np.ptp(q, axis=0) > options.min_travel
     poses = np.column_stack([np.ones(len(q)), np.sin(q[:, moving]), np.cos(q[:, moving])])
     if not moving.any() or effort.std() < 1e-9 or len(q) < 4 * poses.shape[1]:
         return Shares()
-    rest = effort - poses @ _solved(poses, effort)
+    rest = without(poses, effort)
     pose = float(1 - rest.var() / effort.var())
     fastest = float(np.abs(speed).max())
     if fastest == 0 or not moving[moves] or rest.std() < 1e-9 * effort.std():
         return Shares(pose, None, pose)
     friction = np.column_stack([np.ones(len(q)), friction_columns(speed, options)])
-    direction = friction[:, 1]
-    with_poses = np.column_stack([poses, friction[:, 1:]])
-    no_friction = effort - friction @ _solved(friction, effort)
-    both = effort - with_poses @ _solved(with_poses, effort)
+    no_friction = without(friction, effort)
+    both = without(np.column_stack([poses, friction[:, 1:]]), effort)
     gravity = float(1 - both.var() / max(float(no_friction.var()), 1e-18))
     if gravity * no_friction.var() < (options.min_part * effort.std()) ** 2:
         gravity = 0.0
-    direction = direction - poses @ _solved(poses, direction)
+    direction = without(poses, friction[:, 1])
     if direction.std() < 1e-6:
         return Shares(pose, None, gravity)
     slope = float(direction @ rest / (direction @ direction))
@@ -146,5 +143,6 @@ def _compensated(signals: Signals, by_joint: Mapping[str, Shares],
         Action.NOTED, 'the drive may compensate gravity already', values=values)
 
 
-def _solved(columns: FloatArray, values: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0])
+def without(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values (M,) without their least-squares fit by columns (M, C)."""
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])

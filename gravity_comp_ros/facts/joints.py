@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import re
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import evenly_picked
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
-from gravity_comp_ros.facts.friction import friction_columns
+from gravity_comp_ros.facts.friction import friction_columns, without
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
@@ -86,7 +86,8 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
     """
     if len(signals) < options.min_samples:
         return []
-    part = signals.thinned(options.max_samples)
+    part = signals.keep(np.isin(np.arange(len(signals)),
+                                evenly_picked(len(signals), options.max_samples)))
     wide = np.ptp(part.q, axis=0) > np.pi
     if np.count_nonzero(wide) < 2:
         return []
@@ -94,11 +95,11 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
     for n, name in enumerate(signals.names):
         tau = part.tau[:, n]
         friction = np.column_stack([np.ones(len(part)), friction_columns(part.qd[:, n], options)])
-        lines, waves = (_variance_left(np.column_stack([friction, *columns]), tau) for columns in (
+        lines, waves = (without(np.column_stack([friction, *columns]), tau).var() for columns in (
             (part.q,), (np.sin(part.q), np.cos(part.q))))
         # A joint with little gravity follows lines nearly as well as waves.
-        if min(lines, waves) < options.better ** 2 * _variance_left(friction, tau):
-            ratios[name] = lines / max(waves, 1e-18)
+        if min(lines, waves) < options.better ** 2 * without(friction, tau).var():
+            ratios[name] = float(lines / max(waves, 1e-18))
     if not ratios or max(ratios.values()) > options.better:
         return []
     names = tuple(ratios)
@@ -107,11 +108,6 @@ def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
         f'{np.ptp(part.q, axis=0).max():.2g} rad of travel, not periodic', Action.REFUSED,
         'are they degrees?', '--position-unit deg converts them; --accept angle_unit if they are '
         'rad', ratios)]
-
-
-def _variance_left(columns: FloatArray, values: FloatArray) -> float:
-    solution = np.linalg.lstsq(columns, values, rcond=1e-8)[0]
-    return float((values - columns @ solution).var())
 
 
 def _fact(kind: Kind, names: tuple[str, ...], why: str,

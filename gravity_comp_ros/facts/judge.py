@@ -64,17 +64,16 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
         for fact in more:
             add(fact)
 
-    everything = signals.names
     for fact in joints.by_position(signals, options):
         if fact.action is Action.LEFT_OUT and chosen:
             fact = replace(fact, action=Action.NOTED, done='kept, as it is named', otherwise='')
         if add(fact) and fact.action is Action.LEFT_OUT:
-            signals = signals.without(np.isin(signals.names, fact.joints))
-    here = np.isin(everything, signals.names)
-    raw, missing = signals.tau, missing[here]
-    signals = replace(signals, tau=raw * scale[here])
+            gone = np.isin(signals.names, fact.joints)
+            signals, scale, missing = signals.without(gone), scale[~gone], missing[~gone]
+    raw = signals.tau
+    signals = replace(signals, tau=raw * scale)
     add_all(efforts.dead(signals, options))
-    add_all(efforts.unit(signals, raw, options))
+    add_all(efforts.unit(signals, raw, np.abs(scale) != 1.0, options))
     q, wraps = outliers.unwrapped(signals, options)
     if wraps is not None and add(wraps):
         signals = replace(signals, q=q)

@@ -57,10 +57,8 @@ class FactOptions:
     # rad. Maximum difference between a jump and a whole turn: motion and noise of one sample.
     near_turn: float = 0.5
     # Ratio of the variances of the step and of the position, under which positions are those of a
-    # motion rather than poses in a random order (2). s. Maximum interval of a stream; static poses
-    # are recorded less often.
+    # motion rather than poses in a random order (2).
     smooth: float = 0.2
-    max_interval: float = 0.06
     # Share of slow samples, and of the travel that they cover, below which a recording is fast.
     min_slow: float = 0.2
     # Share of the effort's variance that depends on the pose, if gravity acts on the joint, and of

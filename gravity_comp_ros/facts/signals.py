@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 import numpy as np
@@ -15,9 +15,9 @@ _MAX_SPANS = 3
 @dataclass(frozen=True, eq=False)
 class Signals:
     """
-    M samples of N joints: t (M,) in s; q, qd, tau (M, N) as recorded; `rows` (M,) of the original.
+    M samples of N joints: t (M,) in s; q, qd, tau (M, N) as recorded.
 
-    `scaled` (N,) are the joints whose unit of effort was given.
+    `rows` (M,) are their numbers in the recording.
     """
 
     names: tuple[str, ...]
@@ -26,7 +26,6 @@ class Signals:
     qd: FloatArray
     tau: FloatArray
     rows: IntArray
-    scaled: BoolArray
 
     def __len__(self) -> int:
         return len(self.t)
@@ -40,22 +39,14 @@ class Signals:
         """Return the samples of a mask (M,)."""
         if mask.all():
             return self
-        return replace(self, t=self.t[mask], q=self.q[mask], qd=self.qd[mask],
-                       tau=self.tau[mask], rows=self.rows[mask])
+        return Signals(self.names, self.t[mask], self.q[mask], self.qd[mask], self.tau[mask],
+                       self.rows[mask])
 
     def without(self, joints: BoolArray) -> Signals:
         """Return the signals without the joints of a mask (N,)."""
-        if not joints.any():
-            return self
         rest = ~joints
-        names = tuple(name for name, kept in zip(self.names, rest) if kept)
-        return replace(self, names=names, q=self.q[:, rest], qd=self.qd[:, rest],
-                       tau=self.tau[:, rest], scaled=self.scaled[rest])
-
-    def thinned(self, count: int) -> Signals:
-        """Return at most `count` samples, evenly spaced."""
-        step = -(-max(len(self), 1) // count)
-        return self.keep(np.arange(len(self)) % step == 0)
+        return Signals(self.named(rest), self.t, self.q[:, rest], self.qd[:, rest],
+                       self.tau[:, rest], self.rows)
 
     def named(self, mask: NDArray) -> tuple[str, ...]:
         """Return the names of the joints of a mask or of indices (N,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
+from gravity_comp_ros.data.differentiation import is_inconsistent, MAX_INTERVAL, slope_ratios
 from gravity_comp_ros.data.samples import BoolArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.facts.options import FactOptions
@@ -63,7 +63,7 @@ def velocity_facts(signals: Signals, missing: BoolArray,
 
 def _is_stream(signals: Signals, joints: BoolArray, options: FactOptions) -> bool:
     """Return whether positions are those of a motion, at the rate of a driver."""
-    if len(signals) < 20 or signals.interval > options.max_interval:
+    if len(signals) < 20 or signals.interval > MAX_INTERVAL:
         return False
     q = signals.q[:, joints]
     return bool((np.diff(q, axis=0).var(axis=0) < options.smooth * q.var(axis=0)).all())

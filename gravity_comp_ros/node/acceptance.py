@@ -46,7 +46,7 @@ def first_samples(job: Job) -> tuple[Job, Check]:
     samples = job.rows.samples
     none = np.zeros(samples.n_joints, dtype=bool)
     signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
-                      np.arange(len(samples)), none)
+                      np.arange(len(samples)))
     accept = accepted_kinds(job.settings.accept)
     judgement = judge(signals, np.ones(samples.n_joints), none, True, accept | _ELSEWHERE)
     kept = np.zeros(len(samples), dtype=bool)

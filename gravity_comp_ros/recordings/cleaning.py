@@ -86,8 +86,7 @@ class Cleaning:
         self.notes += gap_notes(time)
         signals = Signals(
             self.joints, time, self._release('q'), self._release('qd'),
-            self._release('tau'), np.arange(len(self.times)),
-            np.array([abs(value) != 1.0 for value in scale.values()]))
+            self._release('tau'), np.arange(len(self.times)))
         judged = judge(signals, np.array(list(scale.values())), missing,
                        self.options.joints is not None, self.accept)
         del signals

@@ -27,8 +27,7 @@ def check_angles(path: Path, names: tuple[str, ...], t: FloatArray, q: FloatArra
 
     :raises BagError: if they exceed the range of joints.
     """
-    none = np.zeros(q.shape[1], dtype=bool)
-    signals = Signals(names, t, q, q, q, np.arange(len(q)), none)
+    signals = Signals(names, t, q, q, q, np.arange(len(q)))
     for fact in refused(by_position(signals, FactOptions(min_samples=1))):
         unit = 'ticks=4096 (the counts per turn)' if 'counts' in fact.done else 'deg'
         raise BagError(f'{path}: {fact.evidence}: {fact.done} Give --position-unit {unit}, or rad '

@@ -189,7 +189,7 @@ def test_sample_recordings(path):
 def facts(samples, tau, qd=None):
     none = np.zeros(samples.n_joints, dtype=bool)
     signals = Signals(samples.names, samples.t, samples.q, samples.qd if qd is None else qd, tau,
-                      np.arange(len(samples)), none)
+                      np.arange(len(samples)))
     return {fact.kind for fact in judge(signals, np.ones(samples.n_joints), none).facts
             if fact.kind not in (Kind.DEAD_EFFORT, Kind.CONSTANT_EFFORT)}
 
