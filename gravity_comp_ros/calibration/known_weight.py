@@ -96,9 +96,9 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
             raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
                             f'least {FactOptions().min_slow_samples} are needed')
     problem = _Problem(parts[0], parts[1], arm, weight, options, inertials)
-    fit = problem.fitted()
-    result = _result(joints, fit, weight, options)
-    ratio = _arm_ratio(problem.q, arm, inertials, fit.moments)
+    parameters, covariance = problem.fitted()
+    result = _result(problem, joints, parameters, covariance, options)
+    ratio = _arm_ratio(problem.q, arm, inertials, parameters[len(joints) + 3:])
     if not 1.0 / options.arm_factor < ratio < options.arm_factor:
         raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times as much '
                         f'as described: name the recording without the weight first, and check '
@@ -117,22 +117,6 @@ def _arm_ratio(q: FloatArray, arm: DescribedArm, inertials: Mapping[str, Inertia
         2, 1, 0) @ moments
     size = float((described ** 2).sum())
     return float((estimated * described).sum()) / size if size > 0.0 else 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """
-    Gains a (N,), centre (3,), the covariance (N + 3, N + 3) of both, and moments (2N,) in N·m.
-
-    `noise` (N,) is the residual in units of effort, `load` (N,) the RMS torque of the weight, N·m.
-    """
-
-    gains: FloatArray
-    centre: FloatArray
-    covariance: FloatArray
-    moments: FloatArray
-    noise: FloatArray
-    load: FloatArray
 
 
 class _Problem:
@@ -172,26 +156,33 @@ class _Problem:
         # Number of rows per independent error, at least.
         self.per_error = per_error(rows.t, rows.run, self.engine.block_seconds)
 
-    def fitted(self) -> _Fit:
-        """Return gains and centre."""
-        (gains, moments, noise), centre = self._start(), self.centre
-        for _ in range(self.engine.steps):
-            rest, jacobian = self._linearised(gains, centre, moments, noise)
-            noise = self._noise(rest * noise)
-            rest, jacobian = self._linearised(gains, centre, moments, noise)
-            information, gradient = self._normal(rest, jacobian, centre)
-            step = np.linalg.solve(information, gradient)
-            parts = np.split(step, [self.n, self.n + 3])
-            gains, centre, moments = gains + parts[0], centre + parts[1], moments + parts[2]
-            size = np.abs(gains) + 1e-12
-            if max(np.abs(parts[0] / size).max(), np.abs(parts[1]).max()) < 1e-7:
-                break
-        rest, jacobian = self._linearised(gains, centre, moments, noise)
-        covariance = np.linalg.inv(self._normal(rest, jacobian, centre)[0])
-        own = slice(0, self.n + 3)
-        torque = np.asarray(self.mass * self._loads @ np.array([1.0, *centre]))
-        return _Fit(gains, centre, np.asarray(covariance[own, own]), moments,
-                    (noise * rest).std(axis=0), np.sqrt((torque ** 2).mean(axis=0)))
+    def fitted(self) -> tuple[FloatArray, FloatArray]:
+        """Return gains (N,), centre (3,) and moments (2N,) as one vector, and its covariance."""
+        from scipy.optimize import least_squares  # imported here because it takes 0.3 s
+        parameters, centre = self._start(), slice(self.n, self.n + 3)
+
+        def deviation(p: FloatArray) -> FloatArray:
+            """Return residual and deviation from the prior, in standard deviations."""
+            return np.append(self.residual(p) / noise, (p[centre] - self.centre) / self.centre_std)
+
+        for _ in range(self.engine.passes):
+            noise = self._noise(self.residual(parameters))
+            fit = least_squares(deviation, parameters, x_scale='jac', max_nfev=self.engine.steps)
+            parameters = fit.x
+        # Moments and gains that the motion does not excite are uncertain.
+        size = np.einsum('rp,rp->p', fit.jac, fit.jac)
+        return parameters, np.linalg.inv(fit.jac.T @ fit.jac + np.diag(1e-9 * size + 1e-9))
+
+    def load(self, centre: FloatArray) -> FloatArray:
+        """Return the RMS torque (N,) of the weight in N·m."""
+        torque = self.mass * self._loads @ np.array([1.0, *centre])
+        return np.asarray(np.sqrt((torque ** 2).mean(axis=0)))
+
+    def residual(self, parameters: FloatArray) -> FloatArray:
+        """Return the residual (M, N) in units of effort, of gains, centre and moments."""
+        gains, centre, moments = np.split(parameters, [self.n, self.n + 3])
+        return np.asarray(self.effort - gains * (
+            self.gravity @ moments + self.fixed + self.moving @ centre))
 
     def _noise(self, residual: FloatArray) -> FloatArray:
         """Return the noise (N,) of independent rows of the same information, units of effort."""
@@ -199,9 +190,9 @@ class _Problem:
         size = np.sqrt(times * (residual ** 2).mean(axis=0))
         return np.asarray(np.maximum(size, 1e-12 + 1e-6 * self.effort.std(axis=0)))
 
-    def _start(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _start(self) -> FloatArray:
         """
-        Return gains (N,), moments (2N,) and noise (N,).
+        Return gains (N,), centre (3,) and moments (2N,).
 
         effort_j k_j = torque_j is linear in k and the moments. Noise of the effort makes k too
         small, so that the gain is then fitted to the torque.
@@ -214,37 +205,16 @@ class _Problem:
         moments = np.asarray(solution[self.n:])
         torque = self.gravity @ moments + load
         gains = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
-        return gains, moments, np.maximum((self.effort - gains * torque).std(axis=0), 1e-12)
-
-    def _linearised(self, gains: FloatArray, centre: FloatArray, moments: FloatArray,
-                    noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residual (M, N) and its columns (M, N, 3 + 3N), in standard deviations."""
-        torque = self.gravity @ moments + self.fixed + self.moving @ centre
-        jacobian = np.concatenate([
-            torque[:, :, None] * np.eye(self.n), self.moving * gains[:, None],
-            self.gravity * gains[:, None]], axis=2)
-        return (self.effort - gains * torque) / noise, jacobian / noise[:, None]
-
-    def _normal(self, rest: FloatArray, jacobian: FloatArray, centre: FloatArray
-                ) -> tuple[FloatArray, FloatArray]:
-        """Return information and gradient, with the priors of centre and moments."""
-        rows = jacobian.reshape(-1, jacobian.shape[2])
-        information, gradient = rows.T @ rows, rows.T @ rest.ravel()
-        own = np.arange(self.n, self.n + 3)
-        information[own, own] += 1.0 / self.centre_std ** 2
-        gradient[own] -= (centre - self.centre) / self.centre_std ** 2
-        # Moments and gains that the motion does not excite stay where they are.
-        size = np.diag(information)
-        information[np.diag_indices(len(size))] += 1e-9 * size + 1e-9
-        return information, gradient
+        return np.concatenate([gains, self.centre, moments])
 
 
-def _result(joints: tuple[str, ...], fit: _Fit, weight: Weight,
-            options: CalibrationOptions) -> WeightCalibration:
-    std = np.sqrt(np.diag(fit.covariance))
+def _result(problem: _Problem, joints: tuple[str, ...], parameters: FloatArray,
+            covariance: FloatArray, options: CalibrationOptions) -> WeightCalibration:
+    std, n = np.sqrt(np.diag(covariance)), len(joints)
+    loads = problem.load(parameters[n:n + 3])
     scales, left_out = {}, {}
-    for joint, gain, error, load in zip(joints, fit.gains, std, fit.load):
-        if abs(gain) < options.significance * error or load < 1e-3 * fit.load.max():
+    for joint, gain, error, load in zip(joints, parameters, std, loads):
+        if abs(gain) < options.significance * error or load < 1e-3 * loads.max():
             left_out[joint] = 'its effort depends too little on the load in this motion'
             continue
         k, half = 1.0 / gain, HALF_95 * error / gain ** 2
@@ -253,7 +223,7 @@ def _result(joints: tuple[str, ...], fit: _Fit, weight: Weight,
         raise DataError('the weight changes the effort of no joint: is it in the second '
                         'recording, and does the arm move with it?')
     return WeightCalibration(
-        scales, left_out, dict(zip(joints, fit.load.tolist())),
+        scales, left_out, dict(zip(joints, loads.tolist())),
         {axis: Quantity(float(x), 'm', (float(x - HALF_95 * s), float(x + HALF_95 * s)))
-         for axis, x, s in zip('xyz', fit.centre, std[len(joints):])},
-        dict(zip(joints, fit.noise.tolist())))
+         for axis, x, s in zip('xyz', parameters[n:], std[n:])},
+        dict(zip(joints, problem.residual(parameters).std(axis=0).tolist())))
