@@ -8,7 +8,6 @@ index of its chunks is read record by record.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from io import BytesIO
 from pathlib import Path
 import struct
 import zlib
@@ -17,18 +16,17 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.compression import decompressed
 from gravity_comp_ros.recordings.messages import (
     Batch, batched, Bytes, Places, Storage, StoredTopic, summed)
-from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
 from mcap.summary import Summary
 import numpy as np
 
-_MAGIC = b'\x89MCAP0\r\n'
-_FOOTER = 1 + 8 + 8 + 8 + 4  # opcode, length, summary start, summary offsets, checksum
+MAGIC = b'\x89MCAP0\r\n'
+_END = 1 + 8 + 8 + 8 + 4 + len(MAGIC)       # footer: opcode, length, starts, checksum; magic
 _RECORD = struct.Struct('<BQ')              # opcode and length, before the content
 _MESSAGE_HEAD = 2 + 4 + 8 + 8               # channel, sequence, log time, publish time
-_MESSAGE, _CHUNK = 0x05, 0x06               # opcodes
 _MAX_BYTES = 1 << 30
 
 
@@ -49,9 +47,7 @@ class McapStorage(Storage):
         self._stream = path.open('rb')
         try:
             self._check_end()
-            self._reader = SeekingReader(self._stream, validate_crcs=True,
-                                         record_size_limit=_MAX_BYTES)
-            self._summary = self._reader.get_summary()
+            self._summary = SeekingReader(self._stream, record_size_limit=_MAX_BYTES).get_summary()
             self.topics = _topics(self._summary) if self._summary else summed(
                 (key, 1) for key, _ in _messages(path))
         except BagError:
@@ -73,21 +69,19 @@ class McapStorage(Storage):
             for index in sorted(self._summary.chunk_indexes,
                                 key=lambda each: each.chunk_start_offset):
                 if not index.message_index_offsets or selected & set(index.message_index_offsets):
-                    batch = _located(_plain(self._chunk(index.chunk_start_offset)), set(known),
-                                     selected)
+                    chunk = self._record(index.chunk_start_offset)
+                    if not isinstance(chunk, Chunk):
+                        raise ChunkError('there is no chunk at an offset given by the summary')
+                    batch = _located(_plain(chunk), set(known), selected)
                     if len(batch):
                         yield batch
         except Exception as error:  # the library raises various types for damaged files
             raise self._damaged(error) from None
 
-    def _chunk(self, offset: int) -> Chunk:
+    def _record(self, offset: int) -> McapRecord:
         self._stream.seek(offset)
-        opcode, length = _RECORD.unpack(self._stream.read(_RECORD.size))
-        if opcode != _CHUNK:
-            raise ChunkError('there is no chunk at an offset given by the summary')
-        if length > _MAX_BYTES:
-            raise ChunkError('the length of a chunk is wrong')
-        return Chunk.read(ReadDataStream(BytesIO(self._stream.read(length))))
+        return next(StreamReader(self._stream, skip_magic=True, emit_chunks=True,
+                                 record_size_limit=_MAX_BYTES).records)
 
     def close(self) -> None:
         self._stream.close()
@@ -95,28 +89,22 @@ class McapStorage(Storage):
     def _check_end(self) -> None:
         """Refuse a file without footer, or with a wrong checksum of the summary."""
         size = self._stream.seek(0, 2)
-        if size < 2 * len(_MAGIC) + _FOOTER:
-            raise self._truncated(size)
-        self._stream.seek(size - len(_MAGIC) - _FOOTER)
-        tail = self._stream.read()
-        if tail[-len(_MAGIC):] != _MAGIC or tail[0] != 2:
-            raise self._truncated(size)
-        start = int.from_bytes(tail[9:17], 'little')
-        checksum = int.from_bytes(tail[25:29], 'little')
-        if start and checksum:
-            self._stream.seek(start)
-            summary = self._stream.read(size - len(_MAGIC) - 4 - start)
-            if zlib.crc32(summary) != checksum:
-                raise BagError(f'{self._path} is damaged: the checksum of its summary is wrong; '
-                               f'`mcap recover` saves the readable part')
+        try:
+            footer = self._record(size - _END)
+        except Exception:  # the library raises various types for damaged files
+            footer = None
+        if not isinstance(footer, Footer) or self._stream.read() != MAGIC:
+            readable = _readable_messages(self._file)
+            advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
+                      else 'no message in it can be read')
+            raise BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
+                           f'an end; {advice}')
+        if footer.summary_start and footer.summary_crc:
+            self._stream.seek(footer.summary_start)
+            # The checksum is that of all bytes before itself.
+            if zlib.crc32(self._stream.read()[:-len(MAGIC) - 4]) != footer.summary_crc:
+                raise ChunkError('the checksum of its summary is wrong')
         self._stream.seek(0)
-
-    def _truncated(self, size: int) -> BagError:
-        readable = _readable_messages(self._file)
-        advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
-                  else 'no message in it can be read')
-        return BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
-                        f'an end; {advice}')
 
     def _damaged(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split()) or type(error).__name__
@@ -194,7 +182,7 @@ def _located(data: bytes, known: Collection[int], channels: Collection[int]) -> 
     unpack, head = _RECORD.unpack_from, _RECORD.size  # faster as local names
     while at <= last:
         opcode, length = unpack(data, at)
-        if opcode == _MESSAGE:
+        if opcode == Opcode.MESSAGE:
             places.append(at)
         at += head + length
     if at != len(data):

@@ -16,11 +16,10 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.compression import (
     CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
-from gravity_comp_ros.recordings.mcap_storage import McapStorage
+from gravity_comp_ros.recordings.mcap_storage import MAGIC, McapStorage
 from gravity_comp_ros.recordings.messages import Batch, batched, Storage, summed
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
 
-_MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ROS1_MAGIC = b'#ROSBAG V'
 _TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy', '.parquet')
@@ -143,7 +142,7 @@ def _open_file(file: Path, scratch: Path, source: Path | None = None) -> Storage
         raise BagError(f'no such recording: {named}') from None
     except OSError as error:
         raise BagError(f'cannot read {named}: {error.strerror}') from None
-    if magic.startswith(_MCAP_MAGIC):
+    if magic.startswith(MAGIC):
         return McapStorage(file, named)
     if magic.startswith(_SQLITE_MAGIC):
         return SqliteStorage(file, named)
