@@ -122,7 +122,7 @@ def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
 
 
 # s. Long enough for a motion above the noise of encoders, shorter than a reversal.
-_SPAN = 0.5
+SPAN = 0.5
 # rad. Minimum change over a span; a smaller one may be encoder noise.
 _MIN_CHANGE = 5e-4
 _MIN_SPANS = 20
@@ -147,7 +147,7 @@ def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray,
     if not rising.any() or not np.nan_to_num(qd).any():
         return ratio, likeness
     median_step = float(np.median(steps[rising]))
-    length = max(1, int(round(_SPAN / median_step)))
+    length = max(1, int(round(SPAN / median_step)))
     # The mean slope over a gap is not the velocity.
     gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * median_step)))
     whole = gaps[length:] == gaps[:-length]

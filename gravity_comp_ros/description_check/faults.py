@@ -21,6 +21,10 @@ AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_
 MOUNT, GAIN, UNIT, MASS, BODY = 'mount', 'effort_scale', 'effort_unit', 'mass', 'body'
 KINDS = (AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER, MOUNT, GAIN, UNIT, MASS, BODY)
 _QUARTER = 0.5 * np.pi
+_TURNS = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
+                   [0.0, -_QUARTER]])
+# Scale and starts of a fault without parameters.
+_NONE = np.zeros(0), np.zeros((1, 0))
 # Factors of efforts in another unit are near one of these: mN·m, N·cm, kgf·cm, percent, kgf·m.
 _UNITS = (1.0, 10.0, 100.0, 1000.0, 0.1, 0.01)
 
@@ -54,22 +58,36 @@ def possible_faults(arm: ArmState, joints: tuple[str, ...],
 
     :param links: by name, the frame of a link and its mass and first moment there (4,).
     """
-    angle, factor = options.angle, options.factor
-    faults = [_mount(angle), *(_unit(size, factor) for size in _UNITS)]
+    factor = np.array([options.factor])
+    faults = [Fault(MOUNT, ('base',), np.full(2, options.angle), np.array([*_TURNS, [np.pi, 0.0]]),
+                    lambda arm, p: arm.turned_base(tilt(p[None])[0]))]
+    faults += [Fault(UNIT, ('all joints',), factor * size, np.array([[size], [-size]]),
+                     lambda arm, p: replace(arm, gains=arm.gains * p[0])) for size in _UNITS]
     for n, joint in enumerate(joints):
-        faults += [_reversed(n, joint), _zero(n, joint, angle), _turned(n, joint, angle),
-                   _gain(n, joint, factor), _body(arm, n, joint, options)]
+        faults += _of_joint(arm, n, joint, options)
         faults += [_swapped(n, m, joint, joints[m]) for m in range(n)]
     return faults + [_mass(link, *place, factor) for link, place in links.items()]
 
 
-def _reversed(n: int, joint: str) -> Fault:
-    def change(arm: ArmState, _: FloatArray) -> ArmState:
-        signs = arm.signs.copy()
-        signs[n] = -signs[n]
-        return replace(arm, signs=signs)
-
-    return _fixed(AXIS_REVERSED, (joint,), change)
+def _of_joint(described: ArmState, n: int, joint: str, options: CheckOptions) -> list[Fault]:
+    """Return the faults of one joint alone."""
+    here = np.arange(len(described.signs)) == n
+    mass = max(float(described.bodies[n:, 0].sum()), options.min_mass)
+    lever = max(options.min_lever,
+                float(np.linalg.norm(described.origins[n + 1:], axis=1).sum()))
+    return [
+        Fault(AXIS_REVERSED, (joint,), *_NONE,
+              lambda arm, _: replace(arm, signs=np.where(here, -arm.signs, arm.signs))),
+        Fault(ZERO, (joint,), np.array([options.angle]),
+              np.array([[0.0], [_QUARTER], [-_QUARTER], [np.pi]]),
+              lambda arm, p: replace(arm, zeros=arm.zeros + p[0] * here)),
+        Fault(AXIS_TURNED, (joint,), np.full(2, options.angle), _TURNS,
+              lambda arm, p: arm.turned_axis(n, tilt(p[None])[0])),
+        Fault(GAIN, (joint,), np.array([options.factor]), np.array([[1.0], [-1.0]]),
+              lambda arm, p: replace(arm, gains=np.where(
+                  arm.order == arm.order[n], p[0] * arm.gains, arm.gains))),
+        Fault(BODY, (joint,), options.factor * mass * np.array([1.0, lever, lever, lever]),
+              np.zeros((1, 4)), lambda arm, p: arm.with_body(n, p))]
 
 
 def _swapped(n: int, m: int, joint: str, other: str) -> Fault:
@@ -78,58 +96,9 @@ def _swapped(n: int, m: int, joint: str, other: str) -> Fault:
         order[[n, m]] = order[[m, n]]
         return replace(arm, order=order)
 
-    return _fixed(ORDER, (other, joint), change)
+    return Fault(ORDER, (other, joint), *_NONE, change)
 
 
-def _zero(n: int, joint: str, angle: float) -> Fault:
-    def change(arm: ArmState, p: FloatArray) -> ArmState:
-        return replace(arm, zeros=arm.zeros + p[0] * (np.arange(len(arm.zeros)) == n))
-
-    starts = np.array([[0.0], [_QUARTER], [-_QUARTER], [2 * _QUARTER]])
-    return Fault(ZERO, (joint,), np.array([angle]), starts, change)
-
-
-def _turned(n: int, joint: str, angle: float) -> Fault:
-    starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
-                       [0.0, -_QUARTER]])
-    return Fault(AXIS_TURNED, (joint,), np.full(2, angle), starts,
-                 lambda arm, p: arm.turned_axis(n, tilt(p[None])[0]))
-
-
-def _mount(angle: float) -> Fault:
-    starts = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER],
-                       [0.0, -_QUARTER], [2 * _QUARTER, 0.0]])
-    return Fault(MOUNT, ('base',), np.full(2, angle), starts,
-                 lambda arm, p: arm.turned_base(tilt(p[None])[0]))
-
-
-def _gain(n: int, joint: str, factor: float) -> Fault:
-    def change(arm: ArmState, p: FloatArray) -> ArmState:
-        gains = arm.gains.copy()
-        gains[arm.order == arm.order[n]] *= p[0]
-        return replace(arm, gains=gains)
-
-    return Fault(GAIN, (joint,), np.array([factor]), np.array([[1.0], [-1.0]]), change)
-
-
-def _unit(size: float, factor: float) -> Fault:
-    return Fault(UNIT, ('all joints',), np.array([factor * size]),
-                 np.array([[size], [-size]]),
-                 lambda arm, p: replace(arm, gains=arm.gains * p[0]))
-
-
-def _mass(link: str, frame: int, body: FloatArray, factor: float) -> Fault:
-    return Fault(MASS, (link,), np.array([factor]), np.array([[0.0]]),
+def _mass(link: str, frame: int, body: FloatArray, factor: FloatArray) -> Fault:
+    return Fault(MASS, (link,), factor, np.array([[0.0]]),
                  lambda arm, p: arm.with_body(frame, p[0] * body))
-
-
-def _body(arm: ArmState, n: int, joint: str, options: CheckOptions) -> Fault:
-    mass = max(float(arm.bodies[n:, 0].sum()), options.min_mass)
-    lever = max(options.min_lever, float(np.linalg.norm(arm.origins[n + 1:], axis=1).sum()))
-    return Fault(BODY, (joint,), options.factor * mass * np.array([1.0, lever, lever, lever]),
-                 np.zeros((1, 4)), lambda state, p: state.with_body(n, p))
-
-
-def _fixed(kind: str, subjects: tuple[str, ...],
-           change: Callable[[ArmState, FloatArray], ArmState]) -> Fault:
-    return Fault(kind, subjects, np.zeros(0), np.zeros((1, 0)), change)

@@ -130,7 +130,7 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     columns = _chosen_columns(table, options)
     rows_read = len(table.values)
     if columns.time is not None:
-        table = merged_rows(table, columns.time, columns.measured)
+        table = merged_rows(table, columns.time, columns.used)
     merged = rows_read - len(table.values)
     names = _joint_names(table, options, columns.joints, len(columns.position))
     table, repeated = _without_repeated(table, columns)
@@ -146,7 +146,10 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     position, velocity = rows[:, columns.position], rows[:, columns.velocity]
     effort = rows[:, columns.effort]
     if is_ticks(options.position_unit):
-        position, velocity, effort = _registers((position, velocity, effort), notes)
+        (position, one), (velocity, two), (effort, three) = map(decoded, (
+            position, velocity, effort))
+        notes += [f'{what} is read as registers with {encoding}' for what, encoding in (
+            ('position', one), ('velocity', two), ('effort', three)) if encoding]
     q, qd = position * angle, velocity * angle if columns.velocity else None
     tau = effort * _effort_scale(options, names)
     if not tau.any():
@@ -167,15 +170,6 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
     return Converted(JointTopic(topic, names, t - start, q, qd, tau), start_ns,
                      int(keep.size - keep.sum()), tuple(notes))
-
-
-def _registers(parts: tuple[FloatArray, ...], notes: list[str]) -> list[FloatArray]:
-    """Return registers as signed numbers, and add a note on their encodings."""
-    results = [decoded(values) for values in parts]
-    for what, (_, encoding) in zip(('position', 'velocity', 'effort'), results):
-        if encoding:
-            notes.append(f'{what} is read as registers with {encoding}')
-    return [values for values, _ in results]
 
 
 def _chosen_columns(table: Table, options: TableOptions) -> Columns:
@@ -205,8 +199,7 @@ def _chosen_columns(table: Table, options: TableOptions) -> Columns:
     if len(time) > 1:
         raise BagError(f'{where}: several columns of time')
     columns = replace(columns, velocity=velocity, time=time[0] if time else None)
-    used = [*time, *columns.measured]
-    twice = sorted({table.columns[k] for k in used if used.count(k) > 1})
+    twice = sorted({table.columns[k] for k in columns.used if columns.used.count(k) > 1})
     if twice:
         raise BagError(f'{where}: column {", ".join(twice)} is used twice; position, '
                        f'velocity, effort and time require separate columns')
@@ -248,8 +241,7 @@ def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | N
 
 def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolArray:
     """Return the mask of valid rows; refuse invalid ones unless they may be skipped."""
-    used = columns.measured
-    used += [] if columns.time is None else [columns.time]
+    used = columns.used
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
     if not keep.all() and not options.skip_bad_rows:
@@ -258,8 +250,15 @@ def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolA
         value = table.values[row, used[column]]
         raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
                        f'{"empty or not a number" if np.isnan(value) else "not finite"}')
-    if columns.time is not None and keep.any():
-        keep = _rising_rows(table, table.values[:, columns.time], keep, options)
+    if columns.time is not None:
+        time = np.where(keep, table.values[:, columns.time], -np.inf)
+        latest = np.append(-np.inf, np.maximum.accumulate(time)[:-1])
+        back = keep & (time <= latest)
+        if back.any() and not options.skip_bad_rows:
+            row = int(np.argmax(back))
+            raise BagError(f'{table.where(row)}: time does not increase ({time[row]:.9g} after '
+                           f'{latest[row]:.9g}; --skip-bad-rows drops such rows)')
+        keep &= ~back
     if not keep.any():
         raise BagError(f'{table.path} has no usable row')
     return keep
@@ -281,23 +280,9 @@ def _without_repeated(table: Table, columns: Columns) -> tuple[Table, int]:
     """Return the table without rows equal to the row before, and their number."""
     if columns.time is None:
         return table, 0
-    used = table.values[:, [columns.time, *columns.measured]]
+    used = table.values[:, columns.used]
     repeats = np.append(False, (used[1:] == used[:-1]).all(axis=1))
     return table.part(~repeats), int(repeats.sum())
-
-
-def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
-                 options: TableOptions) -> BoolArray:
-    rows = np.flatnonzero(keep)
-    latest = np.maximum.accumulate(time[rows])
-    back = np.append(False, time[rows][1:] <= latest[:-1])
-    if back.any() and not options.skip_bad_rows:
-        row = int(rows[back][0])
-        raise BagError(f'{table.where(row)}: time does not increase ({time[row]:.9g} after '
-                       f'{latest[np.argmax(back) - 1]:.9g}; --skip-bad-rows drops such rows)')
-    out = keep.copy()
-    out[rows[back]] = False
-    return out
 
 
 def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:

@@ -65,9 +65,10 @@ class Columns:
     time: int | None = None
 
     @property
-    def measured(self) -> list[int]:
-        """Return the columns of position, velocity and effort."""
-        return [*self.position, *self.velocity, *self.effort]
+    def used(self) -> list[int]:
+        """Return all columns that are used."""
+        time = [] if self.time is None else [self.time]
+        return [*self.position, *self.velocity, *self.effort, *time]
 
 
 def named_columns(columns: Sequence[str], where: str) -> Columns | None:

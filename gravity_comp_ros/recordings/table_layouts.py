@@ -98,11 +98,11 @@ def merged_rows(table: Table, time: int, used: list[int]) -> Table:
     Return the table without rows that are blank in the used columns, with rows of one time merged.
 
     :param time: column of time.
-    :param used: columns of position, velocity and effort.
+    :param used: all columns of position, velocity, effort and time.
     """
     values = table.values
-    blank = np.isnan(values[:, used])
-    if not blank.any() or any(column in table.text for column in (*used, time)):
+    blank = np.isnan(values[:, [column for column in used if column != time]])
+    if not blank.any() or any(column in table.text for column in used):
         return table
     # Rows without a time are invalid, not blank.
     rows = np.flatnonzero(~blank.all(axis=1) | np.isnan(values[:, time]))
@@ -112,7 +112,7 @@ def merged_rows(table: Table, time: int, used: list[int]) -> Table:
     merged = table.part(rows[starts])
     group = np.cumsum(np.isin(np.arange(len(rows)), starts)) - 1
     # Later rows first, so that the first value of a group remains.
-    for column in (*used, time):
+    for column in used:
         here = np.isfinite(values[rows, column])
         merged.values[group[here][::-1], column] = values[rows[here], column][::-1]
     return merged

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gravity_comp_ros.data.differentiation import slope_ratios
+from gravity_comp_ros.data.differentiation import slope_ratios, SPAN
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import refused
@@ -16,8 +16,6 @@ from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
 
-# Time over which `slope_ratios` compares velocity and position, s.
-_WINDOW = 0.5
 _DEGREES = 180 / np.pi
 
 
@@ -66,29 +64,25 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     if len(t) < 50 or not moving.any():
         return
     # The unit of the time may be another one: ratios are those of a twentieth of the table.
-    scale = _WINDOW / (max(len(t) // 20, 10) * float(np.median(np.diff(t))))
+    scale = SPAN / (max(len(t) // 20, 10) * float(np.median(np.diff(t))))
     ratios, _ = slope_ratios(scale * t, q[:, moving], qd[:, moving])
     if np.isnan(ratios).all():
         return
     ratio = float(np.nanmedian(ratios)) / scale
-    if _is_one(ratio):
-        return
-    for unit, size in TIME_UNITS.items():
-        if not time_known and unit != 's' and _is_one(ratio * size):
-            raise BagError(f'{path}: the velocity is {1 / size:.0e} times the change of the '
-                           f'position: give --time-unit {unit}')
-    problems = {1 / _DEGREES: 'the positions are in degrees and the velocity in rad/s',
-                _DEGREES: 'the positions are in rad and the velocity in degrees/s',
-                -1.0: 'the velocity has the opposite sign'}
+    without = '--velocity none to compute the velocity from the positions'
+    problems: dict[float, str] = {}
+    if not time_known:
+        problems |= {1 / size: f'the velocity is {1 / size:.0e} times the change of the position: '
+                     f'give --time-unit {unit}' for unit, size in TIME_UNITS.items() if unit != 's'}
+    problems |= {
+        1 / _DEGREES: f'it seems that the positions are in degrees and the velocity in rad/s: '
+        f'give --position-unit deg, {without}',
+        _DEGREES: f'it seems that the positions are in rad and the velocity in degrees/s: give '
+        f'{without}',
+        -1.0: f'it seems that the velocity has the opposite sign: give {without}'}
     for factor, problem in problems.items():
-        if _is_one(ratio / factor):
-            unit = '--position-unit deg, ' if 0 < factor < 1 else ''
-            raise BagError(f'{path}: it seems that {problem}: give {unit}--velocity none to '
-                           f'compute the velocity from the positions')
-
-
-def _is_one(ratio: float) -> bool:
-    return 1 / DEFECTS.tolerance < ratio < DEFECTS.tolerance
+        if 1 / DEFECTS.tolerance < ratio / factor < DEFECTS.tolerance:
+            raise BagError(f'{path}: {problem}')
 
 
 # Numbers from here on are no counts of a few turns: they are encoded even if no joint passes 0.
