@@ -19,8 +19,8 @@ from zlib import crc32
 from bench.real_robots.arms import arm_of, SOURCES, urdf
 from bench.real_robots.cases import _box, _motion, recorded, scales
 from bench.real_robots.laws import gear_friction, Site
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
-from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.known_weight import (
+    calibrate, CalibrationOptions, Weight, WeightCalibration)
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import described_arm

@@ -118,10 +118,7 @@ def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOpt
     # Imports the XML parser.
     from gravity_comp_ros.description.links import described_arm
     from gravity_comp_ros.description.robot_tree import arm_joints
-    chosen, left_out = tuple(joints), {}
-    if choose:
-        arm = arm_joints(text, joints, source)
-        chosen, left_out = arm.joints, arm.left_out
+    chosen, left_out = arm_joints(text, joints, source) if choose else (tuple(joints), {})
     held = _held_positions(reports, options.fixed, text, chosen, source)
     geometry = described_arm(text, chosen, source, held).geometry
     masses = ', its masses as a prior of the inertias' if geometry.inertials.any() else ''

@@ -24,14 +24,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from gravity_comp_ros.calibration.options import CalibrationOptions
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.differentiation import accelerations
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.facts.friction import without
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
@@ -40,6 +41,31 @@ from gravity_comp_ros.models.noise import correlation_times
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import rows_of
 import numpy as np
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """
+    Options of the calibrations of efforts and servos.
+
+    - `significance`: least size of an estimate 1 / k in standard deviations: k is then certain to
+      a fifth, and its interval is symmetric.
+    - `distance`, m: prior standard deviation of each coordinate of an unknown centre of mass.
+    - `arm_factor`: the weight of the arm is that of the description within this factor.
+      Descriptions have rough masses; a wrong mass of the known weight gives others, and exchanged
+      recordings negative ones.
+    - `same_offset`: whether the recordings without and with the weight have the same offset.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    significance: float = 10.0
+    distance: float = 0.2
+    arm_factor: float = 10.0
+    same_offset: bool = False
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'calibration', 'significance', 'distance', 'arm_factor')
 
 
 @dataclass(frozen=True)
@@ -145,9 +171,7 @@ class _Problem:
             signs = rows.mean(directions(samples, j)).T
             friction = np.column_stack([*offset, *(signs * (1.0 - is_loaded)),
                                         *(signs * is_loaded), qd[:, j]])
-            basis, size, _ = np.linalg.svd(friction, full_matrices=False)
-            basis = basis[:, size > 1e-9 * size[0]]
-            columns[:, j] -= basis @ (basis.T @ columns[:, j])
+            columns[:, j] = without(friction, columns[:, j])
         self.effort, self.gravity = columns[:, :, 0], columns[:, :, 1:1 + 2 * self.n]
         # Torque of the weight at the origin of its link, with the dynamic torque.
         self.fixed, self.moving = columns[:, :, -4] + columns[:, :, -5], columns[:, :, -3:]

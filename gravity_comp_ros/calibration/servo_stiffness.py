@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.known_weight import CalibrationOptions
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples

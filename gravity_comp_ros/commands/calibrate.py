@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 
 from gravity_comp_ros.api.read import read_recording
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight, WeightCalibration
-from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.known_weight import (
+    calibrate, CalibrationOptions, Weight, WeightCalibration)
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.commands.arguments import gate, read_options

@@ -97,7 +97,7 @@ def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
         if recorded is None:
             raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
         text, source = recorded.text, recorded.source
-    joints = arm_joints(text, recording.joints, source).joints
+    joints, _ = arm_joints(text, recording.joints, source)
     return described_arm(text, joints, source, HeldPositions(args.fixed))
 
 

@@ -59,16 +59,16 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
     if urdf is not None:
         from gravity_comp_ros.description.robot_tree import arm_joints
         try:
-            arm = arm_joints(urdf, names)
+            joints, left_out = arm_joints(urdf, names)
         except (DataError, ModelMismatchError):
             pass
         else:
-            if not arm.left_out:
-                return JointOrder(arm.joints, DESCRIPTION)
+            if not left_out:
+                return JointOrder(joints, DESCRIPTION)
     for ordered, source in ((_by_numbers, NUMBERS), (_by_words, WORDS)):
-        joints = ordered(names)
-        if joints is not None:
-            return JointOrder(joints, source)
+        found = ordered(names)
+        if found is not None:
+            return JointOrder(found, source)
     return JointOrder(tuple(names), AS_RECORDED)
 
 

@@ -237,24 +237,13 @@ def rotation_of(rpy: FloatArray) -> FloatArray:
 _MAX_NAMES = 16
 
 
-@dataclass(frozen=True)
-class ArmJoints:
+def arm_joints(text: str | bytes, recorded: Sequence[str],
+               source: str = 'URDF') -> tuple[tuple[str, ...], dict[str, str]]:
     """
-    Recorded joints of the arm, from the base outwards.
+    Return the serial arm among the recorded joints, from the base outwards, and the other joints.
 
-    `left_out` are the other recorded joints, such as those of a gripper, with the reason.
-    """
-
-    joints: tuple[str, ...]
-    left_out: dict[str, str]
-
-
-def arm_joints(text: str | bytes, recorded: Sequence[str], source: str = 'URDF') -> ArmJoints:
-    """
-    Return the serial arm among the recorded joints.
-
-    Prismatic joints and mimic joints are left out, because the gravity model requires independent
-    revolute joints.
+    Prismatic joints and mimic joints are left out, with the reason, because the gravity model
+    requires independent revolute joints.
 
     :raises DataError: if the text is not a URDF.
     :raises ModelMismatchError: if a joint is missing in it, or the joints are on several arms.
@@ -265,7 +254,7 @@ def arm_joints(text: str | bytes, recorded: Sequence[str], source: str = 'URDF')
                 if (reason := _exclusion(tree.joints[name]))}
     selected = [name for name in recorded if name not in left_out]
     path = arm_path(tree, selected)
-    return ArmJoints(tuple(joint.name for joint in path if joint.name in selected), left_out)
+    return tuple(joint.name for joint in path if joint.name in selected), left_out
 
 
 def arm_path(tree: RobotTree, joints: Collection[str]) -> list[TreeJoint]:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description_check.arm_state import ArmState
-from gravity_comp_ros.description_check.options import CheckOptions
 from gravity_comp_ros.models.kinematic.chain import tilt
 import numpy as np
 
@@ -27,6 +27,40 @@ _TURNS = np.array([[0.0, 0.0], [_QUARTER, 0.0], [-_QUARTER, 0.0], [0.0, _QUARTER
 _NONE = np.zeros(0), np.zeros((1, 0))
 # Factors of efforts in another unit are near one of these: mN·m, N·cm, kgf·cm, percent, kgf·m.
 _UNITS = (1.0, 10.0, 100.0, 1000.0, 0.1, 0.01)
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """
+    Options of a check.
+
+    - `discrepancy`: share of a joint's torque range that no rigid arm explains, and
+      `friction_discrepancy` that of its friction that no sum of laws explains (Stribeck
+      friction, load), as standard deviations.
+    - `max_faults` bounds the search. A fault has the least log evidence of a term of the
+      regression (`EngineOptions.min_gain`).
+    - `unchecked`, rad: standard deviation beyond which an angle counts as not checked.
+    - `smaller`: ratio of standard deviations without and with the faults found below which they
+      are searched again.
+    - `angle`, rad, and `factor`: prior standard deviations of angles, and of factors, masses and
+      first moments relative to those of the arm beyond the joint, which are at least `min_mass`,
+      kg, at `min_lever`, m.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    discrepancy: float = 0.005
+    friction_discrepancy: float = 0.3
+    max_faults: int = 4
+    unchecked: float = 0.05
+    smaller: float = 0.9
+    angle: float = 0.3
+    factor: float = 0.5
+    min_mass: float = 0.2
+    min_lever: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'check of a description')
 
 
 @dataclass(frozen=True, eq=False)

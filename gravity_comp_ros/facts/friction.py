@@ -144,5 +144,5 @@ def _compensated(signals: Signals, by_joint: Mapping[str, Shares],
 
 
 def without(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (M,) without their least-squares fit by columns (M, C)."""
+    """Return values (M, ...) without their least-squares fit by columns (M, C)."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])

@@ -35,7 +35,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     path = Path(path)
     with open_storage(path) as storage:
         topic, notes = choose_topic(path, storage, options.topic)
-        count = max((one.count for one in storage.topics if one.name == topic), default=0)
+        count = max(n for one, n in storage.topics.items() if one.name == topic)
         limit = options.max_messages
         share = 1.0 if limit is None else min(limit / max(count, 1), 1.0)
         columns = Columns(storage, topic, options.rename, share)

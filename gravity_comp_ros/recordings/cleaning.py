@@ -146,26 +146,31 @@ class Cleaning:
         for what, values in (('position', self.q), ('effort', self.tau)):
             bad = ~np.isfinite(values)
             share = bad.mean(axis=0)
-            lacks = f'is missing, NaN or beyond {DEFECTS.max_magnitude:g} in'
+            worst = int(np.argmax(share))
+            if share[worst] < DEFECTS.common:
+                continue
+            of, count, advice = f' of joint {self.joints[worst]}', bad[:, worst].sum(), (
+                f'leave it out with --joints '
+                f'{",".join(np.array(self.joints)[share < DEFECTS.common])}')
             if (share >= DEFECTS.common).all():
-                raise BagError(f'{self.where}: {what} {lacks} {int(bad.any(axis=1).sum())} of '
-                               f'{len(values)} messages, for every joint; the driver must '
-                               f'publish it')
-            if (share >= DEFECTS.common).any():
-                worst = int(np.argmax(share))
-                good = ','.join(np.array(self.joints)[share < DEFECTS.common])
-                raise BagError(
-                    f'{self.where}: {what} of joint {self.joints[worst]} {lacks} '
-                    f'{int(bad[:, worst].sum())} of {len(values)} messages; leave it out with '
-                    f'--joints {good}')
+                of, count, advice = '', bad.any(axis=1).sum(), (
+                    'for every joint; the driver must publish it')
+            raise BagError(f'{self.where}: {what}{of} is missing, NaN or beyond '
+                           f'{DEFECTS.max_magnitude:g} in {count} of {len(values)} messages; '
+                           f'{advice}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),
                    NOT_FINITE)
 
     def _check_jumps(self) -> None:
-        if _positions_alternate(self.q):
-            raise BagError(f'{self.where}: positions alternate between two values from message to '
-                           f'message, as if two robots published the same joint names on one '
-                           f'topic; give each robot a namespace and record again')
+        """Refuse positions that alternate between two values."""
+        for joint in self.q.T if len(self.q) >= 20 else ():
+            step = np.median(np.abs(np.diff(joint)))
+            back = np.median(np.abs(joint[2:] - joint[:-2]))
+            if step > FactOptions().min_motion and back < DEFECTS.max_return * step:
+                raise BagError(
+                    f'{self.where}: positions alternate between two values from message to '
+                    f'message, as if two robots published the same joint names on one topic; give '
+                    f'each robot a namespace and record again')
 
     def _missing_velocities(self) -> BoolArray:
         """Return the mask (N,) of joints whose velocity is computed from the position."""
@@ -251,12 +256,10 @@ def listed(dropped: Mapping[str, int]) -> str:
 def mask_out_of_range(*arrays: FloatArray) -> int:
     """Set finite values beyond `DEFECTS.max_magnitude` to NaN, in place; return their number."""
     count = 0
-    for values in arrays:
-        for start in range(0, len(values), DEFECTS.block_rows):
-            part = values[start:start + DEFECTS.block_rows]
-            beyond = np.isfinite(part) & (np.abs(part) > DEFECTS.max_magnitude)
-            part[beyond] = np.nan
-            count += int(beyond.sum())
+    for column in (column for values in arrays for column in values.T):
+        beyond = np.isfinite(column) & (np.abs(column) > DEFECTS.max_magnitude)
+        column[beyond] = np.nan
+        count += int(beyond.sum())
     return count
 
 
@@ -328,19 +331,3 @@ def _efforts_fall(tau: FloatArray, second: BoolArray) -> bool:
     size = np.abs(tau[~second]).max(axis=1)
     step = np.abs(np.diff(tau, axis=0)).max(axis=1)[second[1:] != second[:-1]]
     return bool(np.median(step) > DEFECTS.common * np.median(size))
-
-
-def _positions_alternate(q: FloatArray) -> bool:
-    """
-    Return whether positions (M, N) in rad alternate between two values, message by message.
-
-    This occurs if two robots publish the same joint names on one topic.
-    """
-    if len(q) < 20:
-        return False
-    for joint in q.T:
-        step = np.median(np.abs(np.diff(joint)))
-        back = np.median(np.abs(joint[2:] - joint[:-2]))
-        if step > FactOptions().min_motion and back < DEFECTS.max_return * step:
-            return True
-    return False

@@ -32,15 +32,20 @@ def decompressed(data: bytes, kind: str, limit: int) -> bytes:
     :raises CompressionError: if `kind` is not 'zstd' or 'lz4', or the data are damaged, truncated
         or larger.
     """
-    if kind == 'lz4':
-        return _lz4(data, limit)
-    if kind != 'zstd':
-        raise CompressionError(f'compression {kind!r} is unknown')
     import zstandard
     try:
-        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
-            out = reader.read(limit + 1)
-    except zstandard.ZstdError as error:
+        if kind == 'zstd':
+            with zstandard.ZstdDecompressor().stream_reader(
+                    data, read_across_frames=True) as reader:
+                out = reader.read(limit + 1)
+        elif kind == 'lz4':
+            import lz4.frame  # type: ignore[import-untyped]
+            out = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1))
+        else:
+            raise CompressionError(f'compression {kind!r} is unknown')
+    except ImportError:
+        raise CompressionError('it is compressed by lz4, and lz4 is not installed') from None
+    except (zstandard.ZstdError, RuntimeError) as error:
         raise CompressionError(str(error)) from None
     _check(len(out), limit)
     return out
@@ -73,20 +78,6 @@ def decompress_file(source: Path, target: Path) -> None:
     if not ended:
         raise BagError(f'{source} is truncated: its compressed data end after {size} bytes of the '
                        f'recording; copy the file again from the recorder')
-
-
-def _lz4(data: bytes, limit: int) -> bytes:
-    try:
-        import lz4.frame  # type: ignore[import-untyped]
-    except ImportError:
-        raise CompressionError('it is compressed by lz4, and lz4 is not installed') from None
-    try:
-        frame = lz4.frame.LZ4FrameDecompressor()
-        out = bytes(frame.decompress(data, max_length=limit + 1))
-    except RuntimeError as error:
-        raise CompressionError(str(error)) from None
-    _check(len(out), limit)
-    return out
 
 
 def _check(size: int, limit: int) -> None:

@@ -18,7 +18,6 @@ class DefectOptions:
       as set back. `max_steps`: of the clock; messages of two clocks alternate.
     - `gap`, s, and `gap_steps`, median intervals: minimum length of a gap.
     - `same_time`, s: between rows of one message; far below any interval of messages.
-    - `block_rows`: processed together; limits the memory of temporary arrays.
 
     Several publishers:
 
@@ -47,7 +46,6 @@ class DefectOptions:
     gap: float = 10.0
     gap_steps: float = 100.0
     same_time: float = 1e-4
-    block_rows: int = 65536
     max_return: float = 0.2
     min_arms: float = 0.6
     min_side_names: int = 2

@@ -7,6 +7,7 @@ index of its chunks is read record by record.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 import struct
@@ -15,7 +16,7 @@ import zlib
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.compression import decompressed
 from gravity_comp_ros.recordings.messages import (
-    Batch, batched, Bytes, Places, Storage, StoredTopic, summed)
+    Batch, batched, Bytes, Places, Storage, StoredTopic)
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
@@ -48,8 +49,8 @@ class McapStorage(Storage):
         try:
             self._check_end()
             self._summary = SeekingReader(self._stream, record_size_limit=_MAX_BYTES).get_summary()
-            self.topics = _topics(self._summary) if self._summary else summed(
-                (key, 1) for key, _ in _messages(path))
+            self.topics = _topics(self._summary) if self._summary else Counter(
+                topic for topic, _ in _messages(path))
         except BagError:
             self._stream.close()
             raise
@@ -61,8 +62,8 @@ class McapStorage(Storage):
         """Yield the messages of a topic in batches; whole chunks if the file has an index."""
         try:
             if self._summary is None or not self._summary.chunk_indexes:
-                yield from batched((message.log_time, message.data) for key, message
-                                   in _messages(self._file) if key[0] == topic)
+                yield from batched((message.log_time, message.data) for of, message
+                                   in _messages(self._file) if of.name == topic)
                 return
             known = self._summary.channels
             selected = {number for number, channel in known.items() if channel.topic == topic}
@@ -112,20 +113,21 @@ class McapStorage(Storage):
                         f'part')
 
 
-def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
+def _topics(summary: Summary) -> Counter[StoredTopic]:
     counts = summary.statistics.channel_message_counts if summary.statistics else {}
-    return summed((_key(channel, summary.schemas), counts.get(channel.id, 0))
-                  for channel in summary.channels.values())
+    topics: Counter[StoredTopic] = Counter()
+    for channel in summary.channels.values():
+        topics[_topic(channel, summary.schemas)] += counts.get(channel.id, 0)
+    return topics
 
 
-def _key(channel: Channel, schemas: Mapping[int, Schema]) -> tuple[str, str, str]:
-    """Return topic, type and encoding of a channel."""
+def _topic(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
     schema = schemas.get(channel.schema_id)
-    return channel.topic, schema.name if schema else '', channel.message_encoding
+    return StoredTopic(channel.topic, schema.name if schema else '', channel.message_encoding)
 
 
-def _messages(path: Path) -> Iterator[tuple[tuple[str, str, str], Message]]:
-    """Yield topic, type and encoding of each message of a file, and the message, in file order."""
+def _messages(path: Path) -> Iterator[tuple[StoredTopic, Message]]:
+    """Yield the topic of each message of a file, and the message, in file order."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     with path.open('rb') as stream:
@@ -142,7 +144,7 @@ def _messages(path: Path) -> Iterator[tuple[tuple[str, str, str], Message]]:
                     channels[record.id] = record
                 elif isinstance(record, Message):
                     _check_channels({record.channel_id}, channels)
-                    yield _key(channels[record.channel_id], schemas), record
+                    yield _topic(channels[record.channel_id], schemas), record
 
 
 def _readable_messages(path: Path) -> int:

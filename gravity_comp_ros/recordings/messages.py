@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,20 +68,24 @@ def batched(messages: Iterator[tuple[int, bytes]]) -> Iterator[Batch]:
                     np.cumsum(length) - length, length, log_ns)
 
 
-@dataclass(frozen=True)
-class StoredTopic:
-    """A topic of a recording: message type, encoding and number of messages."""
+class StoredTopic(NamedTuple):
+    """A topic of a recording: name, message type and encoding."""
 
     name: str
     type: str
     encoding: str
-    count: int
 
 
 class Storage(ABC):
-    """An open recording; `topics` includes topics without messages."""
+    """
+    An open recording.
 
-    topics: tuple[StoredTopic, ...]
+    `topics` has the number of messages of each topic, which may be 0. `notes` are sentences about
+    what was lost while messages were read.
+    """
+
+    topics: Counter[StoredTopic]
+    notes: Sequence[str] = ()
 
     @abstractmethod
     def batches(self, topic: str) -> Iterator[Batch]:
@@ -91,18 +97,5 @@ class Storage(ABC):
         :raises BagError: if the file is damaged.
         """
 
-    @property
-    def notes(self) -> list[str]:
-        """Return sentences about what was lost while messages were read."""
-        return []
-
     def close(self) -> None:  # noqa: B027
         """Close the files, if this object has opened any."""
-
-
-def summed(counts: Iterable[tuple[tuple[str, str, str], int]]) -> tuple[StoredTopic, ...]:
-    """Return the topics, with message counts summed over equal name, type and encoding."""
-    total: dict[tuple[str, str, str], int] = {}
-    for key, count in counts:
-        total[key] = total.get(key, 0) + count
-    return tuple(StoredTopic(*key, count) for key, count in total.items())

@@ -85,9 +85,8 @@ def decode_string(data: bytes) -> str:
 
 
 def _topic(storage: Storage) -> str | None:
-    topics = {topic.name for topic in storage.topics
-              if topic.type == STRING and topic.encoding == 'cdr' and topic.count
-              and topic.name.endswith(TOPIC)}
+    topics = {topic.name for topic, count in storage.topics.items()
+              if topic[1:] == (STRING, 'cdr') and count and topic.name.endswith(TOPIC)}
     if TOPIC in topics:
         return TOPIC
     return topics.pop() if len(topics) == 1 else None

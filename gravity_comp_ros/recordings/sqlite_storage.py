@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 import shlex
@@ -29,7 +30,6 @@ class SqliteStorage(Storage):
 
     def __init__(self, path: Path, named: Path | None = None) -> None:
         self._path = named or path
-        self._notes: list[str] = []
         # After a killed recording, the newest messages are in the write-ahead log, which
         # `immutable` would ignore.
         log = path.with_name(path.name + '-wal')
@@ -46,10 +46,6 @@ class SqliteStorage(Storage):
             raise
         except sqlite3.Error as error:
             self.topics = self._topics_of_part(error)
-
-    @property
-    def notes(self) -> list[str]:
-        return self._notes
 
     def batches(self, topic: str) -> Iterator[Batch]:
         """Yield the messages of a topic in batches."""
@@ -76,8 +72,8 @@ class SqliteStorage(Storage):
         if damage is not None and not count:
             raise self._unreadable(damage) from None
         if damage is not None:
-            self._notes.append(f'{self._path.name} is damaged ({damage}): the {count} readable '
-                               f'messages of {topic} are used')
+            self.notes = [f'{self._path.name} is damaged ({damage}): the {count} readable '
+                          f'messages of {topic} are used']
 
     def _before(self, topic: str, first: int, end: int) -> list[tuple[int, bytes]]:
         """Return the messages from `first` to before `end` that no unreadable one follows."""
@@ -99,7 +95,7 @@ class SqliteStorage(Storage):
     def close(self) -> None:
         self._base.close()
 
-    def _read_topics(self) -> tuple[StoredTopic, ...]:
+    def _read_topics(self) -> Counter[StoredTopic]:
         tables = {row[0] for row in self._base.execute(
             "SELECT name FROM sqlite_master WHERE type = 'table'")}
         if not {'topics', 'messages'} <= tables:
@@ -107,10 +103,12 @@ class SqliteStorage(Storage):
                            f'of topics and messages')
         rows = self._base.execute('SELECT id, name, type, serialization_format FROM topics '
                                   'ORDER BY id').fetchall()
-        return tuple(StoredTopic(str(name), str(kind), str(encoding), self._count(number))
-                     for number, name, kind, encoding in rows)
+        topics: Counter[StoredTopic] = Counter()
+        for number, *words in rows:
+            topics[StoredTopic(*map(str, words))] += self._count(number)
+        return topics
 
-    def _topics_of_part(self, error: sqlite3.Error) -> tuple[StoredTopic, ...]:
+    def _topics_of_part(self, error: sqlite3.Error) -> Counter[StoredTopic]:
         """Return the topics of a file that is shorter than its header says."""
         try:
             self._base.execute('PRAGMA writable_schema = ON')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack
 import hashlib
@@ -17,7 +18,7 @@ from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.compression import (
     CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.mcap_storage import MAGIC, McapStorage
-from gravity_comp_ros.recordings.messages import Batch, batched, Storage, summed
+from gravity_comp_ros.recordings.messages import Batch, batched, Storage
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
@@ -38,8 +39,9 @@ class _Recording(Storage):
 
     def __init__(self, parts: list[Storage], path: Path) -> None:
         self._parts, self._path = parts, path
-        self.topics = summed(((topic.name, topic.type, topic.encoding), topic.count)
-                             for part in parts for topic in part.topics)
+        self.topics = Counter()
+        for part in parts:
+            self.topics.update(part.topics)
         self._read, self._damaged = 0, 0
 
     def batches(self, topic: str) -> Iterator[Batch]:
@@ -49,12 +51,9 @@ class _Recording(Storage):
                                    for m, stamp in enumerate(batch.log_ns))
             else:
                 yield batch
-
-    @property
-    def notes(self) -> list[str]:
-        note = f'{counted(self._damaged, "message")} cannot be decompressed'
-        return [*chain.from_iterable(part.notes for part in self._parts),
-                *[note] * bool(self._damaged)]
+        self.notes = [*chain.from_iterable(part.notes for part in self._parts)]
+        if self._damaged:
+            self.notes.append(f'{counted(self._damaged, "message")} cannot be decompressed')
 
     def _plain(self, topic: str, data: bytes) -> bytes:
         if not data.startswith(ZSTD_MAGIC):

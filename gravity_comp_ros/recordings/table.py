@@ -266,11 +266,11 @@ def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolA
 
 def _refuse_text(table: Table, used: list[int]) -> None:
     """Raise a `BagError` that names the first cell of text in a used column, if any."""
-    cells = sorted((table.text[column][0], column) for column in used if column in table.text)
+    cells = sorted((table.text[column][0][0], column) for column in used if column in table.text)
     if not cells:
         return
     line, column = cells[0]
-    cell = table.text[column][1]
+    cell = table.text[column][0][1]
     comma = '; for a decimal comma, separate the cells by semicolons' * (',' in cell)
     raise BagError(f'{table.path}, line {line}, column {table.columns[column]}: {cell!r} is not a '
                    f'number{comma} (--skip-bad-rows skips such rows)')

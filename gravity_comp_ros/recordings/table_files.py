@@ -32,7 +32,7 @@ class Table:
 
     `columns`: C unique names. `values` (M, C): NaN for an empty cell or text. `lines` (M,): line
     numbers of the rows in a text file. `joints`: joint names, if the file has them. `text`: line
-    and content of the first cell of text, by column; `other_text`: of the first that differs.
+    and content of the first cell of text, and of the first that differs, by column.
     """
 
     path: Path
@@ -40,8 +40,7 @@ class Table:
     values: FloatArray
     lines: array | IntArray | None = None
     joints: tuple[str, ...] | None = None
-    text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
-    other_text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
+    text: Mapping[int, list[tuple[int, str]]] = field(default_factory=dict)
 
     def where(self, row: int) -> str:
         """Return the location of a row for messages: its number, and its line in a text file."""
@@ -88,15 +87,13 @@ def read_npz(path: Path) -> Table:
 
     :raises BagError: if the archive is damaged, or its arrays have different lengths.
     """
-    arrays: dict[str, NDArray] = {}
     try:
         loaded = np.load(path, allow_pickle=False)
         if not isinstance(loaded, np.lib.npyio.NpzFile):
             raise BagError(f'{path} is a single array; it must be an .npz archive of named '
                            f'arrays, as written by np.savez("log.npz", t=t, q=q, tau=tau)')
-        with loaded as archive:
-            for key in archive.files:
-                arrays[key] = archive[key]
+        with loaded:
+            arrays: dict[str, NDArray] = dict(loaded)
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror or error}') from None
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile,
@@ -106,17 +103,9 @@ def read_npz(path: Path) -> Table:
                            f'arrays of numbers') from None
         raise BagError(f'{path} is not a readable .npz archive: '
                        f'{" ".join(str(error).split())}') from None
-    names = arrays.pop('names', None)
-    joints = None
-    if names is not None:
-        if names.dtype.kind not in 'US' or names.ndim != 1:
-            raise BagError(f'{path}: array names must be a list of joint names')
-        joints = tuple(str(name) for name in names.astype(str))
-    return _npz_table(path, arrays, joints)
-
-
-def _npz_table(path: Path, arrays: dict[str, NDArray],
-               joints: tuple[str, ...] | None) -> Table:
+    joints = arrays.pop('names', None)
+    if joints is not None and (joints.dtype.kind not in 'US' or joints.ndim != 1):
+        raise BagError(f'{path}: array names must be a list of joint names')
     columns = [column for key, values in arrays.items()
                for column in _columns(key, values, _numbered)]
     if not columns:
@@ -127,7 +116,7 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
     names = [name for name, _ in columns]
     check_columns(path, names)
     return Table(path, tuple(names), np.column_stack([values for _, values in columns]), None,
-                 joints)
+                 None if joints is None else tuple(map(str, joints.astype(str))))
 
 
 def _numbered(key: str, count: int) -> list[str]:
@@ -156,8 +145,7 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
         str(k + 1) for k in range(len(first[1]))]
     check_columns(path, names)
     values, lines = array('d'), array('q')
-    text: dict[int, tuple[int, str]] = {}
-    other_text: dict[int, tuple[int, str]] = {}
+    text: dict[int, list[tuple[int, str]]] = {}
     for line, cells in rows if header else chain([first], rows):
         if len(cells) != len(names) and not skip_bad_rows:
             raise BagError(f'{path}, line {line}: {len(cells)} cells; the table has '
@@ -168,14 +156,15 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
             number = _number(cell, decimal_comma)
             values.append(np.nan if number is None else number)
             # Text is an error only in a used column.
-            if number is None and cell.strip() and \
-                    text.setdefault(column, (line, cell))[1] != cell:
-                other_text.setdefault(column, (line, cell))
+            if number is None and cell.strip():
+                seen = text.setdefault(column, [])
+                if not seen or len(seen) == 1 and seen[0][1] != cell:
+                    seen.append((line, cell))
         lines.append(line)
     if not lines:
         raise BagError(f'{path} has no rows')
     return Table(path, tuple(names), np.frombuffer(values).reshape(-1, len(names)).copy(), lines,
-                 None, text, other_text)
+                 None, text)
 
 
 def _rows(path: Path, stream: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:

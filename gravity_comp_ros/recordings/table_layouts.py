@@ -68,14 +68,14 @@ def _with_numbers(table: Table) -> Table:
     names = {int(match[2]): k for k, match in numbered.items() if match[1].lower() == 'name'}
     joints = table.joints
     if names and all(k in table.text for k in names.values()):
-        joints = tuple(table.text[names[number]][1].strip() for number in sorted(names))
+        joints = tuple(table.text[names[number]][0][1].strip() for number in sorted(names))
         for k in names.values():
-            if k in table.other_text:
-                line, cell = table.other_text[k]
+            (_, first), *others = table.text[k]
+            for line, cell in others:
                 raise BagError(
                     f'{table.path}, line {line}, column {table.columns[k]}: the joint is {cell!r} '
-                    f'after {table.text[k][1]!r}; two publishers or another order of joints: '
-                    f'write one file for each')
+                    f'after {first!r}; two publishers or another order of joints: write one file '
+                    f'for each')
     return replace(table, columns=tuple(columns), joints=joints)
 
 

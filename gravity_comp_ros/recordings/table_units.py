@@ -73,7 +73,8 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     problems: dict[float, str] = {}
     if not time_known:
         problems |= {1 / size: f'the velocity is {1 / size:.0e} times the change of the position: '
-                     f'give --time-unit {unit}' for unit, size in TIME_UNITS.items() if unit != 's'}
+                     f'give --time-unit {unit}'
+                     for unit, size in TIME_UNITS.items() if unit != 's'}
     problems |= {
         1 / _DEGREES: f'it seems that the positions are in degrees and the velocity in rad/s: '
         f'give --position-unit deg, {without}',

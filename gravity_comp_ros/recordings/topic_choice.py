@@ -42,9 +42,9 @@ def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[s
                            f'{topics[name].encoding}, not a JointState in CDR; {listed}')
         raise BagError(f'{path} has no topic {name}; {listed}')
     if not usable:
-        others = ', '.join(f'{t.name} ({t.type})' for t in storage.topics[:8])
+        others = ', '.join(f'{t.name} ({t.type})' for t in [*storage.topics][:8])
         raise BagError(f'{path} has no topic of type sensor_msgs/msg/JointState; it has {others}')
-    filled = [name for name in usable if topics[name].count] or usable
+    filled = [name for name in usable if storage.topics[topics[name]]] or usable
     if len(filled) == 1:
         return filled[0], []
     if _DEFAULT_TOPIC in filled:

@@ -6,8 +6,7 @@ from pathlib import Path
 import re
 
 from bench.cases.signals import Pause, SensorOptions
-from gravity_comp_ros.calibration.known_weight import Weight
-from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.known_weight import CalibrationOptions, Weight
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions

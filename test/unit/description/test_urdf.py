@@ -278,9 +278,9 @@ def test_mimic_joints():
 
 def test_selection_of_the_arm_joints():
     recorded = sorted([*robots.PANDA_JOINTS, 'panda_finger_joint1', 'panda_finger_joint2'])
-    joints = arm_joints(robots.PANDA, recorded)
-    assert joints.joints == robots.PANDA_JOINTS
-    assert set(joints.left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
+    joints, left_out = arm_joints(robots.PANDA, recorded)
+    assert joints == robots.PANDA_JOINTS
+    assert set(left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
     both = [f'{side}_{part}' for side in ('left', 'right') for part in robots.BAXTER_PARTS]
     with pytest.raises(ModelMismatchError, match='2 different branches: left_s0.*[|] right_s0.*'
                                                  '--joints left_s0,left_s1,left_e0'):

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from bench.shared.command_line import refused
 from bench.shared.rough_links import two_links
-from gravity_comp_ros.calibration.known_weight import calibrate, Weight
-from gravity_comp_ros.calibration.options import CalibrationOptions
+from gravity_comp_ros.calibration.known_weight import calibrate, CalibrationOptions, Weight
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
