@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    local, numbers_of, parse_tree, RobotTree, rotation_of)
+    numbers_of, parse_tree, RobotTree, rotation_of)
 from gravity_comp_ros.description.urdf import HeldPositions, LinkPlace, Traversal
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -56,14 +56,10 @@ class DescribedArm:
         :raises DataError: if no link of the arm has a mass, or a number is wrong.
         """
         result = {}
-        for link in self.tree.root.iter():
-            name = printable(link.get('name', ''))
-            if local(link) != 'link' or name not in self.places:
-                continue
-            parts = {local(part): part for inertial in link if local(inertial) == 'inertial'
-                     for part in inertial}
-            if parts:
-                result[name] = _inertial(parts, name, self.tree.source)
+        for link in self.tree.root.iter('link'):
+            name, inertial = printable(link.get('name', '')), link.find('inertial')
+            if name in self.places and inertial is not None and len(inertial):
+                result[name] = _inertial(inertial, name, self.tree.source)
         if required and not any(inertial.mass > 0.0 for inertial in result.values()):
             raise DataError(f'{self.tree.source} gives no mass to any link of the arm '
                             f'({shown_names(list(self.places))}): add an <inertial> with a rough '
@@ -167,15 +163,14 @@ def frame_parameters(arm: DescribedArm, inertials: Mapping[str, Inertial]) -> Fl
     return result
 
 
-def _inertial(parts: Mapping[str, Element], link: str, source: str) -> Inertial:
+def _inertial(element: Element, link: str, source: str) -> Inertial:
     """
     Return the numbers of an <inertial>.
 
-    :param parts: its child elements by tag.
     :raises DataError: if one is not a number, or the mass is negative.
     """
     def numbers(tag: str, key: str, default: str) -> FloatArray:
-        return numbers_of(parts.get(tag), key, default, f'{source}: the {tag} of link {link}')
+        return numbers_of(element.find(tag), key, default, f'{source}: the {tag} of link {link}')
 
     mass = float(numbers('mass', 'value', '0')[0])
     if mass < 0.0:

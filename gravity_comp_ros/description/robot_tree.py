@@ -16,6 +16,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.models.kinematic.chain import about
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
@@ -60,7 +61,7 @@ class TreeJoint:
 
     @property
     def mimic(self) -> Mimic | None:
-        rule = _child(self.element, 'mimic')
+        rule = self.element.find('mimic')
         if rule is None:
             return None
         multiplier, offset = (float(self._numbers('mimic', *value)[0]) for value in (
@@ -86,7 +87,7 @@ class TreeJoint:
 
     def limits(self) -> tuple[float, float] | None:
         """Return the lower and upper position limit, rad or m; None for a joint without limits."""
-        if _child(self.element, 'limit') is None or self.kind == 'continuous':
+        if self.element.find('limit') is None or self.kind == 'continuous':
             return None
         low, high = (float(self._numbers('limit', key, '0')[0]) for key in ('lower', 'upper'))
         return (low, high) if low <= high else None
@@ -97,7 +98,7 @@ class TreeJoint:
         return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
     def _numbers(self, tag: str, key: str, default: str) -> FloatArray:
-        return numbers_of(_child(self.element, tag), key, default,
+        return numbers_of(self.element.find(tag), key, default,
                           f'{self.source}: joint {self.name}')
 
 
@@ -135,11 +136,19 @@ def parse_tree(text: str | bytes, source: str) -> RobotTree:
         root = fromstring(_trimmed(text))
     except (ParseError, DefusedXmlException, ValueError, RecursionError) as problem:
         raise DataError(f'{source} is not a URDF: {printable(str(problem))}') from problem
-    if local(root) != 'robot':
+    has_xacro = any('xacro' in element.tag for element in root.iter())
+    for element in root.iter():
+        # Some exporters write a namespace. That of xacro alone may be left in expanded files.
+        element.tag = element.tag.rpartition('}')[2]
+    if root.tag != 'robot':
         raise DataError(f'{source} is not a URDF: its root is <{printable(root.tag)}>, not '
                         f'<robot>')
-    _refuse_xacro(root, source)
-    parsed = [_joint(element, source) for element in root if local(element) == 'joint']
+    values = [value for joint in root.iterfind('joint') for part in joint.iter()
+              for value in part.attrib.values()]
+    if has_xacro or any('${' in value or '$(' in value for value in values):
+        raise DataError(f'{source} is a xacro file: convert it to a URDF first '
+                        f'(`xacro {source} > robot.urdf`)')
+    parsed = [_joint(element, source) for element in root.iterfind('joint')]
     joints: dict[str, TreeJoint] = {}
     by_child: dict[str, TreeJoint] = {}
     for joint in parsed:
@@ -161,9 +170,7 @@ def position_limits(text: str | bytes, joints: Sequence[str],
     :raises ModelMismatchError: if a joint is missing in it.
     """
     tree = parse_tree(text, source)
-    missing = [name for name in joints if name not in tree.joints]
-    if missing:
-        raise ModelMismatchError(f'{source} has no joint {", ".join(missing)}')
+    _check_known(tree, joints)
     limits = [tree.joints[name].limits() or (-math.pi, math.pi) for name in joints]
     low, high = np.array(limits, dtype=np.float64).T
     return low, high
@@ -174,19 +181,9 @@ def _trimmed(text: str | bytes) -> str | bytes:
     return text.lstrip('\ufeff \t\r\n') if isinstance(text, str) else text.lstrip(b' \t\r\n')
 
 
-def _refuse_xacro(root: Element, source: str) -> None:
-    joints = [part for element in root if local(element) == 'joint' for part in element.iter()]
-    unexpanded = any('${' in value or '$(' in value
-                     for part in joints for value in part.attrib.values())
-    # The xacro namespace alone does not count: expanded files may declare it.
-    if unexpanded or any('xacro' in str(element.tag) for element in root.iter()):
-        raise DataError(f'{source} is a xacro file: convert it to a URDF first '
-                        f'(`xacro {source} > robot.urdf`)')
-
-
 def _joint(element: Element, source: str) -> TreeJoint:
     name = printable(element.get('name', ''))
-    parent, child = _child(element, 'parent'), _child(element, 'child')
+    parent, child = element.find('parent'), element.find('child')
     if parent is None or child is None:
         raise DataError(f'{source}: joint {name} has no parent or no child')
     kind = printable(element.get('type', ''))
@@ -195,15 +192,6 @@ def _joint(element: Element, source: str) -> TreeJoint:
                         f'{", ".join(KINDS)}')
     return TreeJoint(name, kind, printable(parent.get('link', '')),
                      printable(child.get('link', '')), element, source)
-
-
-def _child(element: Element, tag: str) -> Element | None:
-    return next((child for child in element if local(child) == tag), None)
-
-
-def local(element: Element) -> str:
-    """Return the tag without its namespace, which some exporters write."""
-    return str(element.tag).rpartition('}')[2]
 
 
 def numbers_of(element: Element | None, key: str, default: str, where: str) -> FloatArray:
@@ -228,10 +216,8 @@ def numbers_of(element: Element | None, key: str, default: str, where: str) -> F
 
 def rotation_of(rpy: FloatArray) -> FloatArray:
     """Return the rotation matrix of roll about x, pitch about y, yaw about z, in this order."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                     [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                     [-sp, cp * sr, cp * cr]])
+    x, y, z = (about(axis, float(angle)) for axis, angle in zip(np.eye(3), rpy))
+    return z @ y @ x
 
 
 _MAX_NAMES = 16

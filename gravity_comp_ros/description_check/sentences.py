@@ -173,10 +173,9 @@ def _axis(axis: FloatArray) -> str:
 
 def _rpy(rotation: FloatArray) -> str:
     """Return roll, pitch and yaw of a rotation (3, 3), rad."""
-    pitch = float(np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0)))
-    if abs(np.cos(pitch)) > 1e-9:
-        roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-        yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    else:
-        roll, yaw = 0.0, np.arctan2(-rotation[0, 1], rotation[1, 1])
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    # At a pitch of a right angle, roll is all that any yaw leaves.
+    rest = about(np.array([0.0, 0.0, 1.0]), -float(yaw)) @ rotation
+    roll = np.arctan2(-rest[1, 2], rest[1, 1])
     return ' '.join(f'{float(x) + 0.0:.6g}' for x in (roll, pitch, yaw))
