@@ -48,7 +48,7 @@ class Cleaning:
         self.dropped = Counter(columns.dropped)
         columns.put_in_order(DEFECTS.max_steps)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
-        present = columns.presence(joints)
+        self.present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
         beyond = mask_out_of_range(self.q, self.qd, self.tau)
         if beyond:
@@ -63,11 +63,9 @@ class Cleaning:
             self.facts.append(unless_accepted(fact, self.accept))
             second &= fact.kind not in self.accept
         self._keep(~second, NOT_FINITE if fact is None else fact.kind.value)
-        present = present[~second]
-        self._keep(present.any(axis=1), OTHER_JOINTS)
-        present = present[present.any(axis=1)]
-        self._note_missing(present)
-        self._keep(present.all(axis=1), MISSING)
+        self._keep(self.present.any(axis=1), OTHER_JOINTS)
+        self._note_missing()
+        self._keep(self.present.all(axis=1), MISSING)
 
     def recording(self, path: Path, topic: str, n_messages: int) -> Recording:
         """
@@ -127,14 +125,14 @@ class Cleaning:
         if not lost:
             return
         self.dropped[reason] += lost
-        for name in ('log_ns', 'stamp_ns', 'q', 'qd', 'tau'):
+        for name in ('present', 'log_ns', 'stamp_ns', 'q', 'qd', 'tau'):
             setattr(self, name, getattr(self, name)[mask])
         if not self.log_ns.size:
             raise BagError(f'{self.where} has no usable message: {listed(self.dropped)}')
 
-    def _note_missing(self, present: BoolArray) -> None:
+    def _note_missing(self) -> None:
         """Add a note on the joints that are missing in some messages."""
-        for name, has in zip(self.joints, present.T):
+        for name, has in zip(self.joints, self.present.T):
             if not has.all():
                 rows = np.flatnonzero(~has)
                 begin, end = (self.log_ns[rows[[0, -1]]] - self.log_ns[0]) / 1e9

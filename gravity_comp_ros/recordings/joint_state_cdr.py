@@ -15,7 +15,7 @@ import struct
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.recordings.messages import Batch, Bytes, Places
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 # Type and encoding of a topic of joint states, of ROS 2 and of ROS 1.
@@ -108,7 +108,7 @@ class _Layout:
         if len(data) < HEADER or not ros1 and (data[0] != 0 or data[1] not in (0, 1)):
             raise ValueError('not plain CDR')
         self.length, self._data, self._ros1 = len(data), data, ros1
-        self._order = '<' if ros1 or data[1] == 1 else '>'
+        self._order = order = '<' if ros1 or data[1] == 1 else '>'
         _, frame = self._text(HEADER + 8)
         count, end = self._count(frame)
         begin = end - 4
@@ -122,13 +122,17 @@ class _Layout:
         # Parts that agree in all messages of a layout: the header, the length of the frame's name,
         # the names, and the number of values of each array.
         fixed = [(0, 0 if ros1 else HEADER), (HEADER + 8, HEADER + 12), (begin, end)]
-        self._values = []
-        for _ in range(3):
+        fields: dict[str, tuple] = {'sec': (order + 'i4', HEADER),
+                                    'nanosec': (order + 'u4', HEADER + 4)}
+        for what in ('position', 'velocity', 'effort'):
             count, begin = self._count(end)
             fixed.append((begin - 4, begin))
             begin = self._aligned(begin, 8) if count else begin  # no padding before no values
             end = self._checked(begin + 8 * count)
-            self._values.append((begin, count))
+            fields[what] = ((order + 'f8', (count,)), begin)
+        kinds, offsets = zip(*fields.values())
+        self._record = np.dtype({'names': [*fields], 'formats': kinds, 'offsets': offsets,
+                                 'itemsize': self.length})
         whole = np.frombuffer(data, dtype=np.uint8)
         self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
 
@@ -159,16 +163,10 @@ class _Layout:
         return equal
 
     def block(self, which: Places, rows: Bytes) -> Block:
-        seconds = self._numbers(rows, HEADER, 'i4', 1)[:, 0].astype(np.int64)
-        nanoseconds = self._numbers(rows, HEADER + 4, 'u4', 1)[:, 0]
-        values = [self._numbers(rows, begin, 'f8', size).astype(np.float64, copy=False)
-                  for begin, size in self._values]
-        return Block(which, self.names, seconds * 10**9 + nanoseconds, *values)
-
-    def _numbers(self, rows: Bytes, begin: int, kind: str, size: int) -> NDArray:
-        width = size * int(kind[1])
-        part = np.ascontiguousarray(rows[:, begin:begin + width])
-        return part.view(self._order + kind).reshape(len(rows), size)
+        records = rows.view(self._record)[:, 0]
+        stamps = records['sec'].astype(np.int64) * 10**9 + records['nanosec']
+        return Block(which, self.names, stamps, *(
+            records[what].astype(np.float64) for what in ('position', 'velocity', 'effort')))
 
 
 class LayoutDecoder:
