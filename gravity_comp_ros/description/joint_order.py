@@ -66,9 +66,9 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
             if not left_out:
                 return JointOrder(joints, DESCRIPTION)
     for ordered, source in ((_by_numbers, NUMBERS), (_by_words, WORDS)):
-        found = ordered(names)
-        if found is not None:
-            return JointOrder(found, source)
+        result = ordered(names)
+        if result is not None:
+            return JointOrder(result, source)
     return JointOrder(tuple(names), AS_RECORDED)
 
 

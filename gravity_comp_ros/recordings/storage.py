@@ -26,7 +26,6 @@ _ROS1_MAGIC = b'#ROSBAG V'
 _TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy', '.parquet')
 # Number and endings of a file of a split recording.
 _PART = re.compile(r'(_\d+)?\.(mcap|db3)(\.zstd)?$')
-_DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
 class _Recording(Storage):
@@ -97,7 +96,7 @@ def data_files(path: Path) -> list[Path]:
         if not path.is_dir():
             return [path]
         metadata = _metadata(path)
-        present = sorted((p for p in path.iterdir() if _DATA_FILE.match(p.name)), key=_natural)
+        present = sorted((p for p in path.iterdir() if _PART.search(p.name)), key=_natural)
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
     if metadata is None:
