@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 from bokeh.core.json_encoder import serialize_json
 from bokeh.document import Document
+from bokeh.models import Select
 from bokeh.resources import Resources
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.markup import html_page, NO_PLOTS
-from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.section import joint_selector, Section
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import (
@@ -18,7 +19,7 @@ from gravity_comp_ros.report.views import (
 from gravity_comp_ros.report.views.summary import headline
 
 # Builds a section; None if it has no content.
-Maker = Callable[[Contents, Table, JointSelector], Section | None]
+Maker = Callable[[Contents, Table, Select], Section | None]
 # All sections by short name, in their order on the page.
 SECTIONS: dict[str, Maker] = {
     'Summary': lambda contents, table, selector: summary.section(contents, table),
@@ -32,6 +33,8 @@ SECTIONS: dict[str, Maker] = {
     'Model': lambda contents, table, selector: model.section(contents, selector),
     'Data': lambda contents, table, selector: model.quality(contents),
     'Provenance': lambda contents, table, selector: model.provenance(contents)}
+# Sections with plots of the selected joint.
+BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
 
 # MathJax is omitted: it would turn \href in a joint's name into a link.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
@@ -50,13 +53,14 @@ window.addEventListener('load', async () => {
 def report_html(contents: Contents) -> str:
     """Return the page; it requires no network and no other file."""
     # All plots share one table, so that selections are common.
-    table, selector = Table(contents), selector_of(contents)
+    table = Table(contents)
+    selector = joint_selector(contents.joints, str(contents.joints.index(contents.worst)))
     sections = [section for make in SECTIONS.values()
                 if (section := make(contents, table, selector))]
     document = Document(theme=THEME)
     # Collect the models once, not once per section.
     with document.models.freeze():
-        document.add_root(selector.select)
+        document.add_root(selector)
         for section in sections:
             if section.plots is not None:
                 document.add_root(section.plots)
@@ -71,12 +75,6 @@ def report_html(contents: Contents) -> str:
             f'<script type="application/json" id="data">{_embedded(document)}</script>')
     bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
     return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY], NO_PLOTS)
-
-
-def selector_of(contents: Contents, chosen: str = '', served: bool = False) -> JointSelector:
-    """Return a selector of the joints of a report; by default it shows the worst joint."""
-    worst = str(contents.joints.index(contents.worst))
-    return JointSelector(contents.joints, chosen or worst, served)
 
 
 def _embedded(document: Document) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bokeh.layouts import column, group_tools, row
 from bokeh.models import CustomJS, GridPlot, Select, Toolbar, ToolProxy, UIElement
@@ -38,43 +37,34 @@ class Section:
     after: str = ''
 
 
-class JointSelector:
+def joint_selector(names: Sequence[str], chosen: str) -> Select:
     """
-    A drop-down list of joints: `place` shows the plots of one, or of all one below the other.
-
-    In a report the browser exchanges the plots. On a server the page builds the place again.
+    Return a drop-down list of joints, for `by_joint`.
 
     :param chosen: number of the joint shown first, or `ALL`.
     """
+    options = [(str(k), label(name, 60)) for k, name in enumerate(names)]
+    return Select(title='Plots of joint', value=chosen, width=260, name='joint',
+                  options=[*options, (ALL, 'all joints')], stylesheets=[css.CONTROL],
+                  visible=len(names) > 1)
 
-    def __init__(self, names: Sequence[str], chosen: str, served: bool = False) -> None:
-        options = [(str(k), label(name, 60)) for k, name in enumerate(names)]
-        self.select = Select(title='Plots of joint', value=chosen, width=260, name='joint',
-                             options=[*options, (ALL, 'all joints')], stylesheets=[css.CONTROL],
-                             visible=len(names) > 1)
-        self._all, self._served = range(len(names)), served
 
-    def place(self, make: Callable[[int], Sequence[figure]], min_width: int) -> UIElement:
-        """
-        Return the plots of the selected joint, with common tools above them.
+def by_joint(select: Select, make: Callable[[int], Sequence[figure]],
+             min_width: int) -> UIElement:
+    """
+    Return the plots of the selected joint, or of all one below the other, with common tools.
 
-        Only these are drawn.
+    The browser exchanges the plots; only those of the selected joint are drawn.
 
-        :param make: returns the plots of a joint by its number; they are in one row.
-        :param min_width: width in pixels below which a plot wraps to the next line.
-        """
-        chosen = self.select.value
-        selected = [k for k in self._all if chosen in (ALL, str(k))]
-        plots = {k: make(k) for k in (selected if self._served else self._all)}
-        lines = {k: _line(row, min_width) for k, row in plots.items()}
-        inside = column(*(lines[k] for k in selected), sizing_mode='stretch_width')
-        self.on_change(_SHOW, inside=inside, lines=list(lines.values()))
-        return _with_tools(inside, [fig for row in plots.values() for fig in row])
-
-    def on_change(self, code: str, **args: Any) -> None:
-        """Run a script in the browser after a change, in a report."""
-        if not self._served:
-            self.select.js_on_change('value', CustomJS(code=code, args=args))
+    :param make: returns the plots of a joint by its number; they are in one row.
+    :param min_width: width in pixels below which a plot wraps to the next line.
+    """
+    plots = [make(k) for k in range(len(select.options) - 1)]
+    lines = [_line(figures, min_width) for figures in plots]
+    inside = column(*(line for k, line in enumerate(lines) if select.value in (ALL, str(k))),
+                    sizing_mode='stretch_width')
+    select.js_on_change('value', CustomJS(code=_SHOW, args={'inside': inside, 'lines': lines}))
+    return _with_tools(inside, [fig for figures in plots for fig in figures])
 
 
 def tiles(plots: Sequence[figure], min_width: int) -> UIElement:

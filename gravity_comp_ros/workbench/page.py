@@ -165,8 +165,6 @@ class Page:
             return
         if self.views is None or self.views.contents is not contents:
             self.views = Views(contents, self.views)
-            self.views.selector.select.on_change(
-                'value', lambda attribute, old, new: self._show_view())
 
     def _show_verdict(self, session: Session) -> None:
         if self.views is None:

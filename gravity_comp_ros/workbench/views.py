@@ -11,8 +11,8 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.page import SECTIONS, selector_of
-from gravity_comp_ros.report.section import ALL, JointSelector, Section
+from gravity_comp_ros.report.page import BY_JOINT, SECTIONS
+from gravity_comp_ros.report.section import ALL, by_joint, joint_selector, Section
 from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, short)
 from gravity_comp_ros.report.table import Table
@@ -21,8 +21,6 @@ from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Stage
 
-# Views with plots of the selected joint.
-_BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
 _NO_ARM = Section('arm', 'The arm', markup.paragraph(
     'No recording contains a /robot_description of these joints. Start the workbench with --urdf '
     'to show the arm.'))
@@ -32,34 +30,28 @@ class Views:
     """Views of one model on one set of samples; selections are those of the views before."""
 
     def __init__(self, contents: Contents, before: Views | None) -> None:
-        self.contents, chosen, self._is_chosen = contents, '', False
-        self.table = Table(contents)
+        self.contents, self.table = contents, Table(contents)
+        self._worst = str(contents.joints.index(contents.worst))
+        chosen = ''
         if before is not None:
             self.table.select(before.table.selected)
             chosen = before.kept_joint(contents.joints)
-            self._is_chosen = bool(chosen)
-        self.selector = selector_of(contents, chosen, served=True)
-        self.selector.select.on_change('value', lambda attribute, old, new: self._on_joint())
+        self._selector = joint_selector(contents.joints, chosen or self._worst)
         self._elements: dict[str, UIElement] = {}
-
-    def _on_joint(self) -> None:
-        self._is_chosen = True
-        self._elements = {name: element for name, element in self._elements.items()
-                          if name not in _BY_JOINT}
 
     def kept_joint(self, joints: tuple[str, ...]) -> str:
         """Return the number of the user's joint among others, or `ALL`; '' to show the worst."""
-        value = str(self.selector.select.value)
-        if not self._is_chosen or value == ALL:
-            return value if self._is_chosen else ''
+        value = str(self._selector.value)
+        if value in (ALL, self._worst):
+            return value if value == ALL else ''
         name = self.contents.joints[int(value)]
         return str(joints.index(name)) if name in joints else ''
 
     def show(self, name: str) -> UIElement:
         """Return a view by its name."""
         if name not in self._elements:
-            section = SECTIONS[name](self.contents, self.table, self.selector) or _NO_ARM
-            above = [self.selector.select] if name in _BY_JOINT else []
+            section = SECTIONS[name](self.contents, self.table, self._selector) or _NO_ARM
+            above = [self._selector] if name in BY_JOINT else []
             self._elements[name] = column(*above, element(section), sizing_mode='stretch_width')
         return self._elements[name]
 
@@ -150,7 +142,7 @@ def _error_table(joints: tuple[str, ...], a: Comparison, b: Comparison) -> str:
 
 def _residuals(contents: list[Contents], joints: tuple[str, ...]) -> UIElement:
     """Return a selector of the joint, and plots of its residual, A left and B right."""
-    tables, selector = [Table(each) for each in contents], JointSelector(joints, '0', served=True)
+    tables, selector = [Table(each) for each in contents], joint_selector(joints, '0')
 
     def plots(n: int) -> list[figure]:
         figures = [residuals.over_time(each, table, each.model.joints.index(joints[n]))
@@ -160,10 +152,4 @@ def _residuals(contents: list[Contents], joints: tuple[str, ...]) -> UIElement:
             fig.x_range, fig.y_range = figures[0].x_range, figures[0].y_range
         return figures
 
-    place = column(selector.place(plots, 300), sizing_mode='stretch_width')
-
-    def on_joint(attribute: str, old: str, new: str) -> None:
-        place.children = [selector.place(plots, 300)]
-
-    selector.select.on_change('value', on_joint)
-    return column(selector.select, place, sizing_mode='stretch_width')
+    return column(selector, by_joint(selector, plots, 300), sizing_mode='stretch_width')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bokeh.models import BasicTickFormatter, ColumnDataSource
+from bokeh.models import BasicTickFormatter, ColumnDataSource, Select
 from bokeh.plotting import figure
 from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
@@ -14,12 +14,12 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.options import REPORT
-from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import padded, plot, RESIDUAL, short
 import numpy as np
 
 
-def section(contents: Contents, selector: JointSelector) -> Section:
+def section(contents: Contents, selector: Select) -> Section:
     """Return equations, effects and weights."""
     model = contents.model
     lead = markup.paragraph(
@@ -39,7 +39,7 @@ def section(contents: Contents, selector: JointSelector) -> Section:
         'The x axis is the index of the feature among the 3^N products of the dictionary. A '
         'sparse model has few weights, with a clear gap between large and small ones (compare '
         'Yu 2022, Figs. 8 and 11).', 'quiet')
-    plots = selector.place(lambda k: [_stems(contents, contents.numbers[k])], 200)
+    plots = by_joint(selector, lambda k: [_stems(contents, contents.numbers[k])], 200)
     return Section('model', 'The model', lead, plots, after)
 
 

@@ -2,81 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import combinations, combinations_with_replacement
+from typing import Any
 
 from bokeh.models import (
     ColorBar, ColumnDataSource, CustomJS, FixedTicker, HoverTool, LinearColorMapper,
-    LogColorMapper, LogTicker, Range1d)
+    LogColorMapper, LogTicker, Range1d, Select)
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.options import REPORT
-from gravity_comp_ros.report.section import JointSelector, Section, tiles
+from gravity_comp_ros.report.section import ALL, Section, tiles
 from gravity_comp_ros.report.style import GRID, HEAT, label, MARKED, plot
 from gravity_comp_ros.report.table import Table
 import numpy as np
+from numpy.typing import NDArray
+
+_CELLS = 12
 
 
-@dataclass(frozen=True)
-class PairGrid:
-    """
-    Grid of `cells` by `cells` over the ranges of each pair i <= j of N joints.
-
-    `edges` (N, cells + 1) in rad divide each joint's range. `first` and `second` (K,) are the
-    joints of each of K visited cells, `column` and `row` (K,) its indices along them. `count`
-    (K,) is its number of samples, `rms` (K, N) the RMS residual of each joint in N·m. `visited`
-    (N, N) is the share of cells with samples of each pair.
-    """
-
-    cells: int
-    edges: FloatArray
-    first: IntArray
-    second: IntArray
-    column: IntArray
-    row: IntArray
-    count: IntArray
-    rms: FloatArray
-    visited: FloatArray
+def cell_edges(q: FloatArray, cells: int = _CELLS) -> FloatArray:
+    """Return edges (N, cells + 1) in rad that divide the range of each joint of q (M, N)."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    half, middle = 0.5 * np.maximum(high - low, REPORT.min_range), 0.5 * (low + high)
+    return np.linspace(middle - half, middle + half, cells + 1).T
 
 
 def places(q: FloatArray, edges: FloatArray) -> IntArray:
     """Return the cell index (M, N) of each pose (M, N) along each joint."""
-    cells = edges.shape[1] - 1
-    indices = [np.searchsorted(edges[n], q[:, n], side='right') - 1 for n in range(q.shape[1])]
-    return np.clip(np.column_stack(indices), 0, cells - 1).astype(np.int64)
+    indices = [np.searchsorted(edge, angle, side='right') - 1 for edge, angle in zip(edges, q.T)]
+    return np.clip(np.column_stack(indices), 0, edges.shape[1] - 2).astype(np.int64)
 
 
-def pair_grid(q: FloatArray, residual: FloatArray, cells: int = 12) -> PairGrid:
+def pair_cells(place: IntArray, residual: FloatArray, cells: int) -> dict[str, NDArray[Any]]:
     """
-    Return the grid over pairs of joints.
+    Return the K visited cells of all pairs i <= j of N joints, as columns (K,).
 
-    :param q: poses (M, N) in rad.
+    `i` and `j` are the joints of a cell, `a` and `b` its indices along them, `count` its number
+    of samples, and `e0`, `e1`, ... the RMS residual of each joint in N·m.
+
+    :param place: cell indices (M, N).
     :param residual: (M, N) in N·m.
     """
-    n = q.shape[1]
-    low, high = q.min(axis=0), q.max(axis=0)
-    width = np.maximum(high - low, REPORT.min_range)
-    middle = 0.5 * (low + high)
-    edges = np.linspace(middle - 0.5 * width, middle + 0.5 * width, cells + 1).T
-    cells_of, squares = places(q, edges), residual ** 2
-    parts: list[tuple[IntArray, ...]] = []
-    rms, visited = [], np.zeros((n, n))
-    for i in range(n):
-        for j in range(i, n):
-            cell = cells_of[:, i] * cells + cells_of[:, j]
-            count = np.bincount(cell, minlength=cells * cells)
-            filled = np.flatnonzero(count)
-            sums = np.column_stack([np.bincount(cell, squares[:, k], cells * cells)[filled]
-                                    for k in range(residual.shape[1])])
-            rms.append(np.sqrt(sums / count[filled, None]))
-            whole = cells if i == j else cells * cells
-            visited[i, j] = visited[j, i] = len(filled) / whole
-            parts.append((np.full(len(filled), i), np.full(len(filled), j), filled // cells,
-                          filled % cells, count[filled]))
-    first, second, column, row, count = (np.concatenate(x).astype(np.int64)
-                                         for x in zip(*parts))
-    return PairGrid(cells, edges, first, second, column, row, count, np.vstack(rms), visited)
+    squares, parts = residual.T ** 2, []
+    for i, j in combinations_with_replacement(range(place.shape[1]), 2):
+        cell = place[:, i] * cells + place[:, j]
+        count = np.bincount(cell)
+        filled = np.flatnonzero(count)
+        sums = np.array([np.bincount(cell, square)[filled] for square in squares])
+        parts.append(np.vstack([np.full(len(filled), i), np.full(len(filled), j),
+                                *np.divmod(filled, cells), count[filled],
+                                np.sqrt(sums / count[filled])]))
+    numbers = np.hstack(parts)
+    whole = dict(zip('ijab', numbers.astype(np.int32))) | {'count': numbers[4].astype(np.int32)}
+    return whole | {f'e{k}': rms.astype(np.float32) for k, rms in enumerate(numbers[5:])}
 
 
 _GAP = 0.06
@@ -101,23 +81,26 @@ cells.data = {...cells.data, shown: rms}
 """
 
 
-def section(contents: Contents, table: Table, selector: JointSelector) -> Section:
+def section(contents: Contents, table: Table, selector: Select) -> Section:
     """Return the residual of the selected joint and the sample counts over all pairs."""
     numbers, names = contents.numbers, contents.joints
-    grid = pair_grid(contents.samples.q[:, numbers], contents.residual[:, numbers])
-    chosen = selector.select.value
-    joint = int(chosen) if chosen.isdecimal() else names.index(contents.worst)
-    cells = _cells(grid, joint)
+    q = contents.samples.q[:, numbers]
+    edges = cell_edges(q)
+    place = places(q, edges)
+    visited = pair_cells(place, contents.residual[:, numbers], _CELLS)
+    joint = names.index(contents.worst) if selector.value == ALL else int(selector.value)
+    cells = ColumnDataSource(visited | _rectangles(visited, edges)
+                             | {'shown': visited[f'e{joint}']})
     error_colours = LinearColorMapper(palette=HEAT, low=0.0,
-                                      high=float(grid.rms[:, joint].max()) or 1e-9)
-    count_colours = LogColorMapper(palette=HEAT, low=1, high=max(float(grid.count.max()), 2.0))
+                                      high=float(visited[f'e{joint}'].max()) or 1e-9)
+    count_colours = LogColorMapper(palette=HEAT, low=1,
+                                   high=max(float(visited['count'].max()), 2.0))
     titles = [label(f'residual of {name}, RMS in N·m', 60) for name in names]
     error = _matrix(titles[joint], names, cells, 'shown', error_colours)
     counts = _matrix('samples', names, cells, 'count', count_colours)
     counts.select_one(ColorBar).ticker = LogTicker(desired_num_ticks=4)
-    selector.on_change(_SHOW_JOINT, cells=cells, colours=error_colours, title=error.title,
-                       titles=titles)
-    place = places(contents.samples.q[:, numbers], grid.edges)
+    selector.js_on_change('value', CustomJS(code=_SHOW_JOINT, args={
+        'cells': cells, 'colours': error_colours, 'title': error.title, 'titles': titles}))
     table.add({f'c{k}': table.column(place[:, k]) for k in range(len(numbers))})
     cells.selected.js_on_change('indices', CustomJS(code=_MARK_SAMPLES, args={
         'cells': cells, 'samples': table.source}))
@@ -126,29 +109,22 @@ def section(contents: Contents, table: Table, selector: JointSelector) -> Sectio
         'single joints. Cells without colour were not visited: the model extrapolates there. '
         'Select a cell to mark its samples in the other plots.', 'quiet')
     return Section('pairs', 'Pairs of joints', lead, tiles([error, counts], 300),
-                   _coverage(grid, names))
+                   _coverage(visited, names))
 
 
-def _cells(grid: PairGrid, joint: int) -> ColumnDataSource:
-    """Return every visited cell as a rectangle, first joint to the right, second joint up."""
-    n, size = len(grid.edges), grid.cells
-    width = (1.0 - _GAP) / size
-    own = grid.first == grid.second
-    edges = grid.first + _GAP / 2 + grid.column * width
+def _rectangles(cells: dict[str, NDArray[Any]], edges: FloatArray) -> dict[str, NDArray[Any]]:
+    """Return the place and the angles of cells, first joint to the right, second joint up."""
+    first, second, column, row = (cells[name] for name in 'ijab')
+    n, width = len(edges), (1.0 - _GAP) / (edges.shape[1] - 1)
     # Cells on the diagonal are bars over the height of the block.
-    top_down = np.where(own, 0, grid.row) * width
-    low = (n - 1 - grid.second) + _GAP / 2 + top_down
-    high = np.where(own, n - grid.second - _GAP / 2, low + width)
-    data = {'left': edges, 'right': edges + width, 'bottom': low, 'top': high,
-            'i': grid.first, 'j': grid.second, 'a': grid.column, 'b': grid.row,
-            'count': grid.count, 'shown': grid.rms[:, joint],
-            'x': 0.5 * (grid.edges[grid.first, grid.column]
-                        + grid.edges[grid.first, grid.column + 1]),
-            'y': 0.5 * (grid.edges[grid.second, grid.row] + grid.edges[grid.second, grid.row + 1])}
-    floats = {k: v.astype(np.float32) for k, v in data.items() if v.dtype.kind == 'f'}
-    whole = {k: v.astype(np.int32) for k, v in data.items() if v.dtype.kind != 'f'}
-    errors = {f'e{k}': grid.rms[:, k].astype(np.float32) for k in range(n)}
-    return ColumnDataSource({**floats, **whole, **errors})
+    is_own = first == second
+    left = first + _GAP / 2 + column * width
+    bottom = n - 1 - second + _GAP / 2 + np.where(is_own, 0, row) * width
+    top = np.where(is_own, n - second - _GAP / 2, bottom + width)
+    middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
+    columns = {'left': left, 'right': left + width, 'bottom': bottom, 'top': top,
+               'x': middle[first, column], 'y': middle[second, row]}
+    return {name: values.astype(np.float32) for name, values in columns.items()}
 
 
 def _matrix(title: str, names: tuple[str, ...], cells: ColumnDataSource,
@@ -182,12 +158,12 @@ def _matrix(title: str, names: tuple[str, ...], cells: ColumnDataSource,
     return fig
 
 
-def _coverage(grid: PairGrid, names: tuple[str, ...]) -> str:
-    if len(names) < 2:
+def _coverage(cells: dict[str, NDArray[Any]], names: tuple[str, ...]) -> str:
+    pairs = [(int(((cells['i'] == i) & (cells['j'] == j)).sum()), i, j)
+             for i, j in combinations(range(len(names)), 2)]
+    if not pairs:
         return ''
-    pairs = sorted((float(grid.visited[i, j]), i, j) for i in range(len(names))
-                   for j in range(i + 1, len(names)))
-    share, i, j = pairs[0]
+    count, i, j = min(pairs)
     return markup.paragraph(
-        f'The pair with the lowest coverage is {names[i]} with {names[j]}: {100 * share:.0f} % '
-        f'of the cells within their ranges were visited.')
+        f'The pair with the lowest coverage is {names[i]} with {names[j]}: '
+        f'{100 * count / _CELLS ** 2:.0f} % of the cells within their ranges were visited.')

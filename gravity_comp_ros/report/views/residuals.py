@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from bokeh.layouts import column
-from bokeh.models import CustomJS, DataRange1d, Div, HoverTool, Label, LinearColorMapper, Span
+from bokeh.models import (
+    CustomJS, DataRange1d, Div, HoverTool, Label, LinearColorMapper, Select, Span)
 from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import (
     DOWN, FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short, STILL, UP)
 from gravity_comp_ros.report.table import Table
@@ -51,7 +52,7 @@ _LEFT = 72
 _MAX_LABELS = 12
 
 
-def time_section(contents: Contents, table: Table, selector: JointSelector) -> Section:
+def time_section(contents: Contents, table: Table, selector: Select) -> Section:
     """Return two plots per joint with a common time axis."""
     def plots(k: int) -> list[figure]:
         n = contents.numbers[k]
@@ -68,7 +69,8 @@ def time_section(contents: Contents, table: Table, selector: JointSelector) -> S
         [(MEASURED, 'measured'), (PREDICTED, 'predicted'),
          (RESIDUAL, 'residual: measured minus predicted'), (MARKED, 'selected')])
     return Section('time', 'Over time', lead, column(
-        _selection_text(contents, table), selector.place(plots, 900), sizing_mode='stretch_width'))
+        _selection_text(contents, table), by_joint(selector, plots, 900),
+        sizing_mode='stretch_width'))
 
 
 def _selection_text(contents: Contents, table: Table) -> Div:
@@ -139,7 +141,7 @@ _AGAINST = {'v': ('own speed', 'rad/s'), 'q': ('own position', 'rad'),
             'p': ('own load (predicted)', 'N·m'), 't': ('time', 's')}
 
 
-def section(contents: Contents, table: Table, selector: JointSelector) -> Section:
+def section(contents: Contents, table: Table, selector: Select) -> Section:
     """Return four plots per joint, coloured by the direction of motion."""
     def plots(k: int) -> list[figure]:
         common = DataRange1d(range_padding=0.06)
@@ -153,7 +155,7 @@ def section(contents: Contents, table: Table, selector: JointSelector) -> Sectio
     lead += markup.key([(UP, 'moving up'), (DOWN, 'moving down'), (STILL, 'at rest'),
                         (MARKED, 'selected')])
     return Section('residuals', 'Residual against speed, position, load and time', lead,
-                   selector.place(plots, 200))
+                   by_joint(selector, plots, 200))
 
 
 def against(contents: Contents, table: Table, n: int, letter: str,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from bokeh.models import BasicTickFormatter
+from bokeh.models import BasicTickFormatter, Select
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.options import REPORT
-from gravity_comp_ros.report.section import JointSelector, Section
+from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import FAINT, plot, RESIDUAL
 import numpy as np
 
@@ -78,7 +78,7 @@ _HEIGHT = 190
 _TOOLS = 'xpan,xbox_zoom,hover,crosshair,reset,save'
 
 
-def section(contents: Contents, selector: JointSelector) -> Section:
+def section(contents: Contents, selector: Select) -> Section:
     """Return two plots per joint."""
     def plots(k: int) -> list[figure]:
         n = contents.numbers[k]
@@ -94,7 +94,7 @@ def section(contents: Contents, selector: JointSelector) -> Section:
         'Left, over time: noise is flat, unmodelled effects appear at low frequencies, motor or '
         'mains interference as a line. Right, over the angle: a line at an integer number of '
         'cycles per revolution indicates a gear or a bearing.', 'quiet')
-    return Section('spectrum', 'Spectrum of the residual', lead, selector.place(plots, 300))
+    return Section('spectrum', 'Spectrum of the residual', lead, by_joint(selector, plots, 300))
 
 
 def _plot(title: str, x_label: str, y_label: str, points: tuple[FloatArray, FloatArray],

@@ -10,7 +10,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.table import keep_extremes
 from gravity_comp_ros.report.views.effects import added_variable
-from gravity_comp_ros.report.views.pairs import pair_grid, places
+from gravity_comp_ros.report.views.pairs import cell_edges, pair_cells, places
 from gravity_comp_ros.report.views.spectrum import over_angle, over_time
 from hypothesis import given, strategies as st
 import numpy as np
@@ -46,22 +46,21 @@ def test_the_weighted_rmse_of_a_selection_is_unbiased():
     assert (np.abs(rms - 1.0) < 0.1).all() and (unweighted > 1.2).all()
 
 
-def test_pair_grid_against_analytic_values():
+def test_cells_of_pairs_against_analytic_values():
     q = np.array([[0.0, 0.0], [0.1, 0.1], [0.9, 1.0], [1.0, 0.9]])
     residual = np.array([[1.0, 0.0], [3.0, 0.0], [2.0, 0.0], [2.0, 4.0]])
-    grid = pair_grid(q, residual, cells=2)
-    both = (grid.first == 0) & (grid.second == 1)
-    assert grid.column[both].tolist() == [0, 1] and grid.row[both].tolist() == [0, 1]
-    assert grid.count[both].tolist() == [2, 2]
-    np.testing.assert_allclose(grid.rms[both, 0], [np.sqrt(5.0), 2.0])
-    np.testing.assert_allclose(grid.rms[both, 1], [0.0, np.sqrt(8.0)])
-    # Two of four cells of the pair, both halves of each joint.
-    assert grid.visited[0, 1] == grid.visited[1, 0] == 0.5 and grid.visited[0, 0] == 1.0
-    assert places(q, grid.edges).tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
+    place = places(q, cell_edges(q, 2))
+    assert place.tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
+    cells = pair_cells(place, residual, 2)
+    both = (cells['i'] == 0) & (cells['j'] == 1)
+    assert cells['a'][both].tolist() == [0, 1] and cells['b'][both].tolist() == [0, 1]
+    assert cells['count'][both].tolist() == [2, 2]
+    np.testing.assert_allclose(cells['e0'][both], [np.sqrt(5.0), 2.0])
+    np.testing.assert_allclose(cells['e1'][both], [0.0, np.sqrt(8.0)])
     # A joint at rest has one cell.
-    grid = pair_grid(np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)]), np.ones((50, 2)))
-    own = (grid.first == 1) & (grid.second == 1)
-    assert own.sum() == 1 and grid.count[own].tolist() == [50]
+    q = np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)])
+    cells = pair_cells(places(q, cell_edges(q)), np.ones((50, 2)), 12)
+    assert cells['count'][(cells['i'] == 1) & (cells['j'] == 1)].tolist() == [50]
 
 
 def test_an_oscillation_is_found_at_its_frequency():
