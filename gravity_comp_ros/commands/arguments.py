@@ -43,6 +43,26 @@ def message_of(error: GravityCompError) -> str:
     return error.message if error.hint is None else f'{error.message}: {_HINTS[error.hint]}'
 
 
+def number(kind: type[float] | type[int], what: str,
+           accepts: Callable[[float], bool]) -> Callable[[str], Any]:
+    """Return the type of a finite number that `accepts` is true of; `what` describes it."""
+    def parsed(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and accepts(value)):
+            raise argparse.ArgumentTypeError(f'{text!r} is not {what}')
+        return value
+    return parsed
+
+
+finite = number(float, 'a finite number', lambda value: True)
+positive = number(float, 'a number above 0', lambda value: value > 0.0)
+nonzero = number(float, 'a number other than 0', bool)
+count = number(int, 'a positive integer', lambda value: value > 0)
+
+
 AddArguments = Callable[[argparse.ArgumentParser], None]
 
 
@@ -59,11 +79,19 @@ class Verb:
 VERBS: dict[str, Verb] = {}
 
 
-def verb(text: str, epilog: str) -> Callable[[AddArguments], AddArguments]:
-    """Return a decorator that registers the verb whose arguments a function of its name adds."""
-    def register(add_arguments: AddArguments) -> AddArguments:
-        VERBS[add_arguments.__name__] = Verb(text, epilog, add_arguments)
-        return add_arguments
+def verb(text: str, epilog: str, *common: AddArguments) -> Callable[[AddArguments], AddArguments]:
+    """
+    Return a decorator that registers the verb whose arguments a function of its name adds.
+
+    :param common: functions that add arguments of several verbs, after its own.
+    """
+    def register(add_own: AddArguments) -> AddArguments:
+        def add_all(parser: argparse.ArgumentParser) -> None:
+            for add in (add_own, *common):
+                add(parser)
+
+        VERBS[add_own.__name__] = Verb(text, epilog, add_all)
+        return add_own
     return register
 
 
@@ -263,13 +291,6 @@ def recording(text: str) -> Path:
     return path
 
 
-def count(text: str) -> int:
-    """Return a positive integer."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a positive integer')
-    return int(text)
-
-
 def joint_list(text: str) -> tuple[str, ...]:
     """Return the names in `A,B,...`."""
     names = tuple(part.strip() for part in text.split(','))
@@ -308,33 +329,6 @@ def _position_units(text: str) -> str | dict[str, str]:
     return position_unit(text) if is_one else mapping(position_unit, 'JOINT=UNIT')(text)
 
 
-def finite(text: str) -> float:
-    """Return a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a number') from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is not a finite number')
-    return value
-
-
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers in `1,-1,...`."""
     return tuple(finite(part) for part in text.split(','))
-
-
-def positive(text: str) -> float:
-    """Return a positive finite number."""
-    value = finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not above 0')
-    return value
-
-
-def nonzero(text: str) -> float:
-    """Return a finite number other than 0."""
-    value = finite(text)
-    if value == 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r}: a scale must not be 0')
-    return value

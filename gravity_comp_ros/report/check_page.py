@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import DescribedArm
 from gravity_comp_ros.description_check.check import DescriptionCheck
 from gravity_comp_ros.description_check.sentences import error_rows, Finding
-from gravity_comp_ros.models.kinematic.chain import about_z
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.printable import counted, printable
 from gravity_comp_ros.report import markup
@@ -67,7 +67,9 @@ def _joints_of(fault: Finding, arm: DescribedArm) -> set[int]:
 def _drawing(geometry: Geometry, pose: FloatArray, faults: Sequence[set[int]]) -> str:
     """Return the arm as an SVG; `faults` are the joints of each fault."""
     places, axes = _posed(geometry, pose)
-    flat, scale = _projected(places)
+    flat = _project(places)
+    scale = _SIZE / max(float(np.ptp(flat, axis=0).max()), 1e-6)
+    flat = _MARGIN + scale * (flat - flat.min(axis=0))
     marked = {joint: [k + 1 for k, joints in enumerate(faults) if joint in joints]
               for joint in {joint for joints in faults for joint in joints}}
     lines = [_line(flat[k], flat[k + 1], 'link') for k in range(len(flat) - 1)]
@@ -75,7 +77,7 @@ def _drawing(geometry: Geometry, pose: FloatArray, faults: Sequence[set[int]]) -
     for k, name in enumerate(('base', *geometry.joints)):
         at, kind = flat[k], 'fault' if k - 1 in marked else 'sound'
         if k:
-            step = scale * _project(_AXIS * _SIZE / scale * axes[k - 1])
+            step = _AXIS * _SIZE * _project(axes[k - 1])
             lines.append(_line(at - step, at + step, f'axis {kind}'))
         lines.append(f'<circle class="{kind}" cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="9"/>')
         numbers = ', '.join(map(str, marked.get(k - 1, ())))
@@ -91,30 +93,18 @@ def _drawing(geometry: Geometry, pose: FloatArray, faults: Sequence[set[int]]) -
 
 def _posed(geometry: Geometry, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the places (N + 2, 3) in m of base, joints and tool, and the axes (N, 3)."""
-    frame, place, places, axes = np.eye(3), np.zeros(3), [np.zeros(3)], []
-    for origin, rotation, turn in zip(geometry.origins, geometry.rotations, about_z(pose)):
-        place = place + frame @ origin
-        frame = frame @ rotation
-        axes.append(frame[:, 2])
-        places.append(place)
-        frame = frame @ turn
-    reach = max(float(np.ptp(np.array(places), axis=0).max()), 1e-3)
-    places.append(place + _TOOL * reach * axes[-1])
-    return np.array(places), np.array(axes)
+    rotated = ForwardKinematics(geometry.rotations, pose[None]).rotated[..., 0]
+    steps = np.einsum('nac,na->nc', np.concatenate([np.eye(3)[None], rotated[:-1]]),
+                      geometry.origins)
+    places, axes = np.vstack([np.zeros(3), steps.cumsum(axis=0)]), rotated[:, 2]
+    tool = places[-1] + _TOOL * max(float(np.ptp(places, axis=0).max()), 1e-3) * axes[-1]
+    return np.vstack([places, tool]), axes
 
 
 def _project(points: FloatArray) -> FloatArray:
     """Return points (..., 3) in m in the plane of the view (..., 2), y downwards."""
     ca, sa, ce, se = (f(angle) for angle in (_AZIMUTH, _ELEVATION) for f in (np.cos, np.sin))
-    right, up = np.array([-sa, ca, 0.0]), np.array([-se * ca, -se * sa, ce])
-    return np.stack([points @ right, -(points @ up)], axis=-1)
-
-
-def _projected(places: FloatArray) -> tuple[FloatArray, float]:
-    """Return the places (K, 2) in units of the drawing, and its units per m."""
-    flat = _project(places)
-    scale = _SIZE / max(float(np.ptp(flat, axis=0).max()), 1e-6)
-    return _MARGIN + scale * (flat - flat.min(axis=0)), scale
+    return points @ np.array([[-sa, se * ca], [ca, se * sa], [0.0, -ce]])
 
 
 def _line(a: FloatArray, b: FloatArray, kind: str) -> str:

@@ -16,8 +16,7 @@ from gravity_comp_ros.report import css, markup
 
 # Okabe and Ito's hues, distinguishable with any common colour blindness. They have a contrast to
 # white that remains when the dark style inverts them.
-BLUE, SKY, GREEN, ORANGE = '#0072b2', '#2f8fce', '#00875f', '#b87d00'
-VERMILION, PURPLE, YELLOW = '#d55e00', '#b0588a', '#8a7d00'
+BLUE, VERMILION, PURPLE = '#0072b2', '#d55e00', '#b0588a'
 TEXT, FAINT, GRID = '#1b1f24', '#59636e', '#e3e6ea'
 MEASURED, PREDICTED, RESIDUAL, MARKED = TEXT, VERMILION, BLUE, '#c4007a'
 UP, DOWN, STILL = BLUE, VERMILION, '#8a8f98'

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
+from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.models.applied_effects import target, target as effect_name
@@ -14,8 +14,7 @@ from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.style import (
-    BLUE, GREEN, label, ORANGE, plot, PURPLE, SKY, VERMILION, YELLOW)
+from gravity_comp_ros.report.style import bar_key, bar_plot, Bars, HEAT
 from gravity_comp_ros.report.views.effects import coefficients, label as effect_label
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
@@ -156,11 +155,6 @@ def _quiet(text: str) -> UIElement:
     return widgets.html(markup.paragraph(text, 'quiet'))
 
 
-_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
-_DASHES = ('solid', 'dashed')
-_MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex',
-            'star')
-_HEIGHT, _LEGEND_ROW = 180, 19
 # Maximum number of stages in the chart; each compares its model on all samples.
 _MAX_STAGES = 8
 # Name of a stage, and its errors by joint in N·m.
@@ -175,7 +169,11 @@ def history(results: Results) -> list[UIElement]:
         if (known := results.errors(stage))]
     elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(errors))]
     if len(errors) > 1:
-        elements.append(chart(errors))
+        joints = list(errors[-1][1])
+        bars = [Bars(name, [known.get(joint, float('nan')) for joint in joints],
+                     HEAT[len(HEAT) * (k + 1) // len(errors) - 1])
+                for k, (name, known) in enumerate(errors)]
+        elements += [widgets.html(bar_key(bars)), bar_plot('RMSE, N·m', joints, bars, '0.0000')]
     if stage is None or at is None:
         return elements
     options = [(str(k), f'{k + 1}. {s.name}' + (' (undone)' if k > at else ''))
@@ -185,33 +183,6 @@ def history(results: Results) -> list[UIElement]:
             f'Undo {stage.name}', lambda: session.select_stage(at - 1), name='undo'))
     return [*elements, widgets.select('Stage', options, str(at),
                                       lambda value: session.select_stage(int(value)), 'stage')]
-
-
-def chart(stages: Errors) -> UIElement:
-    """Return the RMSE by joint over the stages."""
-    joints = list(stages[-1][1])
-    fig = plot('error by stage, on the selected samples', '', 'RMSE, N·m',
-               max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
-               x_range=(-0.5, len(stages) - 0.5))
-    entries = []
-    for n, joint in enumerate(joints):
-        source = ColumnDataSource({
-            'x': list(range(len(stages))),
-            'y': [errors.get(joint, float('nan')) for _, errors in stages],
-            'joint': [label(joint, 60)] * len(stages)})
-        line = fig.line('x', 'y', source=source, color=_COLOURS[n % len(_COLOURS)], line_width=2,
-                        line_dash=_DASHES[n // len(_COLOURS) % 2])
-        dot = fig.scatter('x', 'y', source=source, color=_COLOURS[n % len(_COLOURS)], size=8,
-                          marker=_MARKERS[n % len(_MARKERS)])
-        entries.append((label(joint, 15), [line, dot]))
-    fig.y_range.start = 0.0
-    fig.xaxis.ticker = FixedTicker(ticks=list(range(len(stages))))
-    fig.xaxis.major_label_overrides = {k: label(name, 12) for k, (name, _) in enumerate(stages)}
-    fig.xaxis.major_label_orientation = 0.5 if len(stages) > 2 else 'horizontal'
-    fig.hover.tooltips = [('joint', '@joint'), ('RMSE', '@y{0.0000} N·m')]
-    fig.add_layout(Legend(items=entries), 'right')
-    fig.toolbar_location = None
-    return fig
 
 
 def last_change(stages: Errors) -> str:

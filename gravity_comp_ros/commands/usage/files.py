@@ -53,7 +53,8 @@ def _add_recording_output(parser: argparse.ArgumentParser) -> None:
 def _add_arm(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--arm', metavar='iiwa7|FILE.urdf', default='iiwa7',
                        help='KUKA LBR iiwa 7 R800, or any arm of revolute joints')
-    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=angle,
+    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=arguments.number(
+        float, 'within -180 to 180 degrees', lambda value: abs(value) <= 180.0),
                        default=(0.0, 0.0),
                        help='tilt of the base, -180 to 180 degrees (default: level)')
     group.add_argument('--joint-names', metavar='A,B,...', type=arguments.joint_list,
@@ -91,14 +92,6 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        help='the same as a fraction of the torque (default: 0)')
     group.add_argument('--static', action='store_true',
                        help='gravity torque only, as if the arm stopped for every sample')
-
-
-def angle(text: str) -> float:
-    """Return an angle within half a turn, in degrees."""
-    value = arguments.finite(text)
-    if abs(value) > 180.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not within -180 to 180 degrees')
-    return value
 
 
 def _motion_name(text: str) -> str:
@@ -190,19 +183,16 @@ examples:
 
 Times are in s from the first sample. Efforts and stamps are copied unchanged, so the parts share
 one clock. Invalid messages are dropped, as in every verb.
-""")
+""", arguments.add_mcap_output, arguments.add_topic_and_joints, arguments.add_json)
 def cut(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `cut`."""
     arguments.add_bags(parser, nargs=None)
-    arguments.add_mcap_output(parser)
     parser.add_argument('--from', dest='begin', metavar='S', type=arguments.finite, default=0.0,
                         help='begin of the part (default: 0)')
     parser.add_argument('--to', dest='end', metavar='S', type=arguments.positive,
                         help='end of the part (default: end of the recording)')
     parser.add_argument('--split', metavar='S,S,...', type=times, default=(),
                         help='split at these times into numbered files')
-    arguments.add_topic_and_joints(parser)
-    arguments.add_json(parser)
 
 
 def times(text: str) -> tuple[float, ...]:
@@ -225,11 +215,7 @@ examples:
   gravity_comp info run1.mcap
   gravity_comp info rosbag2_folder/ old.db3 --max-speed 0.2
   gravity_comp info run1.mcap --json
-""")
+""", arguments.add_bags, arguments.add_reading, arguments.add_gate, arguments.add_json)
 def info(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `info`."""
-    arguments.add_bags(parser)
     arguments.add_urdf(parser, 'axes to compare the directions and zeros of the joints with')
-    arguments.add_reading(parser)
-    arguments.add_gate(parser)
-    arguments.add_json(parser)

@@ -23,10 +23,9 @@ joint in both directions, with a constant payload; a minute or more, two runs ra
 Gravity is fitted jointly with friction, inertia and other effects, to slow samples, or to all if
 fewer than 100 of at least 200 are slow. With --holdout the saved model is fitted without the
 held-out data; `compare --holdout` uses that data.
-""")
+""", arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json)
 def fit(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fit`."""
-    arguments.add_bags(parser)
     parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
                         help='model file to write (without it, the fit is only shown)')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS,
@@ -43,9 +42,6 @@ def fit(parser: argparse.ArgumentParser) -> None:
                         help='effects fitted jointly with gravity; without a joint, on every '
                         'joint where they are identifiable (docs/effects.md lists all)')
     arguments.add_urdf(parser, 'joint axes of the chain')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
 
 
 @arguments.verb('compare the torque of a model with measured torque, for each joint', """\
@@ -64,18 +60,14 @@ range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints wit
 "outside" is the same share for poses outside the trained range. A share near 95 % confirms the
 band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
 means that the band is too wide, often where few samples were trained.
-""")
+""", arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json,
+                arguments.add_page)
 def compare(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `compare`."""
-    arguments.add_bags(parser)
     arguments.add_model(parser, 'model file, written by `fit`')
     parser.add_argument('--holdout', action='store_true',
                         help='of the fitted bags, use only the data that `fit --holdout` '
                         'held out')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
-    arguments.add_page(parser)
     arguments.add_description(parser, arguments.DRAWN, fixed=False)
     parser.add_argument('--previous', metavar='MODEL.json', type=Path,
                         help='earlier model of this arm: what drifted since then; the --html '
@@ -106,10 +98,9 @@ The effects were selected jointly: add all of them with the printed command.
 
 All samples are used, including fast ones, because inertia is one of the effects. Errors are
 held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
-""")
+""", arguments.add_bags, arguments.add_reading, arguments.add_json, arguments.add_page)
 def diagnose(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `diagnose`."""
-    arguments.add_bags(parser)
     arguments.add_model(parser, 'model file, written by `fit` (default: a model is fitted)',
                         required=False)
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
@@ -119,9 +110,6 @@ def diagnose(parser: argparse.ArgumentParser) -> None:
                         'data is always excluded')
     parser.add_argument('--plan', metavar='PLAN.json', type=Path,
                         help='compare with the expectations of `plan --json PLAN.json`')
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
-    arguments.add_page(parser)
     arguments.add_description(parser, f'{arguments.DRAWN}; without --model, also the joint axes',
                               fixed=False)
 
@@ -138,7 +126,7 @@ Gravity and effects are fitted jointly. The fit uses slow samples if at least a 
 else all; --all-samples and --max-speed override this. Errors are held-out errors, of whole runs or
 of blocks of time. If another effect explains the recordings equally well, `add` lists it.
 docs/effects.md describes every effect.
-""")
+""", arguments.add_json)
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `add`."""
     parser.add_argument('effects', metavar='EFFECT[:JOINT]', nargs='?',
@@ -154,7 +142,6 @@ def add(parser: argparse.ArgumentParser) -> None:
                         'that data is never fitted')
     arguments.add_gate(parser, 'fitted samples', rate=False)
     arguments.add_reading(parser, joints=False)
-    arguments.add_json(parser)
     parser.set_defaults(output=None, rewrites_model=True)
 
 
@@ -170,7 +157,7 @@ which recordings: at least ten seconds of slow motion that rotates every joint b
 recorded with the new payload only. The model must be a chain or a potential; a chain
 (`fit --formulation chain`) requires far fewer samples. With --urdf the new model is always a
 chain. Effects of the model are kept unchanged.
-""")
+""", arguments.add_gate, arguments.add_json)
 def update(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `update`."""
     arguments.add_bags(parser, nargs='*')
@@ -185,9 +172,7 @@ def update(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--flange', metavar='LINK',
                         help='link of --urdf in whose frame the centre of mass is given, such as '
                         'tool0 (default: the link of the last joint)')
-    arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
-    arguments.add_json(parser)
     parser.set_defaults(rewrites_model=True)
 
 
@@ -217,10 +202,9 @@ The motion begins and ends at rest at one recorded pose. It stays near recorded 
 or two joints at a time, or all joints if more have targets. Move the arm to the first point
 before playing it. Obstacles and people are not checked: keep the space clear. With --urdf and
 pinocchio, self-collisions of the arm are checked.
-""")
+""", arguments.add_bags, arguments.add_json)
 def plan(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `plan`."""
-    arguments.add_bags(parser)
     arguments.add_model(parser, 'gravity model of the arm (chain or potential)')
     parser.add_argument('-o', '--output', metavar='MOTION', type=arguments.file_type(*ENDINGS),
                         required=True,
@@ -255,7 +239,6 @@ def plan(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--effort', action='store_true',
                        help="add the model's gravity torque as effort")
     arguments.add_reading(parser, joints=False)
-    arguments.add_json(parser)
 
 
 @arguments.verb('write measured, predicted and residual torque to an MCAP file for PlotJuggler '
@@ -267,11 +250,8 @@ topics of the output, all sensor_msgs/JointState:
 
 examples:
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
-""")
+""", arguments.add_mcap_output, arguments.add_reading, arguments.add_json)
 def replay(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `replay`."""
     arguments.add_bags(parser, nargs=None)
     arguments.add_model(parser, 'model file')
-    arguments.add_mcap_output(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)

@@ -22,16 +22,12 @@ examples:
   gravity_comp check run1.mcap --urdf robot.urdf --html check.html    with a drawing of the arm
 
 exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2 wrong usage.
-""")
+""", arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json)
 def check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `check`."""
-    arguments.add_bags(parser)
     arguments.add_description(parser, 'description to check (default: /robot_description in the '
                               'recording)')
     arguments.add_page(parser, 'the faults with a drawing of the arm')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
 
 
 @arguments.verb('calibrate efforts in N·m with a known weight, or the stiffness of servos', """\
@@ -51,7 +47,7 @@ examples:
                                                     weight with a known centre, on tool0
   gravity_comp calibrate run1.mcap --goals /joint_goals --model arm.json
                                                     stiffness of servos
-""")
+""", arguments.add_gate, arguments.add_reading, arguments.add_json)
 def calibrate(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `calibrate`."""
     parser.add_argument('empty', metavar='EMPTY', type=Path, help='recording without the weight')
@@ -72,9 +68,6 @@ def calibrate(parser: argparse.ArgumentParser) -> None:
                         'a restart: one offset for both, and smaller intervals')
     arguments.add_description(parser, 'axes and link lengths (default: /robot_description in a '
                               'recording)')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
 
 
 @arguments.verb('write a model as C source, into a URDF or MJCF, or as payload of a drive', """\
@@ -96,7 +89,7 @@ examples:
   gravity_comp export arm.json --to urdf --urdf robot.urdf -o corrected.urdf
   gravity_comp export arm.json --to mjcf --mjcf scene.xml -o corrected.xml
   gravity_comp export tool.json --to payload --urdf robot.urdf --flange tool0
-""")
+""", arguments.add_json)
 def export(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `export`."""
     parser.add_argument('model', metavar='MODEL.json', type=Path, help='model to export')
@@ -113,7 +106,6 @@ def export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--flange', metavar='LINK',
                         help='payload: link of --urdf whose frame the drive uses, such as tool0 '
                         '(default: the link of the last joint)')
-    arguments.add_json(parser)
     parser.set_defaults(output_is_folder=True)
 
 
@@ -129,7 +121,7 @@ After an interruption the same command resumes; after new bags it processes only
 A Dask cluster requires the bags under the same path and this package of the same version. A
 program that reaches a scheduler tcp://... can run code on its workers and here; docs/fleet.md
 describes TLS.
-""")
+""", arguments.add_gate, arguments.add_reading, arguments.add_json)
 def fleet(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fleet`."""
     parser.add_argument('what', choices=('fit', 'diagnose'), help='operation for each robot')
@@ -149,9 +141,6 @@ def fleet(parser: argparse.ArgumentParser) -> None:
                         help='`diagnose` uses FOLDER/ROBOT.json (default: models are fitted)')
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
                         help='`diagnose` tests these effects only (default: all)')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
     parser.set_defaults(output_is_folder=True)
 
 
@@ -164,10 +153,9 @@ examples:
 The page is served to this machine only, unless --host is given. Sessions are saved continuously
 (~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
 with Ctrl-C.
-""")
+""", arguments.add_bags, arguments.add_reading)
 def workbench(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `workbench`."""
-    arguments.add_bags(parser)
     parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
                         help='initial model, written by `fit`; further models for comparison '
                         '(default: a model is fitted)')
@@ -176,7 +164,8 @@ def workbench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--host', default='127.0.0.1',
                         help='address to serve on; other machines can then reach it (default: '
                         '%(default)s)')
-    parser.add_argument('--port', type=_port, default=5006,
+    parser.add_argument('--port', default=5006, type=arguments.number(
+        int, 'a port (0 to 65535)', lambda value: 0 <= value <= 65535),
                         help='0 for any free port (default: %(default)s)')
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
     parser.add_argument('--forget', action='store_true',
@@ -184,14 +173,6 @@ def workbench(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser, 'samples for the fit and the errors of gravity', rate=False)
     arguments.add_description(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
                               fixed=False)
-    arguments.add_reading(parser)
-
-
-def _port(text: str) -> int:
-    port = int(text) if text.isdecimal() else -1
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a port (0 to 65535)')
-    return port
 
 
 @arguments.verb('print a shell completion script for verbs, options and files', """\

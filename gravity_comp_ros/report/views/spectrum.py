@@ -13,6 +13,9 @@ from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import FAINT, plot, RESIDUAL
 import numpy as np
 
+# Minimum length of a run for a spectrum over time.
+_MIN_SAMPLES = 16
+
 
 def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
@@ -23,26 +26,19 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
 
     :param residual: (M,) in N·m.
     """
-    runs = [np.flatnonzero(samples.runs == run) for run in np.unique(samples.runs)]
-    runs = [rows for rows in runs if len(rows) >= 16]
-    if not runs:
+    steps = np.diff(samples.t)[np.diff(samples.runs) == 0]
+    step = float(np.median(steps)) if len(steps) else 0.0
+    grids = [(np.arange(run.t[0], run.t[-1], step), run.t, residual[samples.runs == number])
+             for number, run in enumerate(samples.each_run()) if len(run) and step > 0.0]
+    grids = [each for each in grids if len(each[0]) >= _MIN_SAMPLES]
+    if not grids:
         return np.zeros(0), np.zeros(0)
     from scipy import signal  # imported here because it takes 0.5 s
-    step = float(np.median(np.concatenate([np.diff(samples.t[rows]) for rows in runs])))
-    length = min(REPORT.max_segment, max(16, int(min(np.ptp(samples.t[r]) for r in runs) / step)))
-    frequency: FloatArray = np.zeros(0)
-    total, weight = np.zeros(1), 0.0
-    for rows in runs:
-        grid = np.arange(samples.t[rows[0]], samples.t[rows[-1]], step)
-        if len(grid) < length:
-            continue
-        even = np.interp(grid, samples.t[rows], residual[rows])
-        frequency, power = signal.welch(even, 1.0 / step, nperseg=length)
-        total, weight = total + power * len(grid), weight + len(grid)
-    if not weight:
-        return np.zeros(0), np.zeros(0)
-    density: FloatArray = np.sqrt(total[1:] / weight)
-    return np.asarray(frequency[1:], dtype=np.float64), density
+    sizes = [len(grid) for grid, _, _ in grids]
+    length = min(REPORT.max_segment, *sizes)
+    power = np.average([signal.welch(np.interp(*each), 1.0 / step, nperseg=length)[1]
+                        for each in grids], axis=0, weights=sizes)
+    return np.fft.rfftfreq(length, step)[1:], np.sqrt(power[1:])
 
 
 def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -66,11 +62,9 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
     orders = (REPORT.order_step * lowest * np.arange(2.0, count))[:REPORT.max_points]
     amplitudes = np.zeros(len(orders))
     for k, order in enumerate(orders):
-        sine, cosine = np.sin(order * q), np.cos(order * q)
-        sine, cosine = sine - sine.mean(), cosine - cosine.mean()
-        gram = np.array([[sine @ sine, sine @ cosine], [sine @ cosine, cosine @ cosine]])
-        pair = lstsq(gram, np.array([sine @ residual, cosine @ residual]), rcond=1e-6)
-        amplitudes[k] = float(np.hypot(*pair))
+        waves = np.column_stack([np.sin(order * q), np.cos(order * q)])
+        waves -= waves.mean(axis=0)
+        amplitudes[k] = float(np.hypot(*lstsq(waves.T @ waves, waves.T @ residual, rcond=1e-6)))
     return orders, amplitudes
 
 
