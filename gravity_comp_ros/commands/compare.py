@@ -39,16 +39,14 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     # The model requires all of its joints; --joints only selects those to show.
     args.joints = model.joints
     with terminal.progress() as report:
-        recording = reading.load(args, report)
-    recording = _gated_as_fitted(args, model, recording)
-    compared, fitted = _unseen(args, model, recording)
-    samples = compared.slow
+        recording, fitted = _unseen(args, model, reading.load(args, report))
+    samples = recording.slow
     few = _few(args, samples)
-    comparison = compare_model(model, compared)
+    comparison = compare_model(model, recording)
     since = None if previous is None else drift(previous, model, samples)
     joints = {name: comparison.joints[name] for name in selected}
     if args.html:
-        before, name = _previous(args, model, previous, compared)
+        before, name = _previous(args, model, previous, recording)
         html.write_report(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
             recording.reports, previous=before, previous_name=name, displayed=selected,
@@ -92,7 +90,7 @@ def _diagnose_command(args: argparse.Namespace) -> str:
 
 
 def _previous(args: argparse.Namespace, model: GravityModel, previous: GravityModel | None,
-              compared: Recording) -> tuple[dict[str, float], str]:
+              recording: Recording) -> tuple[dict[str, float], str]:
     """Return RMSE by joint of an earlier model on the same samples, and its name."""
     if previous is not None:
         other, name = previous, args.previous.name
@@ -101,29 +99,21 @@ def _previous(args: argparse.Namespace, model: GravityModel, previous: GravityMo
         if not steps or steps[-1].previous is None:
             return {}, ''
         other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'
-    errors = compare_model(other, compared)
+    errors = compare_model(other, recording)
     return {joint: x.rmse for joint, x in errors.joints.items()}, name
-
-
-def _gated_as_fitted(args: argparse.Namespace, model: GravityModel,
-                     recording: Recording) -> Recording:
-    """Return the recording, with --holdout gated as in the fit."""
-    if not args.holdout or args.max_speed is not None:
-        return recording
-    return replace(recording, gate=None) if refitting.of_all_samples(model) else recording
 
 
 def _unseen(args: argparse.Namespace, model: GravityModel,
             recording: Recording) -> tuple[Recording, list[str]]:
     """Return the samples to compare, and the names of fitted bags among them."""
     fitted = reading.fitted_names(model, recording.reports)
-    fitted_runs = [run for run, report in enumerate(recording.reports)
-                   if report.path.name in fitted]
     if not args.holdout:
-        return recording, [recording.reports[run].path.name for run in fitted_runs]
+        return recording, fitted
     refitting.check_holdout(args, model)
-    unfitted = [Block(run, -float('inf'), float('inf')) for run in range(len(recording.reports))
-                if run not in fitted_runs]
+    if args.max_speed is None and refitting.of_all_samples(model):
+        recording = replace(recording, gate=None)  # as in the fit
+    unfitted = [Block(run, -float('inf'), float('inf'))
+                for run, report in enumerate(recording.reports) if report.path.name not in fitted]
     blocks = held_out_blocks(model, recording.reports)
     selected = replace(recording, use=within(recording.samples, [*unfitted, *blocks]))
     if not selected.slow.n_samples:
@@ -138,7 +128,9 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
     for name, errors in joints.items():
         cells = [printable(name), str(errors.n), f'{errors.rmse:.4f}', percent(errors.nrmse),
                  f'{errors.std:.4f}', f'{errors.max_abs:.3f}',
-                 f'{model.noise[model.joints.index(name)]:.4f}', *_shares(errors.band)]
+                 f'{model.noise[model.joints.index(name)]:.4f}',
+                 *((percent(errors.band.trained.share), percent(errors.band.outside.share))
+                   if errors.band else ())]
         rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
     return terminal.table(
         f'error of the model in N·m, {counted(samples.n_samples, "sample")}',
@@ -178,30 +170,21 @@ def _drift_lines(since: Drift, selected: tuple[str, ...]) -> list[str]:
     return lines or ['no coefficient of an effect drifted']
 
 
-def _shares(band: Calibration | None) -> list[str]:
-    """Return the shares inside the 95 % band in and outside the trained range, as cells."""
-    return [] if band is None else [percent(band.trained.share), percent(band.outside.share)]
-
-
 def _band(band: Calibration | None) -> list[str]:
+    """Return a line on the shares of residuals inside the 95 % band, with their meaning."""
     if band is None:
         return []
-    parts = [f'{100 * share.share:.1f} % {where}'
-             for share, where in ((band.trained, 'in the trained range'),
-                                  (band.outside, 'outside of it')) if share.share is not None]
-    return ['"in band", "outside": residuals inside the 95 % prediction band, '
-            f'{" and ".join(parts)}; '
-            f'{_interpretation([s.share for s in (band.trained, band.outside)])}']
-
-
-def _interpretation(shares: list[float | None]) -> str:
-    """Return the interpretation of shares of residuals inside the 95 % band."""
-    low, high = (end((s for s in shares if s is not None), default=0.95) for end in (min, max))
-    if low < _FAIR[0]:
-        return ('far below 95 %: the errors exceed the predicted uncertainty, so an effect or a '
-                'payload is missing')
-    return 'near 95 %, as expected' if high <= _FAIR[1] else \
-        'above 95 %: the errors are smaller than the predicted uncertainty'
+    shares = {where: part.share for where, part in (
+        ('in the trained range', band.trained), ('outside of it', band.outside))
+        if part.share is not None}
+    low, high = (end(shares.values(), default=0.95) for end in (min, max))
+    meaning = ('far below 95 %: the errors exceed the predicted uncertainty, so an effect or a '
+               'payload is missing') if low < _FAIR[0] else (
+        'near 95 %, as expected') if high <= _FAIR[1] else (
+        'above 95 %: the errors are smaller than the predicted uncertainty')
+    listed = ' and '.join(f'{100 * share:.1f} % {where}' for where, share in shares.items())
+    return [f'"in band", "outside": residuals inside the 95 % prediction band, {listed}; '
+            f'{meaning}']
 
 
 def _worst(joints: dict[str, JointComparison]) -> str:

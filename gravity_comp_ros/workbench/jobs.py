@@ -26,38 +26,12 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport, Recording as BagRecording
+from gravity_comp_ros.recordings.bag import ReadReport, Recording as BagRecording
 from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
 from gravity_comp_ros.worker.worker_process import (
     command, Done, Failed, Progress, Ready, WorkerProcess)
 import numpy as np
-
-
-@dataclass(frozen=True)
-class Read:
-    """
-    Read recordings; the process keeps the samples for later jobs.
-
-    `model` is the name of the model that determines the joints, if any. `urdf` is as in `Choice`.
-    `ordered` tells whether the joints were given in the order of the arm.
-    """
-
-    paths: tuple[Path, ...]
-    options: ReadOptions
-    model: str = ''
-    urdf: str | None = None
-    ordered: bool = False
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Return the identity of the samples, up to the order of the joints."""
-        joints = self.options.joints
-        return (self.paths, joints and frozenset(joints), replace(self.options, joints=None))
-
-    def of_joints(self, names: tuple[str, ...]) -> Read:
-        """Return the reading that selects these joints."""
-        return replace(self, options=replace(self.options, joints=names))
 
 
 @dataclass(frozen=True)
@@ -86,21 +60,34 @@ class Step(StrEnum):
 @dataclass(frozen=True)
 class Job:
     """
-    A step, the recordings that it reads, and the choice among them; the last steps have a model.
+    A step, all recordings, and the choice among them; the last steps have a model.
 
-    `effects` are those to add, in the notation of `gravity_comp add`, or those that a planned
-    motion resolves (None: all open findings of the `diagnosis`).
+    `ordered` tells whether the joints were given in the order of the arm. `given` is the name of
+    the model that determines the joints, if any. `effects` are those to add, in the notation of
+    `gravity_comp add`, or those that a planned motion resolves (None: all open findings of the
+    `diagnosis`).
     """
 
     step: Step
-    read: Read
-    choice: Choice = Choice()
+    paths: tuple[Path, ...]
+    choice: Choice
+    ordered: bool = False
+    given: str = ''
     model: GravityModel | None = None
     effects: tuple[str, ...] | None = None
     diagnosis: Diagnosis | None = None
 
     def __str__(self) -> str:
         return ' '.join([self.step, *[', '.join(self.effects or ())] * (self.step is Step.ADD)])
+
+    @property
+    def samples_key(self) -> tuple[object, ...]:
+        """Return the identity of the samples, up to the order of the joints."""
+        return self.paths, frozenset(self.choice.joints), self.choice.reading
+
+    def of_joints(self, names: tuple[str, ...]) -> Job:
+        """Return the job with these joints."""
+        return replace(self, choice=replace(self.choice, joints=names))
 
 
 Answer = ReadResult | Learned | Diagnosis | Refit | MotionPlan
@@ -110,7 +97,7 @@ class JobRunner:
     """Runs jobs; keeps the samples between them, and reads them if it does not have them."""
 
     def __init__(self) -> None:
-        self._known: tuple[Read, ReadResult] | None = None
+        self._known: tuple[tuple[object, ...], ReadResult] | None = None
 
     def __call__(self, job: Job, progress: ProgressCallback) -> Answer:
         """
@@ -118,7 +105,7 @@ class JobRunner:
 
         :raises GravityCompError: if it fails, with the reason in one line.
         """
-        read = self._samples(job.read, progress)
+        read = self._samples(job, progress)
         if job.step is Step.READ:
             return read
         recording = job.choice.recording(read.samples, read.reports)
@@ -137,27 +124,27 @@ class JobRunner:
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(model, recording, job.effects or (), speeds, progress)
 
-    def _samples(self, job: Read, progress: ProgressCallback) -> ReadResult:
-        if self._known is not None and job.key == self._known[0].key:
+    def _samples(self, job: Job, progress: ProgressCallback) -> ReadResult:
+        if self._known is not None and job.samples_key == self._known[0]:
             return self._known[1]
         try:
             result = _read(job, progress)
         except ModelMismatchError as problem:
-            if not job.model:
+            if not job.given:
                 raise
-            raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
+            raise ModelMismatchError(f'the model {job.given} is of another robot: {problem}'
                                      ) from problem
-        self._known = job.of_joints(result.samples.names), result
+        self._known = job.of_joints(result.samples.names).samples_key, result
         return result
 
 
-def _read(job: Read, progress: ProgressCallback) -> ReadResult:
-    recordings = read_each(job.paths, job.options, progress)
+def _read(job: Job, progress: ProgressCallback) -> ReadResult:
+    recordings = read_each(job.paths, job.choice.options(), progress)
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
     arm = known_arm(Recording(samples, None, reports),
-                    LearnOptions(axes=AxesOptions(job.urdf), ordered=job.ordered))
-    if job.options.joints is not None:
+                    LearnOptions(axes=AxesOptions(job.choice.urdf), ordered=job.ordered))
+    if job.choice.joints:
         return ReadResult(samples, _judged(recordings, arm))
     left_out = arm.axes.left_out
     if left_out:
@@ -177,7 +164,7 @@ def _judged(recordings: Sequence[BagRecording], arm: KnownArm) -> tuple[ReadRepo
 
 def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Learned:
     """Return the result of `gravity_comp fit --joints`."""
-    result = learn(recording, job.choice.learning(job.read.ordered), progress=progress)
+    result = learn(recording, job.choice.learning(job.ordered), progress=progress)
     # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
     result = replace(result, recording=replace(recording, samples=none))

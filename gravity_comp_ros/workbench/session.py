@@ -18,10 +18,11 @@ from gravity_comp_ros.api.steps import Learned, with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import Answer, Job, Read, ReadResult, Step, Worker
+from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step, Worker
 from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, State, warnings_of_fit
 from gravity_comp_ros.worker.worker_process import Failed, Progress
 
@@ -45,7 +46,7 @@ class Session(State):
         if not self.stages:
             self.joints, self.to_learn = self.choice.joints, not self.given
         self.read: ReadResult | None = None
-        self.read_as: Read | None = None
+        self._read_key: tuple[object, ...] = ()
         self.ungated = ''
         self.error = self.done = self.warning = self.save_error = ''
         self.progress: Progress | None = None
@@ -67,7 +68,7 @@ class Session(State):
     @property
     def is_read(self) -> bool:
         """Return whether the recordings have been read with the current choice."""
-        return self.read_as is not None and self.read_as.key == self._reading().key
+        return self._read_key == self._job(Step.READ).samples_key
 
     @property
     def plan(self) -> MotionPlan | None:
@@ -89,12 +90,12 @@ class Session(State):
         """Return the next job: read the recordings, fit a model, or diagnose it."""
         if self.given and not self.choice.joints:
             self.choice = replace(self.choice, joints=self.given[0].model.joints)
-        if self.read_as is None or not self.is_read:
-            return Job(Step.READ, self._reading())
+        if not self.is_read:
+            return self._job(Step.READ)
         if self.choice.runs and self.to_learn:
-            return Job(Step.LEARN, self.read_as, self.choice)
+            return self._job(Step.LEARN)
         if self.choice.runs and self.stage is not None and self.diagnosis is None:
-            return Job(Step.DIAGNOSE, self.read_as, self.choice, self.stage.model)
+            return self._job(Step.DIAGNOSE, self.stage.model)
         return None
 
     def try_again(self) -> None:
@@ -189,7 +190,7 @@ class Session(State):
                 replace(stage, diagnosis=answer, diagnosed_with=job.choice)
                 if number == self.at else stage for number, stage in enumerate(self.stages))
         elif isinstance(answer, ReadResult):
-            self._accept_recordings(job.read, answer)
+            self._accept_recordings(answer)
         elif isinstance(answer, Learned):
             self._learned(job, answer)
         elif isinstance(answer, Refit):
@@ -198,7 +199,7 @@ class Session(State):
         if job.step in (Step.READ, Step.LEARN, Step.ADD):
             self._save()
 
-    def _accept_recordings(self, reading: Read, read: ReadResult) -> None:
+    def _accept_recordings(self, read: ReadResult) -> None:
         """
         Set the recordings; new ones are selected.
 
@@ -223,7 +224,7 @@ class Session(State):
         if not set(self.joints) >= set(self.choice.joints):
             self.joints = (*names, *read.left_out)
         self.read = read
-        self.read_as = replace(reading, options=replace(self.choice.options(), joints=names))
+        self._read_key = self._job(Step.READ).of_joints(names).samples_key
         hashes = {str(path.resolve()): report.sha256
                   for path, report in zip(self.paths, read.reports)}
         changed = [Path(path).name for path, old in self.hashes.items()
@@ -251,9 +252,10 @@ class Session(State):
         self._append(Stage('gravity', answer.model, self.choice,
                            warnings=warnings_of_fit(answer)))
 
-    def _reading(self) -> Read:
-        return Read(self.paths, self.choice.options(),
-                    self.given[0].name if self.given else '', self.choice.urdf, self.ordered)
+    def _job(self, step: Step, model: GravityModel | None = None,
+             effects: tuple[str, ...] | None = None) -> Job:
+        return Job(step, self.paths, self.choice, self.ordered,
+                   self.given[0].name if self.given else '', model, effects, self.diagnosis)
 
     def _append(self, stage: Stage) -> None:
         self.stages = (*self.stages[:0 if self.at is None else self.at + 1], stage)
@@ -267,10 +269,7 @@ class Session(State):
     def _submit(self, step: Step, effects: tuple[str, ...] | None) -> None:
         with self._changing():
             model = self._current().model
-            if self.read_as is None:
-                raise DataError('no recording has been read')
-            self.worker.start(Job(step, self.read_as, self.choice, model, effects,
-                                  self.diagnosis))
+            self.worker.start(self._job(step, model, effects))
 
     @contextmanager
     def _changing(self) -> Iterator[None]:

@@ -21,7 +21,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, wr
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import sessions as all_sessions, store
-from gravity_comp_ros.workbench.jobs import Job, Read, Step, Worker
+from gravity_comp_ros.workbench.jobs import Job, Step, Worker
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.sessions import Sessions
@@ -371,25 +371,24 @@ def until(worker, kind):
 def test_jobs_run_in_a_process_that_can_be_cancelled_or_die(paths):
     worker = Worker()
     try:
-        read = Read(paths, ReadOptions())
-        worker.start(Job(Step.READ, read))
+        worker.start(Job(Step.READ, paths, Choice()))
         names = until(worker, Done).answer.samples.names
         first = worker.pid
         choice = Choice((0, 1), names)
-        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, paths, choice))
         worker.cancel()
         assert worker.job is None and worker.pid is None and worker.poll() == []
         # The next job starts a process, which reads the recordings again.
-        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, paths, choice))
         model = until(worker, Done).answer.model
         assert worker.pid != first
         assert model.joints == JOINTS
-        worker.start(Job(Step.ADD, read.of_joints(names), choice, model,
-                         ('torque_gain:absent',)))
+        worker.start(Job(Step.ADD, paths, choice, model=model,
+                         effects=('torque_gain:absent',)))
         assert 'absent' in until(worker, Failed).reason
         # Stopped before the job, which could otherwise finish before the process is killed.
         os.kill(worker.pid, signal.SIGSTOP)
-        worker.start(Job(Step.LEARN, read.of_joints(names), choice))
+        worker.start(Job(Step.LEARN, paths, choice))
         os.kill(worker.pid, signal.SIGKILL)
         assert 'died' in until(worker, Failed).reason
     finally:
