@@ -15,7 +15,7 @@ from gravity_comp_ros.report.check_page import check_html
 EXIT_FAULTS = 3
 
 
-@html.with_error_page('check_page')
+@html.with_error_page
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Check the description, and show its faults."""
     with terminal.progress() as report:

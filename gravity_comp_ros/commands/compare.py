@@ -29,9 +29,10 @@ _MAX_REGIONS = 2
 _FAIR = (0.85, 0.99)
 
 
-@html.with_error_page('page')
+@html.with_error_page
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Read, predict, compare and show."""
+    html.check_libraries(args)
     model = load_model(args.model)
     previous = None if args.previous is None else load_model(args.previous)
     selected = named_joints('--joints: the model', model.joints, args.joints or model.joints,

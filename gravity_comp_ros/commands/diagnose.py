@@ -50,9 +50,10 @@ _WHY_OPEN = {
 }
 
 
-@html.with_error_page('page')
+@html.with_error_page
 def run(args: argparse.Namespace) -> Answer:
     """Read, diagnose and show."""
+    html.check_libraries(args)
     for name in args.effects or ():
         known_effect(name)
     expected = None if args.plan is None else read_expected(args.plan)

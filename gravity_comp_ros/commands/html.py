@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import wraps
-from importlib import import_module
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
@@ -22,29 +21,25 @@ from gravity_comp_ros.report.markup import html_page, text
 Run = Callable[[argparse.Namespace], Answer]
 
 
-def with_error_page(page_module: str) -> Callable[[Run], Run]:
-    """
-    Return a decorator of verbs: with --html, write a page with the error if the verb fails.
-
-    :param page_module: module of `gravity_comp_ros.report` that draws the page. It is imported
-        first, so that the verb does not compute in vain: it raises ImportError without the
-        drawing libraries.
-    """
-    def decorated(verb: Run) -> Run:
-        @wraps(verb)
-        def run(args: argparse.Namespace) -> Answer:
-            if args.html is None:
-                return verb(args)
-            import_module(f'gravity_comp_ros.report.{page_module}')
-            try:
-                return verb(args)
-            except GravityCompError as problem:
+def with_error_page(verb: Run) -> Run:
+    """Return a verb that with --html writes a page with the error if it fails."""
+    @wraps(verb)
+    def run(args: argparse.Namespace) -> Answer:
+        try:
+            return verb(args)
+        except GravityCompError as problem:
+            if args.html is not None:
                 page = html_page(f'gravity_comp: {args.html.stem}',
                                  f'<h1 id="verdict">{text(message_of(problem))}</h1>')
                 write_atomically(args.html, page.encode(), error=GravityCompError)
-                raise
-        return run
-    return decorated
+            raise
+    return run
+
+
+def check_libraries(args: argparse.Namespace) -> None:
+    """Import what draws a report, if any, so that without it a verb does not compute in vain."""
+    if args.html is not None:
+        import gravity_comp_ros.report.page  # noqa: F401
 
 
 def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSamples,

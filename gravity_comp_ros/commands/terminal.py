@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
-import math
 import os
 from pathlib import Path
 import sys
@@ -189,8 +188,9 @@ class Answer:
             show(*self.lines)
         warn(*self.warnings)
         if json_file:
-            text = json.dumps(_plain({'schema': SCHEMA, **self.document}), indent=2,
-                              ensure_ascii=is_printed, allow_nan=False)
+            text = json.dumps({'schema': SCHEMA, **self.document}, default=_plain)
+            finite = json.loads(text, parse_constant=lambda name: None)
+            text = json.dumps(finite, indent=2, ensure_ascii=is_printed, allow_nan=False)
             if is_printed:
                 print(text, flush=True)
             else:
@@ -199,15 +199,9 @@ class Answer:
 
 
 def _plain(value: Any) -> Any:
-    """Return `value` in JSON types, with NumPy scalars and arrays converted."""
+    """Return a value that JSON does not know in JSON types."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    if hasattr(value, 'tolist'):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    return str(value)
+        return dict(value)
+    if isinstance(value, (set, frozenset)):
+        return list(value)
+    return value.tolist() if hasattr(value, 'tolist') else str(value)

@@ -14,6 +14,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.robot_description import first_description
 import numpy as np
+from scipy.spatial.distance import cdist
 
 # Maximum joint range of a drawing, in rad from zero.
 _MAX_ANGLE = math.pi
@@ -75,12 +76,9 @@ def unvisited_poses(q: FloatArray, low: FloatArray, high: FloatArray, count: int
     width = np.maximum(high - low, 1e-3)
     candidates = rng.uniform(0.0, 1.0, (_RANDOM_POSES, len(low)))
     visited = (q[::max(1, len(q) // _MAX_VISITED)] - low) / width
-    distance = np.full(len(candidates), np.inf)
-    for pose in visited:
+    distance = cdist(candidates, visited).min(axis=1)
+    poses = np.zeros((count, len(low)))
+    for pose in poses:
+        pose[:] = candidates[distance.argmax()]
         distance = np.minimum(distance, np.linalg.norm(candidates - pose, axis=1))
-    poses = []
-    for _ in range(count):
-        farthest = candidates[distance.argmax()]
-        poses.append(low + width * farthest)
-        distance = np.minimum(distance, np.linalg.norm(candidates - farthest, axis=1))
-    return np.array(poses)
+    return low + width * poses

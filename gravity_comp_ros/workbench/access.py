@@ -8,12 +8,14 @@ session ids that the server has signed and put into a page.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from hmac import compare_digest
 from ipaddress import ip_address
 from pathlib import Path
 import re
 import secrets
-from typing import Any
+from typing import Any, BinaryIO
 import urllib.parse
 
 from bokeh.server.tornado import BokehTornado
@@ -127,12 +129,11 @@ class UploadHandler(RequestHandler):
     """
 
     _running: UploadHandler | None = None
+    _file: BinaryIO | None
 
     def initialize(self, sessions: Sessions) -> None:
         """Store the sessions."""
-        self._sessions, self._start = sessions, b''
-        self._path: Path | None = None
-        self._file: Any = None
+        self._sessions, self._file = sessions, None
 
     def prepare(self) -> None:
         """Refuse invalid uploads before any data is read."""
@@ -160,34 +161,34 @@ class UploadHandler(RequestHandler):
             # The default limit of tornado is smaller.
             self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
             self._session, self._path = session, folder / f'{secrets.token_hex(3)}_{name}'
-            try:
+            with self._saving():
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._file = self._path.with_suffix(_PARTIAL).open('xb')
                 UploadHandler._running = self
-            except OSError as problem:
-                self._refuse(507, f'cannot save the file: {problem.strerror}')
 
     def data_received(self, chunk: bytes) -> None:
         """Write a part of the file; refuse a file that does not start like a recording."""
-        if self._file is None or self._path is None:
+        if self._file is None:
             return
-        magic = _MAGIC[self._path.suffix]
-        if len(self._start) < len(magic):
-            self._start += chunk[:len(magic) - len(self._start)]
-            if not magic.startswith(self._start):
-                self._refuse(415, _OTHER_FORMAT)
-                return
-        try:
+        if not self._file.tell() and not chunk.startswith(_MAGIC[self._path.suffix]):
+            self._refuse(415, _OTHER_FORMAT)
+            return
+        with self._saving():
             self._file.write(chunk)
+
+    @contextmanager
+    def _saving(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as problem:
             self._refuse(507, f'cannot save the file: {problem.strerror}')
 
     def put(self) -> None:
         """Add the complete file to the session."""
-        if self._file is None or self._path is None:
+        if self._file is None:
             return
-        if self._start != _MAGIC[self._path.suffix]:
-            self._refuse(415, _OTHER_FORMAT)  # empty or too short
+        if not self._file.tell():
+            self._refuse(415, _OTHER_FORMAT)
             return
         self._file.close()
         self._path.with_suffix(_PARTIAL).rename(self._path)
@@ -206,7 +207,7 @@ class UploadHandler(RequestHandler):
         self.finish(reason)
 
     def _drop(self) -> None:
-        if self._file is not None and self._path is not None:
+        if self._file is not None:
             self._file.close()
             self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
             UploadHandler._running = None

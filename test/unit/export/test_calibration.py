@@ -121,7 +121,7 @@ def test_the_printed_option_calibrates(recordings, capsys):
 
 @pytest.mark.parametrize(('change', 'status', 'message'), [
     (lambda a: [*a[:2], a[1], *a[3:]], 1, 'named as the recording without and with'),
-    (lambda a: [*a[:4], '-2', *a[5:]], 2, 'not above 0'),
+    (lambda a: [*a[:4], '-2', *a[5:]], 2, 'not a number above 0'),
     (lambda a: [*a, '--com', '0', '0'], 2, 'expected 3 arguments'),
     (lambda a: [*a, '--link', 'tool9'], 1, 'carries no link tool9'),
     (lambda a: [a[0], a[2], a[1], *a[3:]], 1, 'the arm would weigh -1.2'),
