@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from gravity_comp_ros.api.provenance import now
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
@@ -63,19 +63,9 @@ class Contents:
         return np.asarray(self.samples.tau - self.predicted)
 
     @cached_property
-    def extent(self) -> FloatArray:
-        """Return the torques and residuals (M, 2 N) in N·m whose extremes are always drawn."""
-        return np.hstack([self.samples.tau, self.residual])
-
-    @cached_property
     def facts(self) -> RecordingFacts:
         """Return the facts of the recording."""
         return describe(self.samples)
-
-    @cached_property
-    def outside(self) -> BoolArray:
-        """Return a mask (M,) of the poses outside the trained range."""
-        return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
 
     def error(self, name: str) -> str:
         """Return the RMSE of a joint in N·m, as every part of the page shows it."""

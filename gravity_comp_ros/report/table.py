@@ -31,7 +31,7 @@ class Table:
         self.contents = contents
         time, self.starts = _plot_time(samples)
         self.end = float(time.max())
-        kept, weights = keep_extremes(samples.runs, contents.extent)
+        kept, weights = keep_extremes(samples.runs, np.hstack([samples.tau, contents.residual]))
         breaks = _breaks(contents, kept)
         self.rows = np.insert(kept, breaks, -1)
         self.range = padded(0.0, self.end, 0.01)
@@ -78,18 +78,14 @@ class Table:
 
 def _plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
     """Return time for plots (M,) in s, runs one after another, and start and name of each run."""
-    time = np.asarray(samples.t, dtype=np.float64).copy()
-    starts: list[tuple[float, str]] = []
-    offset, total = 0.0, 0.0
-    for run in np.unique(samples.runs):
-        here = samples.runs == run
-        total += float(np.ptp(samples.t[here]))
-    gap = 0.01 * total
-    for run in np.unique(samples.runs):
-        here = samples.runs == run
-        time[here] += offset - samples.t[here][0]
-        starts.append((offset, samples.run_labels[run]))
-        offset = float(time[here][-1]) + gap
+    time = np.array(samples.t, dtype=np.float64)
+    runs = [np.flatnonzero(samples.runs == run) for run in np.unique(samples.runs)]
+    gap = 0.01 * sum(float(np.ptp(time[rows])) for rows in runs)
+    starts, offset = [], 0.0
+    for rows in runs:
+        time[rows] += offset - time[rows[0]]
+        starts.append((offset, samples.run_labels[samples.runs[rows[0]]]))
+        offset = float(time[rows[-1]]) + gap
     return time, starts
 
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bokeh.layouts import column, gridplot, row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.page import BY_JOINT, SECTIONS
 from gravity_comp_ros.report.section import ALL, by_joint, joint_selector, Section
-from gravity_comp_ros.report.style import (
-    AFTER, bar_key, bar_plot, Bars, BEFORE, short)
+from gravity_comp_ros.report.style import bar_key, bar_plot
 from gravity_comp_ros.report.table import Table
-from gravity_comp_ros.report.views import residuals
+from gravity_comp_ros.report.views import residuals, summary
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.stages import Stage
@@ -103,19 +102,18 @@ def _compared(results: Results, a: Stage, b: Stage) -> UIElement:
             raise GravityCompError('these models have no common joint')
     except GravityCompError as problem:
         return widgets.html(markup.paragraph(str(problem)))
-    errors = [each.comparison for each in contents]
-    lead = markup.paragraph(f'A is {a.name}, B is {b.name}. Errors are on the selected samples.',
-                            'quiet')
-    lead += _contents_table(results, a, b) + _error_table(joints, *errors)
-    bars = [Bars(f'{letter}: {short(stage.name, 44)}',
-                 [error.joints[joint].rmse for joint in joints], colour)
-            for letter, stage, error, colour in zip('AB', (a, b), errors, (BEFORE, AFTER))]
+    shown = replace(contents[1], displayed=joints, previous=results.errors(a),
+                    previous_name=a.name)
+    errors, bars = summary.errors(shown), summary.error_bars(shown)
     # A grid, because Bokeh lays out a plot next to a grid incorrectly.
     parts = [gridplot([[bar_plot('RMSE, N·m', joints, bars, '0.0000')]],
                       sizing_mode='stretch_width', toolbar_location=None),
              _residuals(contents, joints)]
-    return element(Section('compare', f'{b.name} against {a.name}', lead + bar_key(bars),
-                           column(*parts, sizing_mode='stretch_width')))
+    lead = markup.paragraph(f'A is {a.name}, B is {b.name}.', 'quiet')
+    return element(Section(
+        'compare', f'{b.name} against {a.name}',
+        lead + _contents_table(results, a, b) + errors.lead + bar_key(bars),
+        column(*parts, sizing_mode='stretch_width'), errors.after))
 
 
 def _contents_table(results: Results, a: Stage, b: Stage) -> str:
@@ -127,17 +125,6 @@ def _contents_table(results: Results, a: Stage, b: Stage) -> str:
     rows += [[target, in_a.get(target, 'not included'), in_b.get(target, 'not included')]
              for target in dict.fromkeys([*in_a, *in_b])]
     return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))
-
-
-def _error_table(joints: tuple[str, ...], a: Comparison, b: Comparison) -> str:
-    rows = []
-    for joint in joints:
-        x, y = a.joints[joint], b.joints[joint]
-        rows.append([joint, f'{x.rmse:.4f}', f'{y.rmse:.4f}', change(x.rmse, y.rmse),
-                     percent(x.nrmse), percent(y.nrmse), f'{x.max_abs:.3f}', f'{y.max_abs:.3f}'])
-    return markup.table(
-        ['joint', 'RMSE N·m, A', 'RMSE N·m, B', 'change', 'nRMSE, A', 'nRMSE, B',
-         'largest N·m, A', 'largest N·m, B'], rows)
 
 
 def _residuals(contents: list[Contents], joints: tuple[str, ...]) -> UIElement:

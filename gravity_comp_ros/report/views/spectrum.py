@@ -38,7 +38,8 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
     length = min(REPORT.max_segment, *sizes)
     power = np.average([signal.welch(np.interp(*each), 1.0 / step, nperseg=length)[1]
                         for each in grids], axis=0, weights=sizes)
-    return np.fft.rfftfreq(length, step)[1:], np.sqrt(power[1:])
+    frequency = np.asarray(np.fft.rfftfreq(length, step)[1:], dtype=np.float64)
+    return frequency, np.asarray(np.sqrt(power[1:]))
 
 
 def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from bokeh.layouts import row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.display import percent
+from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.options import REPORT
@@ -81,21 +83,18 @@ def _noise(contents: Contents, name: str) -> float:
 
 def errors(contents: Contents) -> Section:
     """Return the table of errors and the regions of large error."""
-    errors = contents.comparison.joints
     columns = ['joint', 'n', 'RMSE N·m', 'nRMSE', 'std N·m', 'largest N·m', 'in training N·m']
     if contents.previous:
-        columns.append(f'{contents.previous_name} N·m')
-    columns.append('constant torque N·m')
+        columns += [f'{contents.previous_name} N·m', 'change']
     rows = []
     for name in contents.joints:
-        joint = errors[name]
-        row = [name, joint.n, contents.error(name), percent(joint.nrmse), f'{joint.std:.4f}',
-               f'{joint.max_abs:.3f}',
-               f'{_noise(contents, name):.4f}']
-        if contents.previous:
-            row.append(f'{contents.previous[name]:.4f}'
-                       if name in contents.previous else '–')
-        rows.append([*row, f'{joint.rmse_constant:.4f}'])
+        joint, before = contents.comparison.joints[name], contents.previous.get(name, math.nan)
+        rows.append([name, joint.n, contents.error(name), percent(joint.nrmse),
+                     f'{joint.std:.4f}', f'{joint.max_abs:.3f}', f'{_noise(contents, name):.4f}',
+                     *(['–' if math.isnan(before) else f'{before:.4f}',
+                        change(before, joint.rmse)] if contents.previous else []),
+                     f'{joint.rmse_constant:.4f}'])
+    columns.append('constant torque N·m')
     lead = markup.paragraph(
         'The error is measured minus predicted torque. nRMSE is RMSE over the range of the '
         'measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load. '
