@@ -12,8 +12,8 @@ from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.fleet.cluster import ClusterOptions
-from gravity_comp_ros.fleet.run import find_robots, FleetOptions, Outcome, run_fleet
+from gravity_comp_ros.fleet.run import (
+    ClusterOptions, find_robots, FleetOptions, Outcome, run_fleet)
 from gravity_comp_ros.printable import counted
 
 

@@ -51,7 +51,7 @@ def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSa
     :param samples: all samples of the recordings.
     :raises GravityCompError: if it cannot be written.
     """
-    from gravity_comp_ros.report.arm import find_arm
+    from gravity_comp_ros.report.views.arm import find_arm
     from gravity_comp_ros.report.contents import Contents
     from gravity_comp_ros.report.page import report_html
     samples = samples.joints(model.joints)

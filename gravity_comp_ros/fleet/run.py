@@ -1,15 +1,28 @@
-"""Fit or diagnosis of every robot of a folder; an interrupted run is resumed from a cache."""
+"""
+Fit or diagnosis of every robot of a folder on a Dask cluster; an interrupted run is resumed.
+
+Dask sends pickled functions and data, so a program that reaches a scheduler or a worker can run
+code there. The connections of this machine stay on the loopback interface, encrypted where the
+package `cryptography` is installed; those of a scheduler with an address tls://HOST:PORT.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 import hashlib
+import importlib.util
+from itertools import islice, pairwise
 import json
+import logging
 from pathlib import Path
-from typing import Any
+import signal
+import threading
+from typing import Any, TypeVar
 
+from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
 from gravity_comp_ros import __version__
 from gravity_comp_ros.api.read import bounded, joined
 from gravity_comp_ros.api.recording import Progress, Recording
@@ -17,14 +30,123 @@ from gravity_comp_ros.api.steps import learn, LearnOptions, with_enough_motion
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
-from gravity_comp_ros.errors import BagError, FitError, GravityCompError
-from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
+from gravity_comp_ros.errors import BagError, DataError, FitError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.storage import data_files
 
 _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+# Timeout of the connection to a scheduler, s.
+_CONNECT = 30.0
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """
+    Place of the tasks: `workers` processes of this machine, or the cluster of a scheduler.
+
+    A single worker is a thread of this process. `scheduler` is an address; certificates for
+    tls://HOST:PORT are in the configuration of Dask (`distributed.comm.tls`).
+    """
+
+    workers: int = 1
+    scheduler: str | None = None
+
+    @property
+    def warning(self) -> str:
+        """Return a warning if other hosts or users can reach the workers, else ''."""
+        if self.scheduler is not None:
+            return '' if self.scheduler.startswith('tls://') else (
+                f'{self.scheduler} is not encrypted: a program that reaches it can run code on '
+                'its workers and here; docs/fleet.md describes TLS')
+        if self.workers > 1 and not _can_encrypt():
+            return ('the workers are not encrypted: other users of this machine could run code in '
+                    'them (pip install cryptography)')
+        return ''
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Failure of a task, with its reason in one line."""
+
+    reason: str
+
+
+def run_tasks(options: ClusterOptions, task: Callable[[Item], Result],
+              items: Sequence[Item]) -> Iterator[tuple[int, Result | Failure]]:
+    """
+    Yield the index of each item with its result or a `Failure`, in order of completion.
+
+    Dask repeats the task of a worker that died.
+
+    :param task: function of a module, of one argument.
+    :raises DataError: if the scheduler cannot be reached.
+    """
+    with _client(options) as client, client.as_current():
+        completed, numbers = as_completed(), dict[Future, int]()
+        waiting = iter(enumerate(items))
+
+        def submit() -> None:
+            # One task a thread at most: a task that kills its worker takes no other with it.
+            free = max(sum(client.nthreads().values()), 1) - len(numbers)
+            for number, item in islice(waiting, max(free, 0)):
+                future = client.submit(task, item, pure=False)
+                numbers[future] = number
+                completed.add(future)
+
+        submit()
+        for future in completed:
+            number, error = numbers.pop(future), future.exception()
+            yield number, future.result() if error is None else Failure(_reason(error))
+            future.release()
+            submit()
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, GravityCompError):
+        return str(error)
+    if isinstance(error, KilledWorker):
+        return 'its workers died, possibly out of memory'
+    return f'internal error: {type(error).__name__}: ' + ' '.join(str(error).split())
+
+
+@contextmanager
+def _client(options: ClusterOptions) -> Iterator[Client]:
+    if options.scheduler is None:
+        with _local_cluster(options) as cluster, \
+                Client(cluster, set_as_default=False) as client:
+            yield client
+        return
+    try:
+        client = Client(options.scheduler, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise DataError(f'no Dask scheduler answers at {options.scheduler}: '
+                        f'{" ".join(str(error).split())}') from None
+    with client:
+        yield client
+
+
+def _local_cluster(options: ClusterOptions) -> LocalCluster:
+    """Return a started cluster; an interrupt ends this process alone, which ends the others."""
+    in_main = threading.current_thread() is threading.main_thread()
+    # Processes inherit an ignored signal.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None
+    try:
+        # No limit of memory: a worker could not go on with less than its recordings need.
+        return LocalCluster(
+            n_workers=options.workers, threads_per_worker=1, processes=options.workers > 1,
+            memory_limit=0, dashboard_address=None, silence_logs=logging.CRITICAL,
+            security=Security.temporary() if _can_encrypt() else None)
+    finally:
+        if in_main:
+            signal.signal(signal.SIGINT, before)
+
+
+def _can_encrypt() -> bool:
+    return importlib.util.find_spec('cryptography') is not None
 
 
 @dataclass(frozen=True)
@@ -48,18 +170,16 @@ def find_robots(folder: Path) -> list[Robot]:
         entries = sorted(path for path in folder.iterdir() if not path.name.startswith('.'))
     except OSError as error:
         raise BagError(f'cannot read the fleet {folder}: {error.strerror}') from None
-    robots = [Robot(path.name, _bags(path)) for path in entries
-              if path.is_dir() and not _is_bag(path)]
-    robots.append(Robot(folder.resolve().name, _bags(folder)))
-    robots = sorted((robot for robot in robots if robot.bags), key=lambda robot: robot.name)
+    folders = [folder, *(path for path in entries if path.is_dir() and not _is_bag(path))]
+    robots = sorted((Robot(path.resolve().name if path is folder else path.name, bags)
+                     for path in folders if (bags := _bags(path))), key=lambda robot: robot.name)
     if not robots:
         raise BagError(f'{folder} contains no recording: put the bags of each robot into a '
                        f'subfolder with its name')
-    names = [robot.name for robot in robots]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise BagError(f'two robots are named {twice[0]}: {folder} has bags of its own and a '
-                       f'subfolder of the same name')
+    for robot, other in pairwise(robots):
+        if robot.name == other.name:
+            raise BagError(f'two robots are named {robot.name}: {folder} has bags of its own and '
+                           f'a subfolder of the same name')
     return robots
 
 
@@ -112,13 +232,12 @@ class RobotResult:
     """
     Result of one robot: its entry in `fleet --json`, and the reasons of its unreadable bags.
 
-    `model` is the fitted model; `diagnosis` has the form of `diagnose --json`.
+    `content` of its file is the fitted model, or a diagnosis in the form of `diagnose --json`.
     """
 
     entry: dict[str, Any]
     failed_bags: dict[str, str]
-    model: GravityModel | None = None
-    diagnosis: dict[str, Any] | None = None
+    content: GravityModel | dict[str, Any]
 
 
 @dataclass
@@ -143,7 +262,10 @@ def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
     :raises BagError: if a result cannot be written.
     :raises DataError: if the cluster cannot be reached.
     """
-    _create(output / CACHE)
+    try:
+        (output / CACHE).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BagError(f'cannot create the folder {output}: {error.strerror}') from None
     outcome, pending, keys = Outcome(), [], {}
     for robot in robots:
         keys[robot] = _key(robot, options)
@@ -161,7 +283,7 @@ def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
         if isinstance(result, Failure):
             outcome.failed_robots[robot.name] = result.reason
             continue
-        _save(output, keys[robot], robot, result)
+        _save(output, keys[robot], result)
         outcome.robots[robot.name] = result.entry
         outcome.failed_bags.update(result.failed_bags)
     return outcome
@@ -182,7 +304,7 @@ def _result(robot: Robot, options: FleetOptions) -> RobotResult:
             'model': f'{robot.name}.json', 'bags': recording.n_runs,
             'samples': result.model.coverage.n_samples, 'converged': result.converged,
             'rmse': result.report.rmse, 'warnings': list(result.report.warnings)},
-            failed, model=result.model)
+            failed, result.model)
     model = load_model(options.models / f'{robot.name}.json') if options.models else None
     reading = options.reading
     if model is not None and reading.joints is None:
@@ -192,7 +314,7 @@ def _result(robot: Robot, options: FleetOptions) -> RobotResult:
     document = diagnose(recording.samples, model,
                         DiagnosisOptions(effects=options.effects)).to_json()
     return RobotResult({'diagnosis': f'{robot.name}.diagnosis.json',
-                        'findings': document['findings']}, failed, diagnosis=document)
+                        'findings': document['findings']}, failed, document)
 
 
 def _read(robot: Robot, options: ReadOptions,
@@ -218,36 +340,31 @@ def _key(robot: Robot, options: FleetOptions) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BagError(f'cannot create the folder {folder}: {error.strerror}') from None
-
-
 def _stored(output: Path, key: str) -> dict[str, Any] | None:
-    """Return an earlier result whose file is still there, None without one."""
+    """Return an earlier result whose file is unchanged, None without one."""
     try:
         stored = json.loads((output / CACHE / f'{key}.json').read_text(encoding='utf-8'))
-        if _digest(output, stored['entry']) == stored['digest']:
+        if _digest(_file(output, stored['entry'])) == stored['digest']:
             return dict(stored)
     except (OSError, ValueError, KeyError, TypeError):
         pass  # no result, or a damaged one
     return None
 
 
-def _save(output: Path, key: str, robot: Robot, result: RobotResult) -> None:
-    if result.model is not None:
-        save_model(output / f'{robot.name}.json', result.model)
+def _save(output: Path, key: str, result: RobotResult) -> None:
+    file = _file(output, result.entry)
+    if isinstance(result.content, GravityModel):
+        save_model(file, result.content)
     else:
-        text = json.dumps(result.diagnosis, indent=2) + '\n'
-        write_atomically(output / f'{robot.name}.diagnosis.json', text.encode(), BagError)
-    stored = {'entry': result.entry, 'failed_bags': result.failed_bags,
-              'digest': _digest(output, result.entry)}
+        text = json.dumps(result.content, indent=2) + '\n'
+        write_atomically(file, text.encode(), BagError)
+    stored = {'entry': result.entry, 'failed_bags': result.failed_bags, 'digest': _digest(file)}
     write_atomically(output / CACHE / f'{key}.json', json.dumps(stored).encode(), BagError)
 
 
-def _digest(output: Path, entry: Mapping[str, Any]) -> str:
-    """Return the digest of the file of a robot."""
-    name = entry['model'] if 'model' in entry else entry['diagnosis']
-    return hashlib.sha256((output / name).read_bytes()).hexdigest()
+def _file(output: Path, entry: Mapping[str, Any]) -> Path:
+    return output / str(entry.get('model') or entry['diagnosis'])
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -13,8 +14,10 @@ from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.report.arm import Arm
 import numpy as np
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.report.views.arm import Arm
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import urllib.parse
 
 from bokeh.server.tornado import BokehTornado
-from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.session import Sessions
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.web import OutputTransform, RequestHandler, stream_request_body
 

@@ -13,9 +13,9 @@ import dask
 from gravity_comp_ros import cli
 from gravity_comp_ros.api.steps import LearnOptions
 from gravity_comp_ros.errors import BagError, DataError
-from gravity_comp_ros.fleet import cluster, run as fleet_run
-from gravity_comp_ros.fleet.cluster import ClusterOptions, Failure, run_tasks
-from gravity_comp_ros.fleet.run import CACHE, find_robots, FleetOptions, Robot, run_fleet
+from gravity_comp_ros.fleet import run as fleet_run
+from gravity_comp_ros.fleet.run import (
+    CACHE, ClusterOptions, Failure, find_robots, FleetOptions, Robot, run_fleet, run_tasks)
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -161,7 +161,7 @@ def test_a_cluster_with_tls_gives_equal_models_and_refuses_others(
         with dask.config.set(tls):
             outcome = fit(fleet, tmp_path / 'dask', where)
         assert len(outcome.failed_bags) == 1 and not outcome.failed_robots and not where.warning
-        monkeypatch.setattr(cluster, '_CONNECT', 1.0)
+        monkeypatch.setattr(fleet_run, '_CONNECT', 1.0)
         for other in (address, 'tcp' + address[3:]):
             with pytest.raises(DataError, match='no Dask scheduler answers') as error:
                 fit(fleet, tmp_path / 'plain', ClusterOptions(scheduler=other))

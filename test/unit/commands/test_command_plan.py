@@ -115,7 +115,8 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     (('--within', 'limits'), 1, '--within limits requires --urdf'),
     (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
     (('--widen', '-1'), 2, 'not a number above 0'),
-    (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not a number above 0'),
+    (('--settle', 'rust:elbow'), 1, 'no effect'),
+    (('--max-speed', '0'), 2, 'not a number above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])
 def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, message):

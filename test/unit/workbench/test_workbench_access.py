@@ -16,7 +16,7 @@ from bokeh.util.token import generate_jwt_token, generate_session_id
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import access, serve
 from gravity_comp_ros.workbench.page import facts_html
-from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.session import Sessions
 from gravity_comp_ros.workbench.stages import State
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest

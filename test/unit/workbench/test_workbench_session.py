@@ -20,11 +20,11 @@ from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import sessions as all_sessions, store
+from gravity_comp_ros.workbench import session as all_sessions, store
 from gravity_comp_ros.workbench.jobs import Job, Step, Worker
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.session import Sessions
 from gravity_comp_ros.workbench.stages import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
