@@ -48,7 +48,6 @@ tr.strong th, tr.strong td { font-weight: 700 }
   margin-right: .35em; vertical-align: -.05em; border: 1px solid var(--line);
   filter: var(--plot); print-color-adjust: exact; -webkit-print-color-adjust: exact }
 .equation { overflow-wrap: break-word; padding-left: 1.5em; text-indent: -1.5em }
-.equation span { white-space: nowrap }
 details { margin: .3rem 0 .6rem }
 summary { cursor: pointer; color: var(--strong) }
 pre { background: var(--soft); padding: .6rem .8rem; border-radius: 4px;

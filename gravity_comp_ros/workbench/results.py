@@ -19,7 +19,6 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.views.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.workbench import stages
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
@@ -94,7 +93,7 @@ class Results:
         return Contents(
             recording.samples, predict_torque(stage.model, recording.samples), stage.model,
             self.compared(stage.model), recording.gated.sentence(), recording.reports,
-            '\n'.join(self.commands()), previous=self.errors(before) if before else {},
+            '\n'.join(self.session.commands()), previous=self.errors(before) if before else {},
             previous_name=before.name if before else '', arm=self._arm(stage.model.joints))
 
     def compared(self, model: GravityModel) -> Comparison:
@@ -136,7 +135,7 @@ class Results:
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
         return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
-                        recording.reports, '\n'.join(self.commands()),
+                        recording.reports, '\n'.join(self.session.commands()),
                         arm=self._arm(samples.names))
 
     def slow_warning(self) -> str:
@@ -176,20 +175,13 @@ class Results:
         present = {effect.target for effect in stage.model.applied.effects}
         return tuple(name for name in diagnosis.to_add if name not in present)
 
-    def commands(self) -> list[str]:
-        """Return command lines that reproduce the model and its evaluation."""
-        session = self.session
-        if session.at is None:
-            return []
-        return [*stages.command_lines(session.stages, session.at, session.paths),
-                *stages.reports(session.choice, session.paths)]
-
     def _next_command(self) -> str:
         """Return the command line that adds the effects to add."""
-        targets, session = self.to_add(), self.session
-        model = session.stage.given if session.stage else None
-        return stages.add_command(
-            targets, session.choice, session.paths, model) if targets else ''
+        targets, session, stage = self.to_add(), self.session, self.session.stage
+        if not targets or stage is None:
+            return ''
+        more = (stage.given.resolve(),) if stage.given else ()
+        return session.choice.add_command(targets, session.paths, *more)
 
     def models(self) -> list[Stage]:
         """Return all models that can be compared: numbered stages, and further model files."""

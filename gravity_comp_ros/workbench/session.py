@@ -25,7 +25,7 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step, Worker
-from gravity_comp_ros.workbench.stages import added_name, Choice, Stage, State, warnings_of_fit
+from gravity_comp_ros.workbench.stages import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Failed, Progress
 
 
@@ -196,7 +196,9 @@ class Session(State):
         elif isinstance(answer, Learned):
             self._learned(job, answer)
         elif isinstance(answer, Refit):
-            self._append(Stage(added_name(answer.added), answer.model, job.choice, answer.added,
+            names = answer.added
+            name = ', '.join(names) if len(names) < 3 else f'{names[0]} and {len(names) - 1} more'
+            self._append(Stage(f'+ {name}', answer.model, job.choice, answer.added,
                                warnings=tuple(answer.warnings())))
         if job.step in (Step.READ, Step.LEARN, Step.ADD):
             self._save()
@@ -251,8 +253,13 @@ class Session(State):
         joints = answer.model.joints
         self.choice, self.to_learn = replace(job.choice, joints=joints), False
         self.joints = (*joints, *(name for name in self.joints if name not in joints))
-        self._append(Stage('gravity', answer.model, self.choice,
-                           warnings=warnings_of_fit(answer)))
+        axes = answer.arm.axes
+        warnings = [*answer.result.report.warnings]
+        if axes.problem:
+            warnings.append(f'{axes.problem}.')
+        if axes.left_out:
+            warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
+        self._append(Stage('gravity', answer.model, self.choice, warnings=tuple(warnings)))
 
     def _job(self, step: Step, model: GravityModel | None = None,
              effects: tuple[str, ...] | None = None) -> Job:

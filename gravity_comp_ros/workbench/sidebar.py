@@ -128,7 +128,7 @@ class Sidebar:
                 name='export-report'),
             widgets.button('Save command lines', lambda: self._save(
                 'workbench.sh', 'text/x-shellscript', lambda model: '\n'.join(
-                    ['#!/bin/sh', 'set -e', *results.commands(), ''])), name='export-commands')]
+                    ['#!/bin/sh', 'set -e', *session.commands(), ''])), name='export-commands')]
 
 
 def _number(text: str, what: str) -> float:

@@ -10,7 +10,7 @@ import shlex
 
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import Learned, LearnOptions, WITH_AXES
+from gravity_comp_ros.api.steps import LearnOptions, WITH_AXES
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -19,6 +19,9 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+
+# Model file in the exported command lines.
+MODEL_FILE = 'arm.json'
 
 
 @dataclass(frozen=True)
@@ -89,10 +92,19 @@ class Choice:
             return ['--all-samples']
         return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
 
+    def command(self, verb: str, paths: tuple[Path, ...], *options: str,
+                joints: bool = False) -> str:
+        """Return a command line for the chosen ones of all recordings, with their reading."""
+        # Absolute paths, so that the command lines run in any folder.
+        files = [str(paths[run].resolve()) for run in self.runs]
+        return f'gravity_comp {verb} ' + shlex.join(
+            [*files, *options, *self.options().words(joints=joints)])
 
-MODEL_FILE = 'arm.json'
-# Maximum number of added effects in the name of a stage.
-_MAX_NAMED = 2
+    def add_command(self, effects: tuple[str, ...], paths: tuple[Path, ...],
+                    model: Path = Path(MODEL_FILE)) -> str:
+        """Return the command line that adds effects to a model file."""
+        return self.command(f'add {shlex.quote(",".join(effects))}', paths, '--model',
+                            str(model), *self.gate_options())
 
 
 @dataclass(frozen=True)
@@ -123,6 +135,16 @@ class Stage:
         """
         return cls(path.name, load_model(path), given=path)
 
+    def command(self, paths: tuple[Path, ...]) -> str:
+        """Return the command line of this step, for all recordings of the session."""
+        if self.given is not None:
+            return shlex.join(['cp', str(self.given.resolve()), MODEL_FILE])
+        if self.effects:
+            return self.choice.add_command(self.effects, paths)
+        return self.choice.command(
+            'fit', paths, *self.choice.fit_options(), *self.choice.gate_options(), '-o',
+            MODEL_FILE, joints=True)
+
 
 @dataclass(eq=False)
 class State:
@@ -145,68 +167,13 @@ class State:
     to_learn: bool = True
     hashes: Mapping[str, str] = field(default_factory=dict)
 
-
-def command_lines(stages: Sequence[Stage], number: int, bags: tuple[Path, ...]) -> list[str]:
-    """
-    Return command lines that reproduce the model exactly.
-
-    :param bags: all recordings; the choice of each stage selects among them.
-    """
-    # From the last fit or file up to this stage.
-    start = max(k for k in range(number + 1) if not stages[k].effects)
-    return [_command(stage, bags) for stage in stages[start:number + 1]]
-
-
-def reports(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
-    """Return command lines for the comparison and the diagnosis of the page."""
-    model = ('--model', MODEL_FILE)
-    return [_line('compare', choice, bags, *model, *choice.gate_options()),
-            _line('diagnose', choice, bags, *model, '--html', 'report.html')]
-
-
-def add_command(effects: tuple[str, ...], choice: Choice, bags: tuple[Path, ...],
-                model: Path | None = None) -> str:
-    """
-    Return the command line that adds effects.
-
-    :param model: the model file; by default that of a saved model.
-    """
-    return _line(f'add {shlex.quote(",".join(effects))}', choice, bags, '--model',
-                 MODEL_FILE if model is None else str(model.resolve()), *choice.gate_options())
-
-
-def added_name(effects: tuple[str, ...]) -> str:
-    """Return the name of a stage with added effects."""
-    if len(effects) <= _MAX_NAMED:
-        return '+ ' + ', '.join(effects)
-    return f'+ {effects[0]} and {len(effects) - 1} more'
-
-
-def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
-    """Return the warnings on a fitted model."""
-    axes = answer.arm.axes
-    warnings = [*answer.result.report.warnings]
-    if axes.problem:
-        warnings.append(f'{axes.problem}.')
-    if axes.left_out:
-        warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
-    return tuple(warnings)
-
-
-def _command(stage: Stage, bags: tuple[Path, ...]) -> str:
-    if stage.given is not None:
-        return shlex.join(['cp', str(stage.given.resolve()), MODEL_FILE])
-    choice = stage.choice
-    if stage.effects:
-        return add_command(stage.effects, choice, bags)
-    return _line('fit', choice, bags, *choice.fit_options(), *choice.gate_options(), '-o',
-                 MODEL_FILE, joints=True)
-
-
-def _line(verb: str, choice: Choice, bags: tuple[Path, ...], *options: str,
-          joints: bool = False) -> str:
-    """Return a command line for the chosen recordings with their options of reading."""
-    # Absolute paths, so that the command lines run in any folder.
-    files = [str(bags[run].resolve()) for run in choice.runs]
-    return f'gravity_comp {verb} ' + shlex.join(
-        [*files, *options, *choice.options().words(joints=joints)])
+    def commands(self) -> list[str]:
+        """Return command lines that reproduce the current model exactly, and its evaluation."""
+        if self.at is None:
+            return []
+        # From the last fit or file up to the current stage.
+        start = max(k for k in range(self.at + 1) if not self.stages[k].effects)
+        choice, model = self.choice, ('--model', MODEL_FILE)
+        return [*(stage.command(self.paths) for stage in self.stages[start:self.at + 1]),
+                choice.command('compare', self.paths, *model, *choice.gate_options()),
+                choice.command('diagnose', self.paths, *model, '--html', 'report.html')]

@@ -52,7 +52,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
         assert other.joints == JOINTS
         np.testing.assert_array_equal(other.predict(poses()), fitted.predict(poses()))
     # The command line shown on the page gives the same model.
-    again = results.commands()[0].replace('arm.json', str(file))
+    again = session.commands()[0].replace('arm.json', str(file))
     assert main(again.split()[1:]) == 0
     np.testing.assert_array_equal(load_model(file).predict(poses()), fitted.predict(poses()))
 
@@ -76,5 +76,5 @@ def test_the_workbench_can_ignore_the_description(folder):
     session.learn(replace(session.choice, urdf='none'))
     results = Results(worked(session, until='DIAGNOSE'))
     assert session.stage.model.geometry is None
-    assert ' --urdf none ' in results.commands()[0]
+    assert ' --urdf none ' in session.commands()[0]
     assert results.facts(results.models()[0])['axes'] == 'not known'

@@ -8,7 +8,7 @@ from bokeh.models import BasicTickFormatter, ColumnDataSource, Select
 from bokeh.plotting import figure
 from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import percent
+from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
@@ -43,37 +43,21 @@ def section(contents: Contents, selector: Select) -> Section:
     return Section('model', 'The model', lead, plots, after)
 
 
-def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
-    """Return a joint's weights in N·m with their features, the largest first."""
-    torque = contents.model.torques[n]
-    order = np.argsort(-np.abs(torque.weights), kind='stable')
-    count = contents.model.n_joints
-    return [(float(torque.weights[k]), dictionary.feature_name(int(torque.indices[k]), count))
-            for k in order[:REPORT.max_terms]]
-
-
 def _equation(contents: Contents, n: int) -> str:
-    name, listed = contents.model.joints[n], terms(contents, n)
-    count = len(contents.model.torques[n].weights)
-    first = _sum(listed[:REPORT.shown_terms]) or '0'
-    rest = count - min(REPORT.shown_terms, len(listed))
-    html = f'<p class="equation"><b>{markup.text(name)}</b> = {first}'
-    html += f' <span class="quiet">… {rest} more</span></p>' if rest else '</p>'
-    if rest:
-        note = '' if count <= REPORT.max_terms else markup.paragraph(
-            f'The {REPORT.max_terms} largest of {count} terms; the model file lists all.', 'quiet')
-        rows = [[f'{weight:.4f}', feature] for weight, feature in listed]
-        html += markup.folded(f'all terms of {name}', note + markup.table(
-            ['weight N·m', 'feature'], rows, left=('feature',)))
-    return html
-
-
-def _sum(weighted: list[tuple[float, str]]) -> str:
-    html = ''
-    for weight, feature in weighted:
-        sign = ('−' if weight < 0 else '') if not html else (' − ' if weight < 0 else ' + ')
-        html += f'{sign}<span>{abs(weight):.2f} {markup.text(feature)}</span>'
-    return html
+    model, torque = contents.model, contents.model.torques[n]
+    name, count = model.joints[n], len(torque.weights)
+    html = (f'<p class="equation"><b>{markup.text(name)}</b> = '
+            f'{markup.text(shortened(model.equation(name), REPORT.shown_terms))}</p>')
+    if count <= REPORT.shown_terms:
+        return html
+    order = np.argsort(-np.abs(torque.weights), kind='stable')[:REPORT.max_terms]
+    features = dictionary.feature_names(torque.indices[order], model.n_joints)
+    note = '' if count <= REPORT.max_terms else markup.paragraph(
+        f'The {REPORT.max_terms} largest of {count} terms; the model file lists all.', 'quiet')
+    return html + markup.folded(f'all terms of {name}', note + markup.table(
+        ['weight N·m', 'feature'],
+        [[f'{weight:.4f}', feature] for weight, feature in zip(torque.weights[order], features)],
+        left=('feature',)))
 
 
 def _stems(contents: Contents, n: int) -> figure:
@@ -82,7 +66,7 @@ def _stems(contents: Contents, n: int) -> figure:
     indices, weights = torque.indices[largest], torque.weights[largest]
     source = ColumnDataSource({
         'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),
-        'name': [dictionary.feature_name(int(k), count) for k in indices]})
+        'name': dictionary.feature_names(indices, count)})
     fig = plot(f'{short(contents.model.joints[n])}: {len(torque.weights)} of {3 ** count}',
                'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
                x_range=padded(0.0, 3.0 ** count, 0.03))

@@ -111,8 +111,8 @@ def test_a_step_after_undo_replaces_the_undone_stages(learned):
     session.add(('torque_offset:elbow',))
     worked(session, until='DIAGNOSE')
     assert [stage.name for stage in session.stages] == ['gravity', '+ torque_offset:elbow']
-    assert ' add torque_offset:elbow ' in results.commands()[1]
-    assert BOTH[0] not in str(results.commands())
+    assert ' add torque_offset:elbow ' in session.commands()[1]
+    assert BOTH[0] not in str(session.commands())
     # A new fit of one joint is another stage; going back reads the joints of the earlier one.
     session.learn(replace(session.choice, joints=('elbow',)))
     worked(session, until='DIAGNOSE')
@@ -165,7 +165,7 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     contents = results.contents()
     assert contents.compared == '1200 samples used, including fast ones'
     assert contents.comparison.joints['elbow'].n == 1200
-    assert '--all-samples' in results.commands()[0]
+    assert '--all-samples' in session.commands()[0]
     session.evaluate(replace(session.choice, all_samples=False))
     assert 'keeps only' in results.slow_warning()
 
@@ -192,7 +192,7 @@ def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_
         session.learn(replace(session.choice, reading=replace(read, **change)))
         worked(session, until='DIAGNOSE')
         assert not session.error and 'refused' not in facts_html(session.read.reports)
-    assert '--accept effort_unit' in Results(session).commands()[0]
+    assert '--accept effort_unit' in session.commands()[0]
 
 
 def test_a_description_that_cannot_be_read_is_reported(paths, tmp_path):
@@ -235,7 +235,7 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
         if not session.error and rng.random() < 0.3:
             session.select_stage(session.at - 1)
         session.evaluate(replace(session.choice, runs=a_random_choice(rng, session).runs))
-    *makes, compare, _ = results.commands()
+    *makes, compare, _ = session.commands()
     with contextlib.chdir(tmp_path):
         for line in makes:
             program, *arguments = shlex.split(line)
@@ -268,7 +268,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     worked(loaded, until='DIAGNOSE')
     assert loaded.worker.done == ['READ'] and not loaded.warning
     one, other = Results(session), Results(loaded)
-    assert one.commands() == other.commands()
+    assert session.commands() == loaded.commands()
     np.testing.assert_array_equal(one.contents().predicted, other.contents().predicted)
     saved, = sessions.earlier()
     assert saved.recordings == ('run1.mcap', 'run2.mcap')
