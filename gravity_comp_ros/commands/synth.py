@@ -10,9 +10,11 @@ from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.commands.usage.files import FILES
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import Hidden, hidden
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -63,14 +65,18 @@ def _arm(args: argparse.Namespace) -> arms.Arm:
 def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
-    if Path(args.motion).suffix in FILES:
-        return _motion_from_file(args, arm)
-    if args.max_speed is not None and args.motion != 'multisine':
+    trajectory = _trajectory(args, arm) if Path(args.motion).suffix in FILES else None
+    if trajectory is None and args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed applies to multisine only, not to {args.motion}')
-    default_duration, default_rate = _DEFAULTS[args.motion]
-    rate = args.rate or default_rate
-    duration = args.samples / rate if args.samples else args.duration or default_duration
-    _check_size(duration, rate)
+    duration, rate = _DEFAULTS[args.motion] if trajectory is None else (
+        trajectory.duration, _FILE_RATE)
+    rate = args.rate or rate
+    duration = args.samples / rate if args.samples else args.duration or duration
+    if duration * rate > _MAX_SAMPLES:
+        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; the '
+                          f'maximum is {_MAX_SAMPLES:.0e}: shorten --duration or lower --rate')
+    if trajectory is not None:
+        return motions.sample(Path(args.motion).name, trajectory.at, duration, rate)
     if args.motion == 'random':
         poses = max(1, round(duration * rate))
         return motions.random_poses(arm.lower, arm.upper, poses, args.seed, 1 / rate, args.start)
@@ -82,15 +88,8 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     return make(duration, rate, args.start)
 
 
-def _check_size(duration: float, rate: float) -> None:
-    if duration * rate > _MAX_SAMPLES:
-        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; the '
-                          f'maximum is {_MAX_SAMPLES:.0e}: shorten --duration or lower --rate')
-
-
-def _motion_from_file(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
-    """Return the motion of a trajectory file."""
-    from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+def _trajectory(args: argparse.Namespace, arm: arms.Arm) -> Trajectory:
+    """Return the motion of a trajectory file, with the joints in the order of the arm."""
     if args.max_speed is not None or args.start:
         raise OptionError('--max-speed and --start do not apply to a motion from a file')
     trajectory = read_trajectory(Path(args.motion))
@@ -98,16 +97,8 @@ def _motion_from_file(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion
         raise OptionError(f'{args.motion} moves {", ".join(trajectory.joints)}, but the joints of '
                           f'{arm.name} are {", ".join(arm.joints)}')
     order = [trajectory.joints.index(joint) for joint in arm.joints]
-
-    def path(t: motions.FloatArray
-             ) -> tuple[motions.FloatArray, motions.FloatArray, motions.FloatArray]:
-        q, qd, qdd = trajectory.at(t + trajectory.t[0])
-        return q[:, order], qd[:, order], qdd[:, order]
-
-    rate = args.rate or _FILE_RATE
-    duration = args.samples / rate if args.samples else args.duration or trajectory.duration
-    _check_size(duration, rate)
-    return motions.sample(Path(args.motion).name, path, duration, rate)
+    return Trajectory(arm.joints, trajectory.t - trajectory.t[0], *(
+        values[:, order] for values in (trajectory.q, trajectory.qd, trajectory.qdd)))
 
 
 def _synthesis(args: argparse.Namespace, hidden_effects: list[Hidden]) -> SynthesisOptions:
@@ -126,9 +117,6 @@ def _synthesis(args: argparse.Namespace, hidden_effects: list[Hidden]) -> Synthe
 
 
 def _limit_violations(arm: arms.Arm, samples: JointSamples) -> list[str]:
-    notes = []
     over = np.maximum(samples.q.max(axis=0) - arm.upper, arm.lower - samples.q.min(axis=0))
-    for joint, excess in zip(arm.joints, over):
-        if excess > 1e-9:
-            notes.append(f'joint {joint} exceeds its limit by {excess:.3f} rad')
-    return notes
+    return [f'joint {joint} exceeds its limit by {excess:.3f} rad'
+            for joint, excess in zip(arm.joints, over) if excess > 1e-9]

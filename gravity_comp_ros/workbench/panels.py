@@ -128,18 +128,20 @@ def _findings(results: Results, add: Add) -> list[UIElement]:
 
 def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
          session: Session) -> UIElement:
-    entry: list[UIElement] = [widgets.html(_finding_html(number, finding), margin=(1, 5, 1, 5),
-                                           styles={'flex': '1 1 220px'})]
+    buttons: list[tuple[str, str, Callable[[], None]]] = []
     if target:
-        entry.append(widgets.button(f'Add {target}', lambda: add((target,)),
-                                    disabled=adding, name=f'add-{number}', margin=(2, 5, 2, 5),
-                                    styles={'flex': '0 1 auto', 'max-width': '210px'}))
+        buttons.append((f'Add {target}', f'add-{number}', lambda: add((target,))))
     if finding.effect is not None and finding.verdict in OPEN:
         name = effect_name(finding.effect, finding.joint)
-        entry.append(widgets.button('Plan for this effect', lambda: session.request_plan((name,)),
-                                    disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),
-                                    styles={'flex': '0 1 auto', 'max-width': '210px'}))
-    return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
+        buttons.append(('Plan for this effect', f'plan-{number}',
+                        lambda: session.request_plan((name,))))
+    return row(
+        widgets.html(_finding_html(number, finding), margin=(1, 5, 1, 5),
+                     styles={'flex': '1 1 220px'}),
+        *(widgets.button(text, action, disabled=adding, name=name, margin=(2, 5, 2, 5),
+                         styles={'flex': '0 1 auto', 'max-width': '210px'})
+          for text, name, action in buttons),
+        sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
 
 
 def _finding_html(number: int, finding: Finding) -> str:
