@@ -12,7 +12,7 @@ from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
-from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -66,12 +66,11 @@ class Results:
 
         :raises DataError: if the recordings have not been read, or no sample passes the gate.
         """
-        session, stage = self.session, self.session.stage
+        session = self.session
         if not session.is_read:
             raise DataError('the recordings are being read')
-        if stage is None:
-            return self._cached(self._constant, 'constant', session.choice, session.read)
-        base = self.contents_of(stage)
+        base = self.contents_of(session.stage or self._cached(
+            self._constant, 'constant', session.choice, session.read))
         # A new diagnosis does not change the errors.
         diagnosis = session.diagnosis
         return self._cached(lambda: replace(base, diagnosis=diagnosis,
@@ -122,21 +121,17 @@ class Results:
             session.warning = str(problem)
             return None
 
-    def _constant(self) -> Contents:
-        """Return the contents before the first fit, with a constant torque as model."""
-        recording = self.recording
-        samples = recording.samples
+    def _constant(self) -> Stage:
+        """Return the model before the first fit, a constant torque."""
+        samples = self.recording.samples
         if not samples.n_samples:
             raise DataError('the recordings are empty')
         mean, spread = samples.tau.mean(axis=0), samples.tau.std(axis=0)
         torques = tuple(Expansion(np.zeros(1, dtype=np.int64), mean[n:n + 1])
                         for n in range(samples.n_joints))
-        model = GravityModel(samples.names, 'per_joint', torques, None, spread, Coverage(
-            samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
-        return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
-                        f'all {samples.n_samples} samples, against a constant torque',
-                        recording.reports, '\n'.join(self.session.commands()),
-                        arm=self._arm(samples.names))
+        return Stage('constant torque', GravityModel(
+            samples.names, 'per_joint', torques, None, spread, Coverage(
+                samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs)))
 
     def slow_warning(self) -> str:
         """Return a warning if almost no sample is slow, otherwise an empty string."""
