@@ -39,18 +39,7 @@ def synth(parser: argparse.ArgumentParser) -> None:
     _add_recording_output(parser)
     parser.add_argument('--seed', type=int, default=0,
                         help='seed of random motion and noise (default: 0)')
-    _add_arm(parser.add_argument_group('arm'))
-    _add_motion(parser.add_argument_group('motion'))
-    _add_torque(parser.add_argument_group('torque'))
-
-
-def _add_recording_output(parser: argparse.ArgumentParser) -> None:
-    arguments.add_mcap_output(parser)
-    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
-    arguments.add_json(parser)
-
-
-def _add_arm(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('arm')
     group.add_argument('--arm', metavar='iiwa7|FILE.urdf', default='iiwa7',
                        help='KUKA LBR iiwa 7 R800, or any arm of revolute joints')
     group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=arguments.number(
@@ -59,9 +48,7 @@ def _add_arm(group: argparse._ArgumentGroup) -> None:
                        help='tilt of the base, -180 to 180 degrees (default: level)')
     group.add_argument('--joint-names', metavar='A,B,...', type=arguments.joint_list,
                        help='joint names in the output (default: those of the arm)')
-
-
-def _add_motion(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('motion')
     group.add_argument('--motion', metavar='NAME|FILE', type=_motion_name, default='eq17',
                        help=f'{", ".join(MOTIONS)} (see below), or a motion written by `plan` '
                        '(.yaml or .csv) (default: eq17)')
@@ -73,9 +60,7 @@ def _add_motion(group: argparse._ArgumentGroup) -> None:
                        help='start time within the motion (default: 0)')
     group.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive,
                        help='maximum speed of every joint in a multisine (default: 0.1)')
-
-
-def _add_torque(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('torque')
     group.add_argument('--payload', metavar='KG', type=arguments.positive,
                        help='mass on the last link')
     group.add_argument('--payload-com', metavar=('X', 'Y', 'Z'), nargs=3, type=arguments.finite,
@@ -92,6 +77,12 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        help='the same as a fraction of the torque (default: 0)')
     group.add_argument('--static', action='store_true',
                        help='gravity torque only, as if the arm stopped for every sample')
+
+
+def _add_recording_output(parser: argparse.ArgumentParser) -> None:
+    arguments.add_mcap_output(parser)
+    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
+    arguments.add_json(parser)
 
 
 def _motion_name(text: str) -> str:
@@ -128,12 +119,7 @@ def convert(parser: argparse.ArgumentParser) -> None:
                         help='a .csv, .txt, .npz or .parquet file, or the folder of a LeRobot '
                         'data set')
     _add_recording_output(parser)
-    _add_columns(parser.add_argument_group('columns'))
-    _add_units(parser.add_argument_group('units and signs (one value, or one per joint)'))
-    _add_text(parser.add_argument_group('the file'))
-
-
-def _add_columns(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('columns')
     for what in ('time', 'position', 'velocity', 'effort'):
         group.add_argument(f'--{what}', metavar='COLUMNS', help=f'columns of {what}')
     group.add_argument('--rate', metavar='HZ', type=arguments.positive,
@@ -142,9 +128,7 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--joint-names', dest='joints', metavar='A,B,...',
                        type=arguments.joint_list,
                        help='joint names in the output (default: joint_1, joint_2, ...)')
-
-
-def _add_units(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('units and signs (one value, or one per joint)')
     group.add_argument('--time-unit', choices=tuple(TIME_UNITS),
                        help='(default: s; required if the values contradict it)')
     group.add_argument('--position-unit', metavar='UNIT', type=arguments.position_unit,
@@ -162,9 +146,7 @@ def _add_units(group: argparse._ArgumentGroup) -> None:
                        help='torque of the joint at 100 %%, for efforts in percent or permille')
     group.add_argument('--gear-ratio', metavar='N,...', type=arguments.numbers, default=(1.0,),
                        help='motor revolutions per joint revolution (default: 1)')
-
-
-def _add_text(group: argparse._ArgumentGroup) -> None:
+    group = parser.add_argument_group('the file')
     header = group.add_mutually_exclusive_group()
     header.add_argument('--header', action='store_true', default=None,
                         help='the first line has names (default: if it contains no number)')
