@@ -20,10 +20,10 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.display import percent
-from gravity_comp_ros.effects.effect import Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse import dictionary
@@ -75,58 +75,48 @@ def added_variable(motion: Motion, model: GravityModel, finding: Finding,
         residual = _project(motion, model, joint, others, rows)[1]
         return AddedVariable(finding, model.joints[joint], motion.samples.q[rows, joint], residual,
                              True)
-    columns = _columns(motion, model, finding.effect, finding.joint, finding.setting)
-    if columns is None:
-        return None
-    joints = range(model.n_joints) if columns.ndim == 3 else [
-        model.joints.index(finding.joint or model.joints[0])]
-    best: AddedVariable | None = None
-    best_norm = -1.0
-    for joint in joints:
-        effect_columns = (columns[:, joint] if columns.ndim == 3 else columns)[rows]
-        basis, residual = _project(motion, model, joint, others, rows)
-        effect_columns = effect_columns - basis @ (basis.T @ effect_columns)
-        x = effect_columns @ lstsq(effect_columns, residual, rcond=1e-8)
-        if float(x @ x) > best_norm:
-            best = AddedVariable(finding, model.joints[joint], x, residual)
-            best_norm = float(x @ x)
-    return best
+    plots = []
+    for joint, name in enumerate(model.joints):
+        columns = _columns(motion, model, finding, joint)
+        if columns is not None:
+            basis, residual = _project(motion, model, joint, others, rows)
+            free = columns[rows] - basis @ (basis.T @ columns[rows])
+            x = free @ lstsq(free, residual, rcond=1e-8)
+            plots.append(AddedVariable(finding, name, x, residual))
+    # An effect of the whole arm is shown on the joint where it explains most.
+    return max(plots, key=lambda each: float(each.x @ each.x), default=None)
 
 
 def _project(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
              rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return an orthonormal basis (R, K) of Z, and the residual torque (R,) in N·m."""
-    samples = motion.samples
-    features = model.torques[joint].indices
+    samples, features = motion.samples, model.torques[joint].indices
     tau = samples.tau[rows, joint]
     regressors = [np.zeros((len(rows), 0))]
     if len(features) <= min(REPORT.max_features, len(rows) // 4):
         regressors.append(dictionary.columns(samples.q[rows], features))
     else:
         tau = tau - motion.gravity[rows, joint]
-    effects: list[tuple[str, str | None, Setting]] = [
-        (e.name, e.joint, e.setting) for e in model.applied.effects]
-    effects += [(f.effect, f.joint, f.setting) for f in others if f.effect is not None]
-    for name, joint_name, setting in effects:
-        columns = _columns(motion, model, name, joint_name, setting)
-        if columns is None or (columns.ndim == 2 and joint_name != model.joints[joint]):
-            continue
-        regressors.append((columns[:, joint] if columns.ndim == 3 else columns)[rows])
+    effects: list[Finding | AppliedEffect] = [*model.applied.effects, *others]
+    regressors += [columns[rows] for each in effects
+                   if (columns := _columns(motion, model, each, joint)) is not None]
     basis, singular_values, _ = svd(np.hstack(regressors))
     basis = basis[:, singular_values > 1e-9 * max(singular_values, default=0.0)]
     return basis, tau - basis @ (basis.T @ tau)
 
 
-def _columns(motion: Motion, model: GravityModel, name: str, joint: str | None,
-             setting: Setting) -> FloatArray | None:
-    effect = all_effects().get(name)
-    if effect is None:
+def _columns(motion: Motion, model: GravityModel, of: Finding | AppliedEffect,
+             joint: int) -> FloatArray | None:
+    """Return the columns (M, K) of an effect in the torque of a joint, None without any."""
+    name = of.name if isinstance(of, AppliedEffect) else of.effect
+    effect = all_effects().get(name or '')
+    if effect is None or of.joint not in (None, model.joints[joint]):
         return None
-    index = 0 if joint is None else model.joints.index(joint)
     try:
-        return effect.columns(motion, index, setting)
+        columns = effect.columns(motion, 0 if of.joint is None else joint, of.setting)
     except (KeyError, ValueError, IndexError):
         return None
+    return columns[:, joint] if columns.ndim == 3 else columns
 
 
 _MAX_BARS, _MAX_NAME = 15, 48
