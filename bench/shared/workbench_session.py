@@ -3,7 +3,7 @@
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.workbench.jobs import JobRunner, Step
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.stages import State
+from gravity_comp_ros.workbench.store import State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 
 

@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     # Imported here because other verbs do not require Bokeh.
     from gravity_comp_ros.workbench import store
     from gravity_comp_ros.workbench.serve import serve
-    from gravity_comp_ros.workbench.stages import Choice, Stage, State
+    from gravity_comp_ros.workbench.store import Choice, Stage, State
     reading = arguments.read_options(args)
     choice = Choice((), reading.joints or (), args.formulation or FitOptions().formulation,
                     reading, args.max_speed, args.all_samples)

@@ -1,23 +1,75 @@
-"""Contents of a report: samples, predictions, comparison and diagnosis."""
+"""Contents of a report, the data of its plots, and limits of what it draws and names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
+from bokeh.models import ColumnDataSource, Span
 from gravity_comp_ros.api.provenance import now
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.evaluation.compare import Comparison, REGIONS
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.report.style import padded, PURPLE
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from gravity_comp_ros.report.views.arm import Arm
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """
+    Limits of what the report draws and names.
+
+    - `worse`: ratio of an error to the training error beyond statistical uncertainty;
+      `larger`: ratio to the median error of the other joints, or of a useless model to its
+      training error, that is reported. `max_regions`: of large error, by joint.
+    - `max_rows`: samples that are drawn, approximately; a page of them is still quick.
+    - `break_steps` and `break_seconds`, s: minimum gap that breaks a line, in median steps too.
+    - `min_range`, rad: of a joint, so that one at rest has a cell in the pairs.
+    - `max_segment`: samples of one segment of a spectrum over time.
+    - `max_order`, cycles per revolution, `order_step`, cycles over the visited range, and
+      `max_points`: of a spectrum over the angle; `min_travel`, rad: for one.
+    - `max_features`: gravity terms that are fitted again for an added-variable plot; with more
+      the residual of the model is used. `max_plots` of them, `max_coefficients` of a finding.
+    - `shown_terms`, `max_terms`, `max_stems`: of the model's terms in the equation, in the table
+      and in the plot.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    worse: float = 2.0
+    larger: float = 3.0
+    max_regions: int = 2
+    max_rows: int = 12_000
+    break_steps: float = 20.0
+    break_seconds: float = 2.0
+    min_range: float = 1e-3
+    max_segment: int = 4096
+    max_order: float = 80.0
+    order_step: float = 0.5
+    max_points: int = 400
+    min_travel: float = 0.05
+    max_features: int = 500
+    max_plots: int = 9
+    max_coefficients: int = 4
+    shown_terms: int = 8
+    max_terms: int = 300
+    max_stems: int = 1000
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'report')
+
+
+REPORT = ReportOptions()
 
 
 @dataclass(frozen=True)
@@ -78,3 +130,119 @@ class Contents:
     def worst(self) -> str:
         """Return the shown joint with the largest RMSE."""
         return max(self.joints, key=lambda name: self.comparison.joints[name].rmse)
+
+
+class Table:
+    """
+    Decimated samples for all plots, with breaks between runs and in long gaps.
+
+    Columns, for the model's joint n: `q{n}` rad, `v{n}` rad/s, `m{n}`, `p{n}` and `r{n}` N·m
+    (measured, predicted, residual), `d{n}` the direction of motion as -1, 0, 1; `t` in s with
+    runs one after another; `w` the number of samples that a row represents. `rows` (R,) are
+    sample indices, -1 for a break. `range` is the common range of plots over time; `cursor` marks
+    the time of the drawn pose.
+    """
+
+    def __init__(self, contents: Contents) -> None:
+        samples = contents.samples
+        self.contents = contents
+        time, self.starts = _plot_time(samples)
+        self.end = float(time.max())
+        kept, weights = keep_extremes(samples.runs, np.hstack([samples.tau, contents.residual]))
+        breaks = _breaks(contents, kept)
+        self.rows = np.insert(kept, breaks, -1)
+        self.range = padded(0.0, self.end, 0.01)
+        self.cursor = Span(dimension='height', visible=False, line_width=1.5, line_color=PURPLE)
+        data: dict[str, NDArray[Any]] = {
+            't': self.column(time), 'w': np.insert(weights, breaks, 0.0).astype(np.float32)}
+        for n in contents.numbers:
+            speed = samples.qd[:, n]
+            direction = np.where(np.abs(speed) <= REGIONS.rest_speed, 0.0, np.sign(speed))
+            data |= {f'q{n}': self.column(samples.q[:, n]), f'v{n}': self.column(speed),
+                     f'd{n}': self.column(direction), f'm{n}': self.column(samples.tau[:, n]),
+                     f'p{n}': self.column(contents.predicted[:, n]),
+                     f'r{n}': self.column(contents.residual[:, n])}
+        self.source = ColumnDataSource(data)
+
+    @property
+    def drawn(self) -> IntArray:
+        """Return the drawn sample indices without breaks."""
+        return self.rows[self.rows >= 0]
+
+    def column(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Return values of all samples (M,) at the drawn rows; NaN at breaks."""
+        return self.spread(values[self.drawn])
+
+    def spread(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Return a column of values of the drawn samples; NaN at breaks."""
+        column = np.full(len(self.rows), np.nan, dtype=np.float32)
+        column[self.rows >= 0] = values
+        return column
+
+    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Add columns in one update, because each update sends the whole table to the page."""
+        self.source.data = {**self.source.data, **columns}
+
+    @property
+    def selected(self) -> list[int]:
+        """Return the indices of the selected samples."""
+        return [int(row) for row in self.rows[self.source.selected.indices] if row >= 0]
+
+    def select(self, numbers: list[int]) -> None:
+        """Select samples by index, as far as they are drawn."""
+        self.source.selected.indices = np.flatnonzero(np.isin(self.rows, numbers)).tolist()
+
+
+def _plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
+    """Return time for plots (M,) in s, runs one after another, and start and name of each run."""
+    time = np.array(samples.t, dtype=np.float64)
+    runs = [np.flatnonzero(samples.runs == run) for run in np.unique(samples.runs)]
+    gap = 0.01 * sum(float(np.ptp(time[rows])) for rows in runs)
+    starts, offset = [], 0.0
+    for rows in runs:
+        time[rows] += offset - time[rows[0]]
+        starts.append((offset, samples.run_labels[samples.runs[rows[0]]]))
+        offset = float(time[rows[-1]]) + gap
+    return time, starts
+
+
+def _breaks(contents: Contents, rows: IntArray) -> IntArray:
+    samples = contents.samples
+    new_run = np.diff(samples.runs[rows]) > 0
+    steps = np.diff(samples.t)
+    median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    # Gaps of the recording, not gaps from decimation.
+    gaps = np.flatnonzero((steps > REPORT.break_steps * median) & (steps > REPORT.break_seconds))
+    gap = np.diff(np.searchsorted(gaps, rows)) > 0
+    return np.flatnonzero(new_run | gap) + 1
+
+
+def keep_extremes(runs: IntArray, values: FloatArray,
+                  max_rows: int = REPORT.max_rows) -> tuple[IntArray, FloatArray]:
+    """
+    Return increasing sample indices, about `max_rows` of M, and the weight of each sample.
+
+    Time is divided into intervals. The minimum and maximum of every column in each interval are
+    kept, and so are the first and last samples of runs; equidistant samples fill the rest.
+    Extremes have weight 1; the other weights sum to the number of remaining samples, so that
+    weighted sums are unbiased.
+
+    :param runs: the run of each sample (M,).
+    :param values: the drawn values (M, K).
+    """
+    m, k = values.shape
+    if m <= max_rows:
+        return np.arange(m, dtype=np.int64), np.ones(m)
+    intervals = max(1, max_rows // (4 * k))
+    kept = [np.searchsorted(runs, np.unique(runs)),
+            np.searchsorted(runs, np.unique(runs), side='right') - 1]
+    edges = np.linspace(0, m, intervals + 1).astype(np.int64)
+    for first, last in zip(edges[:-1], edges[1:]):
+        part = values[first:last]
+        kept += [first + part.argmin(axis=0), first + part.argmax(axis=0)]
+    extremes = np.unique(np.concatenate(kept))
+    filling = np.linspace(0, m - 1, max(max_rows - len(extremes), 2)).astype(np.int64)
+    filling = np.setdiff1d(filling, extremes)
+    rows = np.union1d(extremes, filling).astype(np.int64)
+    weights = np.where(np.isin(rows, filling), (m - len(extremes)) / max(len(filling), 1), 1.0)
+    return rows, weights

@@ -9,11 +9,10 @@ from bokeh.document import Document
 from bokeh.models import Select
 from bokeh.resources import Resources
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.contents import Contents, Table
 from gravity_comp_ros.report.markup import html_page, NO_PLOTS
 from gravity_comp_ros.report.section import joint_selector, Section
 from gravity_comp_ros.report.style import THEME
-from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import (
     arm, effects, model, pairs, residuals, spectrum, summary)
 from gravity_comp_ros.report.views.summary import headline

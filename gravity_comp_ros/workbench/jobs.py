@@ -27,7 +27,7 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadReport, Recording as BagRecording
-from gravity_comp_ros.workbench.stages import Choice
+from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
 from gravity_comp_ros.worker.worker_process import (
     command, Done, Failed, Progress, Ready, WorkerProcess)

@@ -20,7 +20,7 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.views.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.stages import Stage
+from gravity_comp_ros.workbench.store import Stage
 import numpy as np
 
 # Verdicts with an Add button.

@@ -28,7 +28,7 @@ from gravity_comp_ros.workbench.access import (
     ARGUMENT, TokenApplication, UploadHandler, websocket_origins)
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Sessions
-from gravity_comp_ros.workbench.stages import State
+from gravity_comp_ros.workbench.store import State
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 

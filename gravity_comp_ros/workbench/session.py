@@ -25,7 +25,7 @@ from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step, Worker
-from gravity_comp_ros.workbench.stages import Choice, Stage, State
+from gravity_comp_ros.workbench.store import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Failed, Progress
 
 

@@ -16,8 +16,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.stages import Choice
-from gravity_comp_ros.workbench.store import model_text
+from gravity_comp_ros.workbench.store import Choice, model_text
 
 _SLOW, _ALL = 'slow', 'all'
 _KNOWN, _UNKNOWN = 'known', 'unknown'

@@ -1,5 +1,5 @@
 """
-Saved sessions: recordings by path and hash, settings, stages and models.
+State of a session: settings, stages of the model with the commands that reproduce them, its file.
 
 Each session is one JSON file in the user's state folder (`$XDG_STATE_HOME/gravity_comp/workbench`,
 default `~/.local/state`), readable only by this user and updated after every change.
@@ -7,22 +7,190 @@ default `~/.local/state`), readable only by this user and updated after every ch
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 import json
+import math
 import os
 from pathlib import Path
 import re
+import shlex
 import shutil
 import tempfile
 from typing import Any
 
+from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import LearnOptions, WITH_AXES
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.workbench.stages import Choice, Stage, State
+from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+
+# Model file in the exported command lines.
+MODEL_FILE = 'arm.json'
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    Chosen runs (by number) and joints, options of reading, and samples.
+
+    The joints are those of `joints`, in this order. `urdf` is the robot description for the joint
+    axes, `none` for no description, None for that of the recordings. Gravity is fitted to and
+    compared on samples slower than `max_speed` in rad/s (None: the default limit), or all samples.
+
+    :raises OptionError: if a value is invalid.
+    """
+
+    runs: tuple[int, ...] = ()
+    joints: tuple[str, ...] = ()
+    formulation: str = FitOptions().formulation
+    reading: ReadOptions = ReadOptions()
+    max_speed: float | None = None
+    all_samples: bool = False
+    urdf: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_speed is not None and not (math.isfinite(self.max_speed)
+                                               and self.max_speed > 0.0):
+            raise OptionError(f'the speed limit is {self.max_speed} rad/s; it must be above 0')
+
+    def options(self) -> ReadOptions:
+        """Return the options to read the recordings; what is refused is refused by each job."""
+        return replace(self.reading, joints=self.joints or None, refuse=False)
+
+    def learning(self, ordered: bool) -> LearnOptions:
+        """
+        Return the options of the fit.
+
+        :param ordered: whether the joints are given in the order of the arm.
+        """
+        axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
+        return LearnOptions(self.formulation, axes, ordered)
+
+    def fit_options(self) -> list[str]:
+        """Return the arguments of a command with the same fit."""
+        axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
+            '--urdf', self.urdf]
+        return ['--formulation', self.formulation, *axes]
+
+    def gate(self) -> GateOptions | None:
+        """Return the gate for the fit and the comparison; None for all samples."""
+        if self.all_samples:
+            return None
+        return GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
+
+    def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
+        """
+        Return the chosen runs and joints of all recordings.
+
+        :raises DataError: if no run is chosen.
+        """
+        runs = [samples.run(number) for number in self.runs]
+        if not runs:
+            raise DataError('no run is selected')
+        return Recording(concatenate(runs).joints(self.joints), self.gate(),
+                         tuple(reports[number] for number in self.runs))
+
+    def gate_options(self) -> list[str]:
+        """Return the arguments of a command with the same gate."""
+        if self.all_samples:
+            return ['--all-samples']
+        return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
+
+    def command(self, verb: str, paths: tuple[Path, ...], *options: str,
+                joints: bool = False) -> str:
+        """Return a command line for the chosen ones of all recordings, with their reading."""
+        # Absolute paths, so that the command lines run in any folder.
+        files = [str(paths[run].resolve()) for run in self.runs]
+        return f'gravity_comp {verb} ' + shlex.join(
+            [*files, *options, *self.options().words(joints=joints)])
+
+    def add_command(self, effects: tuple[str, ...], paths: tuple[Path, ...],
+                    model: Path = Path(MODEL_FILE)) -> str:
+        """Return the command line that adds effects to a model file."""
+        return self.command(f'add {shlex.quote(",".join(effects))}', paths, '--model',
+                            str(model), *self.gate_options())
+
+
+@dataclass(frozen=True)
+class Stage:
+    """
+    One state of the model.
+
+    A stage is a fit, or a model read from the file `given`, or the stage before it with added
+    `effects`. `choice` has the settings of that step. `warnings` are about the model.
+    `diagnosis` was made with the settings `diagnosed_with`.
+    """
+
+    name: str
+    model: GravityModel
+    choice: Choice = Choice()
+    effects: tuple[str, ...] = ()
+    given: Path | None = None
+    diagnosis: Diagnosis | None = None
+    diagnosed_with: Choice | None = None
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of_file(cls, path: Path) -> Stage:
+        """
+        Return the model of a file.
+
+        :raises ModelFileError: if it cannot be read.
+        """
+        return cls(path.name, load_model(path), given=path)
+
+    def command(self, paths: tuple[Path, ...]) -> str:
+        """Return the command line of this step, for all recordings of the session."""
+        if self.given is not None:
+            return shlex.join(['cp', str(self.given.resolve()), MODEL_FILE])
+        if self.effects:
+            return self.choice.add_command(self.effects, paths)
+        return self.choice.command(
+            'fit', paths, *self.choice.fit_options(), *self.choice.gate_options(), '-o',
+            MODEL_FILE, joints=True)
+
+
+@dataclass(eq=False)
+class State:
+    """
+    What is saved of a session. A new one has the arguments of the command alone.
+
+    `given` are model files named on the command line. `joints` are all that can be chosen.
+    `stages` are in the order of their creation, and `at` is the number of the current one.
+    `to_learn` tells whether a fit was requested. `hashes` are the SHA-256 of the recordings by
+    path, when they were read.
+    """
+
+    paths: tuple[Path, ...]
+    choice: Choice = Choice()
+    given: tuple[Stage, ...] = ()
+    urdf: Path | None = None
+    joints: tuple[str, ...] = ()
+    stages: tuple[Stage, ...] = ()
+    at: int | None = None
+    to_learn: bool = True
+    hashes: Mapping[str, str] = field(default_factory=dict)
+
+    def commands(self) -> list[str]:
+        """Return command lines that reproduce the current model exactly, and its evaluation."""
+        if self.at is None:
+            return []
+        # From the last fit or file up to the current stage.
+        start = max(k for k in range(self.at + 1) if not self.stages[k].effects)
+        choice, model = self.choice, ('--model', MODEL_FILE)
+        return [*(stage.command(self.paths) for stage in self.stages[start:self.at + 1]),
+                choice.command('compare', self.paths, *model, *choice.gate_options()),
+                choice.command('diagnose', self.paths, *model, '--html', 'report.html')]
+
 
 _VERSION = 3
 _ID = re.compile(r'[0-9a-f]{16}')

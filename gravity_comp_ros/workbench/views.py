@@ -10,15 +10,14 @@ from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.contents import Contents, Table
 from gravity_comp_ros.report.page import BY_JOINT, SECTIONS
 from gravity_comp_ros.report.section import ALL, by_joint, joint_selector, Section
 from gravity_comp_ros.report.style import bar_key, bar_plot
-from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import residuals, summary
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.stages import Stage
+from gravity_comp_ros.workbench.store import Stage
 
 _NO_ARM = Section('arm', 'The arm', markup.paragraph(
     'No recording contains a /robot_description of these joints. Start the workbench with --urdf '

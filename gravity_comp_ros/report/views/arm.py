@@ -21,10 +21,9 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.robot_description import first_description
 from gravity_comp_ros.report import css, markup
-from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.contents import Contents, Table
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import BEFORE, FAINT, HEAT, MARKED, plot, TEXT, UP
-from gravity_comp_ros.report.table import Table
 import numpy as np
 from scipy.spatial.distance import cdist
 

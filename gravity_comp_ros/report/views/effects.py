@@ -28,12 +28,10 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.options import REPORT
+from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section, tiles
 from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, MARKED, plot, PREDICTED, RESIDUAL, short, TEXT)
-from gravity_comp_ros.report.table import Table
 import numpy as np
 
 

@@ -12,8 +12,7 @@ from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.options import REPORT
+from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import padded, plot, RESIDUAL, short
 import numpy as np

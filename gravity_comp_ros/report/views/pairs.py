@@ -11,11 +11,9 @@ from bokeh.models import (
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.options import REPORT
+from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import ALL, Section, tiles
 from gravity_comp_ros.report.style import GRID, HEAT, label, MARKED, plot
-from gravity_comp_ros.report.table import Table
 import numpy as np
 from numpy.typing import NDArray
 

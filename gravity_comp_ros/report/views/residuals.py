@@ -11,11 +11,10 @@ from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.contents import Contents, Table
 from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import (
     DOWN, FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short, STILL, UP)
-from gravity_comp_ros.report.table import Table
 
 # Text on the selection: number of samples, time range, RMSE of each joint.
 _SELECTION_TEXT = """

@@ -7,8 +7,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.options import REPORT
+from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import FAINT, plot, RESIDUAL
 import numpy as np

@@ -11,11 +11,9 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.options import REPORT
+from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import AFTER, bar_key, bar_plot, Bars, DOWN, STILL
-from gravity_comp_ros.report.table import Table
 from gravity_comp_ros.report.views import effects, residuals
 import numpy as np
 

@@ -8,7 +8,7 @@ from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.table import keep_extremes
+from gravity_comp_ros.report.contents import keep_extremes
 from gravity_comp_ros.report.views.effects import added_variable
 from gravity_comp_ros.report.views.pairs import cell_edges, pair_cells, places
 from gravity_comp_ros.report.views.spectrum import over_angle, over_time

@@ -17,7 +17,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import access, serve
 from gravity_comp_ros.workbench.page import facts_html
 from gravity_comp_ros.workbench.session import Sessions
-from gravity_comp_ros.workbench.stages import State
+from gravity_comp_ros.workbench.store import State
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect

@@ -25,7 +25,7 @@ from gravity_comp_ros.workbench.jobs import Job, Step, Worker
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Sessions
-from gravity_comp_ros.workbench.stages import Choice, Stage, State
+from gravity_comp_ros.workbench.store import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
 import pytest
