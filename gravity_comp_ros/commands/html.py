@@ -11,7 +11,6 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands.arguments import message_of
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -54,9 +53,8 @@ def write_report(args: argparse.Namespace, model: GravityModel, samples: JointSa
     from gravity_comp_ros.report.views.arm import find_arm
     from gravity_comp_ros.report.contents import Contents
     from gravity_comp_ros.report.page import report_html
-    samples = samples.joints(model.joints)
     page = report_html(Contents(
-        samples, predict_torque(model, samples), model, comparison, compared, reports,
-        args.command, model_file=args.model.name if args.model else None, notes=notes,
+        samples.joints(model.joints), model, comparison, compared, reports, args.command,
+        model_file=args.model.name if args.model else None, notes=notes,
         arm=find_arm(args.bags, model.joints, args.urdf), **more))
     write_atomically(args.html, page.encode(), error=GravityCompError)

@@ -12,6 +12,7 @@ from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.evaluation.compare import Comparison, REGIONS
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -75,18 +76,17 @@ REPORT = ReportOptions()
 @dataclass(frozen=True)
 class Contents:
     """
-    Samples, predictions of the model, comparison and diagnosis.
+    Samples, model, comparison and diagnosis.
 
-    `samples` are all recorded samples of the model's joints; `predicted` (M, N) is their torque
-    in N·m. `comparison` may use a part of them (slow motion), described by `compared`. `command`,
-    `when`, `model_file` (None without a file) and `notes` are the origin of the report. `previous`
-    has the RMSE by joint in N·m of another model, `previous_name`, on the same part. `displayed`
-    are the joints of the report, all if empty. `next_command` is the command line of the next
-    step, if any. `arm` requires a robot description.
+    `samples` are all recorded samples of the model's joints. `comparison` may use a part of them
+    (slow motion), described by `compared`. `command`, `when`, `model_file` (None without a file)
+    and `notes` are the origin of the report. `previous` has the RMSE by joint in N·m of another
+    model, `previous_name`, on the same part. `displayed` are the joints of the report, all if
+    empty. `next_command` is the command line of the next step, if any. `arm` requires a robot
+    description.
     """
 
     samples: JointSamples
-    predicted: FloatArray
     model: GravityModel
     comparison: Comparison
     compared: str
@@ -111,6 +111,11 @@ class Contents:
     def numbers(self) -> list[int]:
         """Return the indices of the shown joints among the model's."""
         return [self.model.joints.index(name) for name in self.joints]
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        """Return the torque of the model (M, N) in N·m for all samples."""
+        return predict_torque(self.model, self.samples)
 
     @cached_property
     def residual(self) -> FloatArray:

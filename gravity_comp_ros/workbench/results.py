@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND
-from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
@@ -90,8 +89,8 @@ class Results:
         at = next((k for k, each in enumerate(stages) if each.model is stage.model), 0)
         before = stages[at - 1] if at and stage.effects else None
         return Contents(
-            recording.samples, predict_torque(stage.model, recording.samples), stage.model,
-            self.compared(stage.model), recording.gated.sentence(), recording.reports,
+            recording.samples, stage.model, self.compared(stage.model),
+            recording.gated.sentence(), recording.reports,
             '\n'.join(self.session.commands()), previous=self.errors(before) if before else {},
             previous_name=before.name if before else '', arm=self._arm(stage.model.joints))
 

@@ -195,7 +195,6 @@ class State:
 _VERSION = 3
 _ID = re.compile(r'[0-9a-f]{16}')
 _MAX_SESSIONS = 50
-_MAX_BYTES = 256 * 2 ** 20
 
 
 @dataclass(frozen=True)
@@ -298,9 +297,7 @@ def _newest_first(place: Path) -> list[Path]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        with path.open('rb') as stream:
-            data = stream.read(_MAX_BYTES + 1)
-        document = json.loads(data)
+        document = json.loads(path.read_bytes())
     except FileNotFoundError:
         raise DataError(f'there is no session {path.stem}') from None
     except (OSError, ValueError, RecursionError) as problem:

@@ -11,7 +11,6 @@ from bench.shared.browser import EVIL, EVIL_BAG, expect, INJECT, LINK, LIVELY
 from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
-from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
@@ -55,7 +54,7 @@ def contents():
     samples = two_links(count=24_000)
     slow = samples.select(np.arange(0, 24_000, 40))
     model = fit(slow, FitOptions('potential')).model
-    return Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',
+    return Contents(samples, model, compare(model, slow), '',
                     (), '', arm=described_arm(two_link_urdf(), samples.names))
 
 
