@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+import math
 from pathlib import Path
 
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.robot_tree import position_limits
+from gravity_comp_ros.description.urdf import read_text
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -47,33 +50,22 @@ def run(args: argparse.Namespace) -> terminal.Answer:
 
 
 def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> PlanOptions:
+    """Return the options of the plan; recorded poses q (M, N) in rad are always allowed."""
+    widen = math.inf if args.within == 'limits' else args.widen
     low = high = None
-    reach = args.reach
-    if args.within == 'limits':
-        if args.urdf is None:
-            raise OptionError('--within limits requires --urdf FILE')
-        low, high = _described(args, model)
-        reach = float('inf')
-    elif args.widen is not None:
-        low, high = q.min(axis=0) - args.widen, q.max(axis=0) + args.widen
+    if args.within == 'limits' and args.urdf is None:
+        raise OptionError('--within limits requires --urdf FILE')
+    if widen is not None:
+        low, high = q.min(axis=0) - widen, q.max(axis=0) + widen
         if args.urdf is not None:
-            ends = _described(args, model)
-            # Recorded poses are always allowed, also outside the limits of the description.
-            low = np.minimum(np.maximum(low, ends[0]), q.min(axis=0))
-            high = np.maximum(np.minimum(high, ends[1]), q.max(axis=0))
-        reach = float('inf')
+            ends = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
+            # Keep the planned motion away from end stops.
+            margin = 0.02 * (ends[1] - ends[0])
+            low = np.minimum(np.maximum(low, ends[0] + margin), q.min(axis=0))
+            high = np.maximum(np.minimum(high, ends[1] - margin), q.max(axis=0))
     start = None if args.start is None else np.array(args.start)
-    return PlanOptions(args.duration, args.max_speed, args.max_acceleration, args.max_jerk, reach,
-                       low=low, high=high, start=start)
-
-
-def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArray, FloatArray]:
-    """Return the position limits of the description, reduced by 2 % of the range at each end."""
-    from gravity_comp_ros.description.robot_tree import position_limits
-    from gravity_comp_ros.description.urdf import read_text
-    low, high = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
-    # Keep the planned motion away from end stops.
-    return low + 0.02 * (high - low), high - 0.02 * (high - low)
+    return PlanOptions(args.duration, args.max_speed, args.max_acceleration, args.max_jerk,
+                       args.reach if widen is None else math.inf, low=low, high=high, start=start)
 
 
 def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[terminal.Line]:
