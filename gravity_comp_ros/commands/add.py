@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 import shlex
 
@@ -13,7 +14,7 @@ from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.refit import Refit
+from gravity_comp_ros.estimation.refit import HeldOut, Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -63,7 +64,9 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
         'model': str(args.model), 'written': not args.dry_run, **result.to_json(),
         'warnings': warnings,
         'ties': [_tie(*tie) for tie in result.ties.items()],
-        'on_holdout': holdout if args.holdout else None,
+        'on_holdout': {name: {'rmse_before': error.before, 'rmse_after': error.after,
+                              'torque_std': error.torque_range}
+                       for name, error in holdout.items()} if args.holdout else None,
         'bags': [r.to_json() for r in reports]}
     return Answer(document, _lines(args, result, reports, holdout),
                   [*reading.scale_warnings(model, reports), *warnings])
@@ -77,10 +80,12 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
 
 
 def _lines(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-           holdout: dict[str, dict[str, float]]) -> list[terminal.Line]:
+           holdout: Mapping[str, HeldOut]) -> list[terminal.Line]:
     lines = [*reading.bag_lines(reports), *refitting.lines(result)]
     if holdout:
-        lines += ['', refitting.held_out_table(holdout)]
+        lines += ['', refitting.errors_table(
+            'error on the data held out by `fit --holdout`: N·m, and share of the standard '
+            'deviation of the torque', holdout)]
     lines += [f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
               f'Motion that distinguishes them: {_tie(name, others)["settled_by"]}'
               for name, others in result.ties.items()]

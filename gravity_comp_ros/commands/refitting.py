@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import HeldOut, Refit, RefitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import save_model
@@ -47,9 +48,11 @@ def without_held_out(model: GravityModel, recording: Recording) -> Recording:
 
 
 def held_out_errors(before: GravityModel, after: GravityModel,
-                    recording: Recording) -> dict[str, dict[str, float]]:
+                    recording: Recording) -> dict[str, HeldOut]:
     """
     Return the errors of two models by joint, on the data held out of the fit of the first, in N·m.
+
+    They are relative to the standard deviation of the torque.
 
     :raises DataError: if no data of these recordings was held out.
     """
@@ -59,20 +62,14 @@ def held_out_errors(before: GravityModel, after: GravityModel,
     gate = None if of_all_samples(before) else recording.gate
     part = replace(recording, use=use, gate=gate)
     old, new = (compare_model(model, part).joints for model in (before, after))
-    return {name: {'rmse_before': old[name].rmse, 'rmse_after': new[name].rmse,
-                   'torque_std': new[name].torque_std} for name in old}
+    return {name: HeldOut(old[name].rmse, new[name].rmse, new[name].torque_std) for name in old}
 
 
-def held_out_table(errors: dict[str, dict[str, float]]) -> Table:
-    """Return the table of errors on the held-out data, before and after."""
-    rows = []
-    for name, error in errors.items():
-        before_after, std = (error['rmse_before'], error['rmse_after']), error['torque_std']
-        rows.append((name, *(f'{rmse:.4f}' for rmse in before_after),
-                     *(percent(rmse / std if std else None) for rmse in before_after)))
-    return terminal.table(
-        'error on the data held out by `fit --holdout`: N·m, and share of the standard deviation '
-        'of the torque', ['joint', 'before', 'after', 'before', 'after'], rows)
+def errors_table(title: str, errors: Mapping[str, HeldOut]) -> Table:
+    """Return the table of errors before and after, and their shares of the size of the torque."""
+    rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
+             percent(e.nrmse_after), change(e.before, e.after)) for name, e in errors.items()]
+    return terminal.table(title, ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
 
 
 def speeds(args: argparse.Namespace) -> RefitOptions:
@@ -105,16 +102,12 @@ def lines(result: Refit) -> list[terminal.Line]:
     """Return the size of the fit, the held-out errors, and added and omitted effects."""
     kind = '' if result.all_speeds else 'slow '
     hint = '' if result.all_speeds else ' (--all-samples includes fast samples)'
-    rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
-             percent(e.nrmse_after), change(e.before, e.after))
-            for name, e in result.errors.items()]
     added = {effect.target: ', '.join(filter(None, (
         wording.coefficients(effect.coefficients, 6), wording.settings(effect))))
         for effect in result.model.applied.effects if effect.target in result.added}
     return [
         f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}',
-        '', terminal.table('held-out error: N·m, and share of the torque range',
-                           ['joint', 'before', 'after', 'before', 'after', 'change'], rows),
+        '', errors_table('held-out error: N·m, and share of the torque range', result.errors),
         *(terminal.styled('bold', f'added {name}', f': {numbers}')
           for name, numbers in added.items()),
         *(f'omitted {name}: {why}' for name, why in result.skipped.items())]

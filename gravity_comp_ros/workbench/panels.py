@@ -1,27 +1,36 @@
-"""Panels of the page: findings with buttons to add effects, planned motion, error history."""
+"""Panels of the page: settings, findings with buttons, planned motion, error history."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 from bokeh.layouts import column, row
-from bokeh.models import UIElement
+from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
+from gravity_comp_ros.api.axes import NO_DESCRIPTION
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.models.applied_effects import target, target as effect_name
+from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.estimation.estimate import CHOICES
+from gravity_comp_ros.facts.fact import refused
+from gravity_comp_ros.models.applied_effects import target as effect_name
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import bar_key, bar_plot, Bars, HEAT
 from gravity_comp_ros.report.views.effects import coefficients, label as effect_label
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.store import Choice, model_text
 
-_ALL = ''
+_ANY = ''
 
 
 def request_controls(session: Session) -> list[UIElement]:
@@ -30,8 +39,8 @@ def request_controls(session: Session) -> list[UIElement]:
     if diagnosis is None or stage is None or stage.model.energy is None:
         return []
     chosen = widgets.select(
-        'Next recording resolves', [(_ALL, 'all open findings'), *(
-            (name, name) for name in open_effects(diagnosis))], _ALL, name='to-resolve')
+        'Next recording resolves', [(_ANY, 'all open findings'), *(
+            (name, name) for name in open_effects(diagnosis))], _ANY, name='to-resolve')
     ask = widgets.button('Plan a motion', lambda: session.request_plan(
         (str(chosen.value),) if chosen.value else None), name='plan',
                          disabled=session.worker.job is not None)
@@ -42,9 +51,9 @@ def request_controls(session: Session) -> list[UIElement]:
 
 def open_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the open and untestable effects, findings first, as `NAME:JOINT`."""
-    effects = [target(f.effect, f.joint) for f in diagnosis.findings
+    effects = [effect_name(f.effect, f.joint) for f in diagnosis.findings
                if f.effect is not None and f.verdict in OPEN]
-    effects += [target(effect, joint) for joint, report in diagnosis.joints.items()
+    effects += [effect_name(effect, joint) for joint, report in diagnosis.joints.items()
                 for effect in report.untestable]
     return list(dict.fromkeys(effects))
 
@@ -199,3 +208,122 @@ def last_change(stages: Errors) -> str:
     return (f'<p>{markup.text(name)}: RMSE of {markup.text(joint)} '
             f'<b class="fall">{before[joint]:.4f} → {now[joint]:.4f} N·m</b> '
             f'({100.0 * (now[joint] / before[joint] - 1.0):+.0f} %)</p>')
+
+
+_SLOW, _ALL = 'slow', 'all'
+_KNOWN, _UNKNOWN = 'known', 'unknown'
+
+
+class Sidebar:
+    """Widgets of the settings, and the `Choice` that they show."""
+
+    def __init__(self, results: Results, browser: widgets.Browser) -> None:
+        self._results, self._browser, session = results, browser, results.session
+        choice, read = session.choice, session.read
+        reports = read.reports if read else ()
+        self.shows, self._joints = choice, session.joints
+        self.runs: CheckboxGroup = widgets.boxes([r.path.name for r in reports], choice.runs,
+                                                 'runs')
+        self.joints: CheckboxGroup = widgets.boxes(
+            self._joints, [self._joints.index(name) for name in choice.joints], 'joints')
+        self.samples: Select = widgets.select(
+            'Samples for fit and errors', [(_SLOW, 'slow samples'), (_ALL, 'all samples')],
+            _ALL if choice.all_samples else _SLOW, name='samples')
+        limit = '' if choice.max_speed is None else f'{choice.max_speed:g}'
+        self.limit: TextInput = widgets.field(
+            'Speed limit of slow samples, rad/s', limit, 'max-speed',
+            f'{GateOptions().max_speed:g}')
+        self.scales: dict[str, TextInput] = {
+            name: widgets.field(name, f'{choice.reading.effort_scale.get(name, 1.0):g}',
+                                f'scale-{k}')
+            for k, name in enumerate(self._joints)}
+        self.speeds = widgets.boxes(['compute velocities from positions'],
+                                    [0] if choice.reading.differentiate else [], 'differentiate')
+        self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
+                                                  choice.formulation, name='formulation')
+        # Kinds of facts that are refused, or were accepted.
+        kinds = dict.fromkeys(fact.kind.value for r in reports for fact in refused(r.facts))
+        self._kinds = tuple(dict.fromkeys((*choice.reading.accept, *kinds)))
+        self.accept: CheckboxGroup = widgets.boxes(
+            [f'accept {kind}' for kind in self._kinds],
+            [self._kinds.index(kind) for kind in choice.reading.accept], 'accept')
+        known = [(_KNOWN, 'from the description, if any'), (_UNKNOWN, 'unknown')]
+        self._urdf = choice.urdf if choice.urdf != NO_DESCRIPTION else \
+            None if session.urdf is None else str(session.urdf)
+        self.axes: Select = widgets.select(
+            'Axes of the arm', known, _UNKNOWN if choice.urdf == NO_DESCRIPTION else _KNOWN,
+            name='axes')
+        self.element = column(*self._parts(), sizing_mode='stretch_width')
+
+    def choice(self) -> Choice:
+        """
+        Return the choice of the widgets.
+
+        :raises OptionError: if a value is invalid.
+        """
+        runs = tuple(sorted(self.runs.active))
+        joints = tuple(self._joints[k] for k in sorted(self.joints.active))
+        if not runs or not joints:
+            raise OptionError('select at least one run and one joint')
+        scale = {name: _number(field.value, f'the scale of the effort of {name}')
+                 for name, field in self.scales.items()}
+        limit = self.limit.value.strip()
+        reading = replace(
+            self.shows.reading, effort_scale={name: x for name, x in scale.items() if x != 1.0},
+            differentiate=bool(self.speeds.active),
+            accept=tuple(self._kinds[k] for k in sorted(self.accept.active)))
+        return Choice(runs, joints, self.formulation.value, reading,
+                      _number(limit, 'the speed limit') if limit else None,
+                      self.samples.value == _ALL,
+                      NO_DESCRIPTION if self.axes.value == _UNKNOWN else self._urdf)
+
+    def _apply(self, action: Callable[[Choice], None]) -> None:
+        """Call a request of the session with the choice, or show why it is invalid."""
+        try:
+            action(self.choice())
+        except GravityCompError as problem:
+            self._results.session.warn(str(problem))
+
+    def _save(self, name: str, kind: str, make: Callable[[GravityModel], str]) -> None:
+        """Download a file made of the current model."""
+        session = self._results.session
+        try:
+            if session.stage is None:
+                raise DataError('there is no model yet')
+            self._browser.send('save', name, kind, make(session.stage.model))
+        except GravityCompError as problem:
+            session.warn(str(problem))
+
+    def _parts(self) -> list[UIElement]:
+        results, session = self._results, self._results.session
+        units = column(widgets.html('<p class="quiet">N·m per unit of effort, e.g. a torque '
+                                    'constant; −1 inverts the sign</p>'),
+                       *self.scales.values(), self.speeds, sizing_mode='stretch_width',
+                       name='units', visible=any(f.value != '1' for f in self.scales.values())
+                       or bool(self.speeds.active))
+        show_units = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
+                                    name='show-units')
+        return [
+            widgets.html('<h3>Runs</h3>'), self.runs, self.accept, widgets.html('<h3>Joints</h3>'),
+            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,
+            units, self.formulation, self.axes,
+            widgets.button('Fit with these settings', lambda: self._apply(session.learn),
+                           'primary', name='learn'),
+            widgets.button('Evaluate the current model on these',
+                           lambda: self._apply(session.evaluate), name='evaluate'),
+            widgets.html('<h3>Export</h3>'),
+            widgets.button('Save the model', lambda: self._save(
+                'arm.json', 'application/json', model_text), name='export-model'),
+            widgets.button('Save a report', lambda: self._save(
+                'report.html', 'text/html', lambda model: report_html(results.contents())),
+                name='export-report'),
+            widgets.button('Save command lines', lambda: self._save(
+                'workbench.sh', 'text/x-shellscript', lambda model: '\n'.join(
+                    ['#!/bin/sh', 'set -e', *session.commands(), ''])), name='export-commands')]
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text.replace('−', '-').replace(',', '.'))
+    except ValueError:
+        raise OptionError(f'{what} is {text!r}, not a number') from None
