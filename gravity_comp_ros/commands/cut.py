@@ -32,7 +32,9 @@ def run(args: argparse.Namespace) -> Answer:
     recording = read_bag(args.bag, ReadOptions(
         args.topic, args.joints, accept=tuple(kind.value for kind in Kind)))
     parts = cut(recording, args.output, args.begin, args.end, args.split)
-    _check_files(args.bag, parts)
+    for part in parts:
+        if part.path.exists() and part.path.resolve() == args.bag.resolve():
+            raise OptionError(f'{part.path} is the input recording; choose another name')
     for part in parts:
         write_bag(part.path, [part.topic], part.start_ns)
     document = {'input': str(args.bag), 'parts': [
@@ -76,10 +78,3 @@ def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | Non
         parts.append(Part(path, topic, report.start_ns + round(float(t[0]) * 1e9), float(t[0]),
                           float(t[-1])))
     return parts
-
-
-def _check_files(bag: Path, parts: list[Part]) -> None:
-    """Refuse to overwrite the input recording."""
-    for part in parts:
-        if part.path.exists() and part.path.resolve() == bag.resolve():
-            raise OptionError(f'{part.path} is the input recording; choose another name')

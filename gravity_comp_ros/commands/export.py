@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 import shlex
 from typing import Any
 
@@ -84,7 +83,11 @@ def _check_usage(args: argparse.Namespace) -> None:
 
 def _c(args: argparse.Namespace, model: GravityModel) -> Result:
     code = c_source(model, args.prefix or 'gc')
-    _create(args.output)
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        reason = (problem.strerror or 'not possible').lower()
+        raise GravityCompError(f'cannot write to the folder {args.output}: {reason}') from problem
     files = {args.output / code.source_name: code.source,
              args.output / code.header_name: code.header}
     for path, text in files.items():
@@ -101,19 +104,14 @@ def _c(args: argparse.Namespace, model: GravityModel) -> Result:
             'parameters': {'layout': parameters.layout, 'labels': parameters.labels}}
 
 
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        reason = (problem.strerror or 'not possible').lower()
-        raise GravityCompError(f'cannot write to the folder {folder}: {reason}') from problem
-
-
 def _description(args: argparse.Namespace, model: GravityModel) -> Result:
     changed = _changed(args, model)
     write_atomically(args.output, changed.data, GravityCompError)
-    return [_link_table(changed), '', _difference_table(changed), '', *changed.notes,
-            f'wrote {args.output}'], {
+    difference = terminal.table(
+        '', ('joint', 'largest difference from the model N·m before', 'after'),
+        [(joint, f'{changed.before[joint]:.4f}', f'{value:.4f}')
+         for joint, value in changed.after.items()])
+    return [_link_table(changed), '', difference, '', *changed.notes, f'wrote {args.output}'], {
             'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': [effect.target for effect in written_friction(
                 _only_found(model), model.joints)],
@@ -154,10 +152,3 @@ def _link_table(changed: ChangedDescription) -> Table:
                      ' '.join(f'{x:+.4f}' for x in link.centre), f'{1e3 * shift:.1f}'))
     return terminal.table('centres of mass in the frame of each link',
                           ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
-
-
-def _difference_table(changed: ChangedDescription) -> Table:
-    rows = [(joint, f'{changed.before[joint]:.4f}', f'{value:.4f}')
-            for joint, value in changed.after.items()]
-    return terminal.table('', ('joint', 'largest difference from the model N·m before', 'after'),
-                          rows)

@@ -67,10 +67,13 @@ def run(args: argparse.Namespace) -> Answer:
 def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
            seconds: float) -> list[terminal.Line]:
     fitted, arm, result = learned.recording, learned.arm, learned.result
+    # Slow samples at any rate, as they are fitted.
+    unthinned = fitted if fitted.gate is None else replace(
+        fitted, gate=replace(fitted.gate, rate_hz=None))
     effects, choice = fitted_sentence(result.model), result.report.choice
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     return [
-        *reading.lines(_unthinned(fitted)), *arm.axes.notes, f'joint order: {arm.order.source}',
+        *reading.lines(unthinned), *arm.axes.notes, f'joint order: {arm.order.source}',
         *([_holdout_sentence(fitted, fitted.holdout, result.report.n_samples)]
           if fitted.holdout else []),
         '', _joint_table(result, held_out), _solver_sentence(result),
@@ -97,13 +100,6 @@ def _next_step(args: argparse.Namespace) -> list[terminal.Line]:
             next_step.command('compare', args, '--holdout', model=args.output), diagnose)
     return next_step.lines('identify missing effects, with the fitted recordings and any others '
                            'of this arm (`compare` requires other recordings)', diagnose)
-
-
-def _unthinned(recording: Recording) -> Recording:
-    """Return the recording as it is fitted: slow samples at any rate."""
-    if recording.gate is None:
-        return recording
-    return replace(recording, gate=replace(recording.gate, rate_hz=None))
 
 
 def _holdout_sentence(fitted: Recording, holdout: Holdout, n_fitted: int) -> str:

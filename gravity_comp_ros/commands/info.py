@@ -42,7 +42,10 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         enough = _enough(together, arm, refusals)
     missing = [] if enough is None else enough.facts()
     return terminal.Answer(
-        {'recordings': [_to_json(*each) for each in facts],
+        {'recordings': [
+            {'path': str(report.path), **report.to_json(), **motion.to_json(),
+             'facts': [fact.to_json() for fact in (*report.facts, *motion.motion)]}
+            for report, motion in facts],
          'motion': None if enough is None else enough.to_json()},
         [*(line for each in facts for line in _lines(*each)),
          *([*map(_fact_line, missing), ''] if missing else []),
@@ -57,11 +60,6 @@ def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough
         return enough_motion(recording.samples, arm.axes.geometry)
     except FitError:
         return None
-
-
-def _to_json(report: ReadReport, facts: RecordingFacts) -> dict[str, object]:
-    every = [fact.to_json() for fact in (*report.facts, *facts.motion)]
-    return {'path': str(report.path), **report.to_json(), **facts.to_json(), 'facts': every}
 
 
 def _next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, RecordingFacts]],

@@ -36,7 +36,10 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
     """
     headline = f'{title}: {counted(len(faults), "fault") if faults else "no fault"} found'
     places = [_joints_of(fault, arm) for fault in faults]
-    items = ''.join(_fault(number, fault) for number, fault in enumerate(faults, start=1))
+    items = ''.join(
+        f'<h2>{number}. {markup.text(fault.sentence)}</h2>'
+        + markup.bullets(f'or, as probable: {other}' for other in fault.alternatives)
+        + markup.command(fault.correction) for number, fault in enumerate(faults, start=1))
     table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
                           'RMSE corrected, N·m'), error_rows(check))
     body = (f'<h1 id="verdict">{markup.text(headline)}</h1>{items}'
@@ -48,12 +51,6 @@ def check_html(title: str, check: DescriptionCheck, faults: Sequence[Finding],
 
 _LEAD = ('The arm as described, in a recorded pose. A line through a joint is its axis. Numbers '
          'are those of the faults.')
-
-
-def _fault(number: int, fault: Finding) -> str:
-    others = markup.bullets(f'or, as probable: {other}' for other in fault.alternatives)
-    return (f'<h2>{number}. {markup.text(fault.sentence)}</h2>{others}'
-            f'{markup.command(fault.correction)}')
 
 
 def _joints_of(fault: Finding, arm: DescribedArm) -> set[int]:

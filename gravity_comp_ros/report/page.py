@@ -35,6 +35,7 @@ SECTIONS: dict[str, Maker] = {
 # Sections with plots of the selected joint.
 BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
 
+_PLACE = '<div class="plots"></div>'
 # MathJax is omitted: it would turn \href in a joint's name into a link.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
 _DRAW = """
@@ -63,25 +64,18 @@ def report_html(contents: Contents) -> str:
         for section in sections:
             if section.plots is not None:
                 document.add_root(section.plots)
+    # Safe within a script element.
+    plots = serialize_json(document.to_json(deferred=False)).replace('<', '\\u003c')
+    parts = ''.join(
+        f'<section id="{s.key}"><h2>{markup.text(s.title)}</h2>{s.lead}'
+        f'{"" if s.plots is None else _PLACE}{s.after}</section>\n' for s in sections)
     links = ''.join(f'<a href="#{s.key}">{markup.text(s.title)}</a>' for s in sections)
     title = ', '.join(report.path.name for report in contents.reports) or 'recording'
     body = (f'<p class="quiet">{markup.text(title)} · model '
             f'{markup.text(contents.model_file or "fitted for this report")} · '
             f'{markup.text(contents.when)}</p>'
             f'<h1 id="verdict">{markup.text(markup.units(headline(contents)))}</h1>'
-            f'<nav>{links}</nav><div id="joint"><div class="plots"></div></div>'
-            f'{"".join(map(_section, sections))}'
-            f'<script type="application/json" id="data">{_embedded(document)}</script>')
+            f'<nav>{links}</nav><div id="joint">{_PLACE}</div>{parts}'
+            f'<script type="application/json" id="data">{plots}</script>')
     bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
     return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY], NO_PLOTS)
-
-
-def _embedded(document: Document) -> str:
-    """Return a document as JSON that is safe within a script element."""
-    return serialize_json(document.to_json(deferred=False)).replace('<', '\\u003c')
-
-
-def _section(section: Section) -> str:
-    plots = '<div class="plots"></div>' if section.plots is not None else ''
-    return (f'<section id="{section.key}"><h2>{markup.text(section.title)}</h2>{section.lead}'
-            f'{plots}{section.after}</section>\n')

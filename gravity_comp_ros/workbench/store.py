@@ -240,7 +240,10 @@ def save(place: Path, identity: str, state: State) -> None:
         'recordings': [_absolute(path) for path in state.paths], 'hashes': dict(state.hashes),
         'given': [_absolute(stage.given) for stage in state.given], 'joints': list(state.joints),
         'choice': asdict(state.choice), 'at': state.at, 'to_learn': state.to_learn,
-        'stages': [_stage(stage) for stage in state.stages]}
+        'stages': [{'name': stage.name, 'effects': list(stage.effects),
+                    'given': _absolute(stage.given), 'choice': asdict(stage.choice),
+                    'warnings': list(stage.warnings), 'model': model_text(stage.model)}
+                   for stage in state.stages]}
     path = place / f'{identity}.json'
     write_atomically(path, json.dumps(document).encode(), GravityCompError)
     path.chmod(0o600)
@@ -309,12 +312,6 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _absolute(path: Path | None) -> str | None:
     return None if path is None else str(path.resolve())
-
-
-def _stage(stage: Stage) -> dict[str, Any]:
-    return {'name': stage.name, 'effects': list(stage.effects), 'given': _absolute(stage.given),
-            'choice': asdict(stage.choice), 'warnings': list(stage.warnings),
-            'model': model_text(stage.model)}
 
 
 def _unstage(entry: dict[str, Any]) -> Stage:

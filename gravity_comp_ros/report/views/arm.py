@@ -13,7 +13,6 @@ from bokeh.layouts import column, row
 from bokeh.models import (
     ColorBar, ColumnDataSource, CustomJS, Div, LinearColorMapper, Range1d, Select, Slider,
     UIElement)
-from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import position_limits
 from gravity_comp_ros.description.urdf import parse_urdf, read_text
@@ -155,7 +154,9 @@ def _view(contents: Contents, arm: Arm, table: Table) -> UIElement:
     for size in ('inner_width', 'inner_height'):
         fig.js_on_change(size, draw)
     table.source.selected.js_on_change('indices', draw)
-    _orbit(fig, azimuth, elevation)
+    view = {'plot': fig, 'azimuth': azimuth, 'elevation': elevation}
+    fig.js_on_event(PanStart, CustomJS(args=view, code=_ORBIT_BEGINS))
+    fig.js_on_event(Pan, CustomJS(args=view, code=_ORBIT))
     for control in (azimuth, elevation, ghost):
         control.styles = {'flex': '1 1 200px', 'width': 'auto'}
     below = row(azimuth, elevation, ghost, sizing_mode='stretch_width',
@@ -176,12 +177,6 @@ def _arm_data(contents: Contents, arm: Arm, numbers: list[int],
             'middle': [0.0, 0.0, _MIDDLE * arm.reach],
             'ranges': np.column_stack([low, high, q_min, q_max]).tolist(),
             'unvisited': unvisited_poses(q, low, high, _POSES).tolist()}
-
-
-def _orbit(fig: figure, azimuth: Slider, elevation: Slider) -> None:
-    args = {'plot': fig, 'azimuth': azimuth, 'elevation': elevation}
-    fig.js_on_event(PanStart, CustomJS(args=args, code=_ORBIT_BEGINS))
-    fig.js_on_event(Pan, CustomJS(args=args, code=_ORBIT))
 
 
 def _slider(title: str, start: float, end: float, value: float, step: float) -> Slider:
