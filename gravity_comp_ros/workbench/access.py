@@ -34,18 +34,14 @@ _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
 
 def websocket_origins(address: str, port: int) -> list[str]:
     """Return the hosts of pages that may open the websocket of a server on this address."""
-    if is_everywhere(address):
+    try:
+        is_everywhere = ip_address(address).is_unspecified
+    except ValueError:
+        is_everywhere = not address
+    if is_everywhere:
         return ['*']
     own = f'[{address}]' if ':' in address else address
     return [f'{name}:{port}' for name in ('localhost', '127.0.0.1', '[::1]', own)]
-
-
-def is_everywhere(address: str) -> bool:
-    """Return whether an address is that of all interfaces of the machine."""
-    try:
-        return ip_address(address).is_unspecified
-    except ValueError:
-        return not address
 
 
 class TokenApplication(BokehTornado):
@@ -115,11 +111,6 @@ def safe_name(name: str) -> str | None:
     return f'{safe or "recording"}{suffix}'
 
 
-def total_size(folder: Path) -> int:
-    """Return the size in bytes of all files in a folder and its folders."""
-    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
-
-
 @stream_request_body
 class UploadHandler(RequestHandler):
     """
@@ -154,7 +145,8 @@ class UploadHandler(RequestHandler):
                          f'command line of the workbench')
         else:
             folder = self._sessions.upload_folder(session.id)
-            if total_size(folder.parent) + int(size) > MAX_TOTAL:
+            kept = sum(path.stat().st_size for path in folder.parent.rglob('*') if path.is_file())
+            if kept + int(size) > MAX_TOTAL:
                 self._refuse(507, f'all uploaded recordings together would be larger than '
                              f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
                 return

@@ -23,7 +23,7 @@ from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import bar_key, bar_plot, Bars, HEAT
-from gravity_comp_ros.report.views.effects import coefficients, label as effect_label
+from gravity_comp_ros.report.views.effects import coefficients
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
 from gravity_comp_ros.workbench.results import Results
@@ -156,8 +156,9 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
 def _finding_html(number: int, finding: Finding) -> str:
     alternatives = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
     values = coefficients(finding, _MAX_COEFFICIENTS)
-    return (f'<p class="finding"><b>{number + 1}. {markup.text(effect_label(finding))}</b> on '
-            f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
+    return (f'<p class="finding"><b>{number + 1}. {markup.text(finding.effect or "unexplained")}'
+            f'</b> on {markup.text(finding.joint or "whole arm")}, '
+            f'{markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; held-out error '
             f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
 

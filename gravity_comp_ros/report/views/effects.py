@@ -118,6 +118,8 @@ def _columns(motion: Motion, model: GravityModel, of: Finding | AppliedEffect,
 
 
 _MAX_BARS, _MAX_NAME = 15, 48
+# Name of a finding that no effect describes.
+_UNKNOWN = 'unexplained'
 
 
 def section(contents: Contents, table: Table) -> Section:
@@ -138,7 +140,7 @@ def section(contents: Contents, table: Table) -> Section:
     strongest = findings[:_MAX_BARS]
     bars = [Bars('without it', [100.0 * f.nrmse_before for f in strongest], BEFORE),
             Bars('with it', [100.0 * f.nrmse_after for f in strongest], AFTER)]
-    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
+    names = [f'{k + 1}  {f.effect or _UNKNOWN} · {short(f.joint or "whole arm")}'
              for k, f in enumerate(strongest)]
     lead += findings_table(findings) + bar_key(bars)
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
@@ -160,7 +162,7 @@ def section(contents: Contents, table: Table) -> Section:
 
 def findings_table(findings: tuple[Finding, ...]) -> str:
     """Return the ranked findings as a table."""
-    rows = [[f'{k + 1}  {label(f)}', wording.where(f), f.verdict, coefficients(f),
+    rows = [[f'{k + 1}  {f.effect or _UNKNOWN}', wording.where(f), f.verdict, coefficients(f),
              wording.change(f),
              percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
              ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
@@ -170,11 +172,6 @@ def findings_table(findings: tuple[Finding, ...]) -> str:
         left=('where', 'verdict', 'coefficients, 95 %', 'alternatives'))
 
 
-def label(finding: Finding) -> str:
-    """Return the name of the effect, or 'unexplained'."""
-    return finding.effect or 'unexplained'
-
-
 def coefficients(finding: Finding, max_count: int = REPORT.max_coefficients) -> str:
     """Return at most `max_count` coefficients with units and 95 % intervals in one line."""
     return markup.units(wording.coefficients(finding.coefficients, max_count))
@@ -182,7 +179,8 @@ def coefficients(finding: Finding, max_count: int = REPORT.max_coefficients) -> 
 
 def details(findings: tuple[Finding, ...]) -> str:
     """Return the evidence and the next step of each finding."""
-    parts = [f'<p><b>{k + 1}. {markup.text(label(f))}</b> on {markup.text(wording.where(f))}: '
+    parts = [f'<p><b>{k + 1}. {markup.text(f.effect or _UNKNOWN)}</b> on '
+             f'{markup.text(wording.where(f))}: '
              f'{markup.text(f.why)}.<br>{markup.text("Next: " + (f.next_step or "add it"))}</p>'
              for k, f in enumerate(findings)]
     return markup.folded('Evidence and next steps', ''.join(parts))
@@ -217,7 +215,7 @@ def added(contents: Contents, table: Table, numbers: Sequence[int]) -> list[figu
 
 def _plot(variable: AddedVariable, table: Table, k: int) -> figure:
     x = 'angle, rad' if variable.is_angle else 'explained by the effect, N·m'
-    fig = plot(f'{k + 1}  {label(variable.finding)} · {variable.joint}', x,
+    fig = plot(f'{k + 1}  {variable.finding.effect or _UNKNOWN} · {variable.joint}', x,
                'measured, N·m', 250,
                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
     fig.scatter(f'ax{k}', f'ay{k}', source=table.source, size=3, line_color=None,
