@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from gravity_comp_ros.api.read import arm_facts, joined, read_each
+from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step, terminal
@@ -30,12 +30,9 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         recordings = read_each(args.bags, options, report)
         facts = []
         for each in recordings:
-            data = Recording(each.samples, slow, (each.report,))
-            arm = known_arm(data, LearnOptions(axes=axes_options(args),
-                                               ordered=args.joints is not None))
-            more = arm_facts(data, arm)
-            facts.append((replace(each.report, facts=(*each.report.facts, *more)),
-                          describe(each.samples, slow)))
+            arm = known_arm(Recording(each.samples, slow, (each.report,)), LearnOptions(
+                axes=axes_options(args), ordered=args.joints is not None))
+            facts.append((judged(each, arm), describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.
         together = arm.of(joined(recordings, slow))
         refusals = [fact for each, _ in facts for fact in refused(each.facts)]

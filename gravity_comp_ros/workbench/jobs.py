@@ -7,16 +7,15 @@ at a time. Cancelling kills it; the next job starts a new one, which reads the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
+from gravity_comp_ros.api.read import arm_facts, check_facts, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import (
-    add_to_model, ASKED, known_arm, KnownArm, learn, Learned, LearnOptions)
+    add_to_model, ASKED, known_arm, learn, Learned, LearnOptions)
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -26,7 +25,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.recordings.bag import ReadReport, Recording as BagRecording
+from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
 from gravity_comp_ros.worker.worker_process import (
@@ -144,22 +143,12 @@ def _read(job: Job, progress: ProgressCallback) -> ReadResult:
     reports = tuple(recording.report for recording in recordings)
     arm = known_arm(Recording(samples, None, reports),
                     LearnOptions(axes=AxesOptions(job.choice.urdf), ordered=job.ordered))
-    if job.choice.joints:
-        return ReadResult(samples, _judged(recordings, arm))
-    left_out = arm.axes.left_out
+    left_out = () if job.choice.joints else arm.axes.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
-    return ReadResult(samples.joints(arm.order.joints), _judged(recordings, arm))
-
-
-def _judged(recordings: Sequence[BagRecording], arm: KnownArm) -> tuple[ReadReport, ...]:
-    """Return the reports with the facts on the joints against each other."""
-    reports = []
-    for each in recordings:
-        facts = arm_facts(Recording(each.samples, None, (each.report,)), arm)
-        reports.append(replace(each.report, facts=(*each.report.facts, *facts)))
-    return tuple(reports)
+    return ReadResult(samples if job.choice.joints else samples.joints(arm.order.joints),
+                      tuple(judged(each, arm) for each in recordings))
 
 
 def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Learned:

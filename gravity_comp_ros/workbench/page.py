@@ -19,9 +19,9 @@ from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import panels, widgets
 from gravity_comp_ros.workbench.access import ARGUMENT
+from gravity_comp_ros.workbench.panels import Sidebar
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session, Sessions
-from gravity_comp_ros.workbench.panels import Sidebar
 from gravity_comp_ros.workbench.store import Entry
 from gravity_comp_ros.workbench.views import TwoModels, Views
 
