@@ -15,10 +15,10 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.report.views.arm import described_arm
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.views import summary
+from gravity_comp_ros.report.views.arm import described_arm
 from gravity_comp_ros.report.views.summary import headline, named_joint
 import numpy as np
 import pytest
