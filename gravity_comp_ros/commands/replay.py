@@ -8,14 +8,12 @@ from dataclasses import replace
 from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import Answer, note, table
-from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import (
     joint_states, JointTopic, write_bag)
-import numpy as np
-
 
 PREDICTION = '/gravity_comp/prediction'
 RESIDUAL = '/gravity_comp/residual'
@@ -27,26 +25,25 @@ def run(args: argparse.Namespace) -> Answer:
     # The bag may contain other joints, such as a gripper.
     recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
     samples = recording.samples.joints(model.joints)
-    predicted = predict_torque(model, samples)
-    residual = samples.tau - predicted
+    comparison = compare(model, samples)
+    residual, outside = comparison.residual, comparison.share_outside
     topics = [joint_states(samples),
-              JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),
+              JointTopic(PREDICTION, samples.names, samples.t, samples.q,
+                         effort=samples.tau - residual),
               JointTopic(RESIDUAL, samples.names, samples.t, samples.q, effort=residual)]
-    start = recording.report.start_ns
-    count = write_bag(args.output, topics, start)
-    outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
-    errors = [(joint, float(np.sqrt(np.mean(column ** 2))), float(np.abs(column).max()))
-              for joint, column in zip(samples.names, residual.T)]
+    count = write_bag(args.output, topics, recording.report.start_ns)
     if args.json != '-':
         for line in recording.report.notes:
             note(line)
     beyond = [f'{100 * outside:.0f} % of the samples are outside the trained range of the model']
     return Answer(
         {'output': str(args.output), 'n': len(samples),
-         'joints': {joint: {'rms': rms, 'max_abs': peak} for joint, rms, peak in errors},
+         'joints': {joint: {'rms': error.rmse, 'max_abs': error.max_abs}
+                    for joint, error in comparison.joints.items()},
          'outside_trained_range': outside, 'notes': recording.report.notes},
         [table('Residual', ('joint', 'rms N·m', 'max N·m'),
-               [(joint, f'{rms:.3f}', f'{peak:.3f}') for joint, rms, peak in errors]),
+               [(joint, f'{error.rmse:.3f}', f'{error.max_abs:.3f}')
+                for joint, error in comparison.joints.items()]),
          f'wrote {args.output}: {counted(count, "message")} on /joint_states, {PREDICTION} and '
          f'{RESIDUAL}',
          'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both'],
