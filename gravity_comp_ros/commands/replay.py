@@ -8,7 +8,8 @@ from dataclasses import replace
 from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import Answer, note, table
-from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.evaluation.compare import compare_prediction
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag
@@ -25,11 +26,12 @@ def run(args: argparse.Namespace) -> Answer:
     # The bag may contain other joints, such as a gripper.
     recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
     samples = recording.samples.joints(model.joints)
-    comparison = compare(model, samples)
+    predicted = predict_torque(model, samples)
+    comparison = compare_prediction(
+        samples, predicted, model.coverage.distance(samples.q).max(axis=1) > 0.0)
     residual, outside = comparison.residual, comparison.share_outside
     topics = [joint_states(samples),
-              JointTopic(PREDICTION, samples.names, samples.t, samples.q,
-                         effort=samples.tau - residual),
+              JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),
               JointTopic(RESIDUAL, samples.names, samples.t, samples.q, effort=residual)]
     count = write_bag(args.output, topics, recording.report.start_ns)
     if args.json != '-':

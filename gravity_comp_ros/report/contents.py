@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bokeh.models import ColumnDataSource, Span
 from gravity_comp_ros.api.provenance import now
@@ -16,13 +16,11 @@ from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.evaluation.compare import Comparison, REGIONS
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.style import padded, PURPLE
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from gravity_comp_ros.report.views.arm import Arm
 
 
 @dataclass(frozen=True)
@@ -71,6 +69,20 @@ class ReportOptions:
 
 
 REPORT = ReportOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """Joint axes and joint limits (N,) in rad, in the order of the axes."""
+
+    geometry: Geometry
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def reach(self) -> float:
+        """Return the length of the stretched arm in m."""
+        return max(float(np.linalg.norm(self.geometry.origins, axis=1).sum()), 1e-3)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.report.contents import Contents
-from gravity_comp_ros.report.views.arm import Arm, find_arm
+from gravity_comp_ros.report.contents import Arm, Contents
+from gravity_comp_ros.report.views.arm import find_arm
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Stage
 import numpy as np

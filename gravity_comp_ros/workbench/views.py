@@ -101,9 +101,9 @@ def _compared(results: Results, a: Stage, b: Stage) -> UIElement:
             raise GravityCompError('these models have no common joint')
     except GravityCompError as problem:
         return widgets.html(markup.paragraph(str(problem)))
-    shown = replace(contents[1], displayed=joints, previous=results.errors(a),
-                    previous_name=a.name)
-    errors, bars = summary.errors(shown), summary.error_bars(shown)
+    both = replace(contents[1], displayed=joints, previous=results.errors(a),
+                   previous_name=a.name)
+    errors, bars = summary.errors(both), summary.error_bars(both)
     # A grid, because Bokeh lays out a plot next to a grid incorrectly.
     parts = [gridplot([[bar_plot('RMSE, N·m', joints, bars, '0.0000')]],
                       sizing_mode='stretch_width', toolbar_location=None),

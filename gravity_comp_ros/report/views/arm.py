@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import position_limits
 from gravity_comp_ros.description.urdf import parse_urdf, read_text
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.robot_description import first_description
 from gravity_comp_ros.report import css, markup
-from gravity_comp_ros.report.contents import Contents, Table
+from gravity_comp_ros.report.contents import Arm, Contents, Table
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import BEFORE, FAINT, HEAT, MARKED, plot, TEXT, UP
 import numpy as np
@@ -42,20 +40,6 @@ _MIDDLE = 0.45
 # Maximum joint range of a drawing, in rad from zero.
 _MAX_ANGLE = math.pi
 _RANDOM_POSES, _MAX_VISITED = 2000, 500
-
-
-@dataclass(frozen=True, eq=False)
-class Arm:
-    """Joint axes and joint limits (N,) in rad, in the order of the axes."""
-
-    geometry: Geometry
-    low: FloatArray
-    high: FloatArray
-
-    @property
-    def reach(self) -> float:
-        """Return the length of the stretched arm in m."""
-        return max(float(np.linalg.norm(self.geometry.origins, axis=1).sum()), 1e-3)
 
 
 def find_arm(paths: Sequence[Path], joints: Sequence[str], urdf: Path | None = None) -> Arm | None:

@@ -116,11 +116,11 @@ def _rectangles(cells: dict[str, NDArray[Any]], edges: FloatArray) -> dict[str, 
     n, width = len(edges), (1.0 - _GAP) / (edges.shape[1] - 1)
     # Cells on the diagonal are bars over the height of the block.
     is_own = first == second
-    left = first + _GAP / 2 + column * width
+    begin = first + _GAP / 2 + column * width
     bottom = n - 1 - second + _GAP / 2 + np.where(is_own, 0, row) * width
     top = np.where(is_own, n - second - _GAP / 2, bottom + width)
     middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
-    columns = {'left': left, 'right': left + width, 'bottom': bottom, 'top': top,
+    columns = {'left': begin, 'right': begin + width, 'bottom': bottom, 'top': top,
                'x': middle[first, column], 'y': middle[second, row]}
     return {name: values.astype(np.float32) for name, values in columns.items()}
 
