@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bokeh.layouts import column, gridplot, row
-from bokeh.models import UIElement
+from bokeh.models import Select, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.errors import GravityCompError
@@ -29,29 +29,34 @@ class Views:
 
     def __init__(self, contents: Contents, before: Views | None) -> None:
         self.contents, self.table = contents, Table(contents)
-        self._worst = str(contents.joints.index(contents.worst))
-        chosen = ''
+        self._worst = self._joint = str(contents.joints.index(contents.worst))
         if before is not None:
             self.table.select(before.table.selected)
-            chosen = before.kept_joint(contents.joints)
-        self._selector = joint_selector(contents.joints, chosen or self._worst)
-        self._elements: dict[str, UIElement] = {}
+            self._joint = before.kept_joint(contents.joints) or self._worst
+        self._elements: dict[str, tuple[Select, UIElement]] = {}
 
     def kept_joint(self, joints: tuple[str, ...]) -> str:
         """Return the number of the user's joint among others, or `ALL`; '' to show the worst."""
-        value = str(self._selector.value)
-        if value in (ALL, self._worst):
-            return value if value == ALL else ''
-        name = self.contents.joints[int(value)]
+        if self._joint in (ALL, self._worst):
+            return self._joint if self._joint == ALL else ''
+        name = self.contents.joints[int(self._joint)]
         return str(joints.index(name)) if name in joints else ''
 
     def show(self, name: str) -> UIElement:
-        """Return a view by its name."""
-        if name not in self._elements:
-            section = SECTIONS[name](self.contents, self.table, self._selector) or _NO_ARM
-            above = [self._selector] if name in BY_JOINT else []
-            self._elements[name] = column(*above, element(section), sizing_mode='stretch_width')
-        return self._elements[name]
+        """Return a view by its name; each has a selector of its own, which holds its plots."""
+        selector, view = self._elements.get(name, (None, None))
+        if selector is None or view is None or (
+                name in BY_JOINT and selector.value != self._joint):
+            selector = joint_selector(self.contents.joints, self._joint)
+            selector.on_change('value', self._on_joint)
+            section = SECTIONS[name](self.contents, self.table, selector) or _NO_ARM
+            above = [selector] if name in BY_JOINT else []
+            view = column(*above, element(section), sizing_mode='stretch_width')
+            self._elements[name] = selector, view
+        return view
+
+    def _on_joint(self, attribute: str, old: str, new: str) -> None:
+        self._joint = new
 
 
 def element(section: Section) -> UIElement:
