@@ -6,6 +6,7 @@ It is compared with the model in use, and with the torque that the node publishe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
@@ -38,50 +39,32 @@ class Prediction:
         return samples.tau - self.torque - self.nuisance
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """
-    The checks of a new model against the one in use, and its errors in one line.
-
-    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
-    """
-
-    checks: tuple[Check, ...]
-    figures: str
-    is_compensated: bool
-
-    @property
-    def is_better(self) -> bool:
-        return checks.failed(self.checks) is None
-
-
 def held_out_rmse(error: FloatArray, rows: Rows) -> FloatArray:
     """Return the RMS (N,) in N·m of an error (M, N) over the held-out samples in motion."""
     return moving_rms(error[rows.held_out], rows.samples.qd[rows.held_out])
 
 
 def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
-            margin: float = 0.0) -> Comparison:
+            margin: float = 0.0) -> tuple[list[Check], str]:
     """
-    Return whether `new`, fitted to the training samples, predicts the others better than `old`.
+    Return the checks that `new`, fitted to the training samples, predicts the others better.
 
     The compared figure is the RMSE relative to the smaller one of each joint, over all joints.
     With more samples `new` may be worse by `significant` standard deviations.
 
     :param old: the model in use; without one `new` is compared with a constant torque.
     :param margin: fraction by which the figure of `new` must be below that of `old`.
+    :return: the checks, and the errors in one line.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
     is_first = old is None
-    # Without a model in use, a constant torque.
     old = old or Prediction(samples.tau[train].mean(axis=0), new.noise)
     error_new, error_old = new.residual(samples), old.residual(samples)
     rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
     floor = OPTIONS.min_noise * max(1e-9, float(np.abs(samples.tau[train]).max()))
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
-    judged, is_compensated = _pose_explains(
-        samples, train, new, np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train])),
-        is_first)
+    # In a few held-out seconds pose may explain much of the variance by coincidence.
+    rmse = np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train]))
     noise = np.maximum(np.maximum(new.noise, old.noise), floor)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
@@ -89,35 +72,32 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
         (error_new / level)[held_out], (error_old / level)[held_out], samples.qd[held_out], block)
     ratio = float(rms(rmse_new / level)) / max(float(rms(rmse_old / level)), 1e-30)
     worse = ', '.join(samples.names[j] for j in np.flatnonzero(rise > 1.0))
-    judged += [Check(checks.NO_JOINT_WORSE, float(rise.max()), 1.0, text=f'worse on {worse}'),
-               Check(checks.BETTER, ratio, 1.0 + tolerance - margin, text='not better')]
     reference, k = 'a constant torque' if is_first else 'the old model', int(
         np.argmax(np.maximum(rmse_new, rmse_old)))
-    return Comparison(tuple(judged), (
+    return [*_pose_explains(samples, train, new, rmse, is_first),
+            Check(checks.NO_JOINT_WORSE, float(rise.max()), 1.0, text=f'worse on {worse}'),
+            Check(checks.BETTER, ratio, 1.0 + tolerance - margin, text='not better')], (
         f'held-out RMSE {rms(rmse_new):.3g} N·m, {reference} {rms(rmse_old):.3g} N·m on '
         f'{held_out.sum()} samples; worst joint {samples.names[k]} {rmse_new[k]:.3g}, '
-        f'{rmse_old[k]:.3g}'), is_compensated)
+        f'{rmse_old[k]:.3g}')
 
 
 def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rmse: FloatArray,
-                   is_first: bool) -> tuple[list[Check], bool]:
+                   is_first: bool) -> Iterator[Check]:
     """
-    Return the check that pose explains the effort, and whether the arm compensates gravity.
+    Yield the check that pose explains the effort of a joint, by the RMSE (N,) of a model in N·m.
 
-    An arm that has moved enough compensates gravity if pose explains the effort of no joint.
-
-    :param rmse: of the new model (N,) in N·m, the larger of both sets: in a few held-out seconds
-        the share of the variance that pose explains may be large by coincidence.
+    Otherwise, in enough motion, the arm compensates gravity itself.
     """
-    spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
-    explained = float((1.0 - (rmse / spread) ** 2).max())
     moves = int(train.sum()) >= FULL_FIT_SAMPLES and bool(
         (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
-    text = ('the effort of no joint depends on pose: this arm seems to compensate gravity itself, '
-            'or its axes are all vertical; nothing to learn' if moves
-            else 'pose does not explain the effort yet')
-    check = Check(checks.POSE_EXPLAINS, explained, FactOptions().min_share, True, text)
-    return [check] * (is_first or moves), moves and not check.passed
+    if is_first or moves:
+        spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
+        yield Check(checks.POSE_EXPLAINS, float((1.0 - (rmse / spread) ** 2).max()),
+                    FactOptions().min_share, True, (
+                        'the effort of no joint depends on pose: this arm seems to compensate '
+                        'gravity itself, or its axes are all vertical; nothing to learn' if moves
+                        else 'pose does not explain the effort yet'))
 
 
 def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray) -> float:

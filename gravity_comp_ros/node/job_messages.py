@@ -54,7 +54,6 @@ class FitResult:
 
     `figures` has the errors of the comparison in one line. `range` is that of the training
     samples. `outliers` has the number of samples of each joint that were left out.
-    `is_compensated` is true if no joint's effort depends on pose, in enough motion.
     """
 
     model: GravityModel
@@ -64,7 +63,12 @@ class FitResult:
     seconds: float
     range: Coverage
     outliers: Mapping[str, int] = field(default_factory=dict)
-    is_compensated: bool = False
+
+    @property
+    def has_no_gravity(self) -> bool:
+        """True if no joint's effort depends on pose."""
+        return any(check.name == checks.POSE_EXPLAINS and not check.passed
+                   for check in self.checks)
 
     @property
     def accepted(self) -> bool:

@@ -2,37 +2,40 @@
 Jobs of the fit process: the only module of the node that calls the learning half.
 
 It fits candidate models, diagnoses and plans with `estimation`, `diagnosis` and `planning`, and
-leaves the decision about a result to `acceptance`.
+leaves the decision about a result to `comparison` and `acceptance`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 import time
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import conclude
-from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
-from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
-from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
+from gravity_comp_ros.estimation.fit import fit_again, fit_as, FitResult as FullFit
+from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
+from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
-from gravity_comp_ros.estimation.update import payload_change_weights
+from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import reference_noise
-from gravity_comp_ros.node.candidates import Candidate, candidate, candidates, options_of
 from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output
-from gravity_comp_ros.node.epoch import REST_SPEED
+from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output, Prediction
+from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
 from gravity_comp_ros.node.job_messages import (
     DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
@@ -45,14 +48,13 @@ _chains = ChainOfModel()
 
 def fitting() -> Work:
     """Return the function that runs the jobs of the node."""
-    return run_job
-
-
-def run_job(job: Job, _: ProgressCallback) -> Result:
-    """Run a job of any kind."""
     runs: dict[str, Callable[[Job], Result]] = {
         FIT: run_fit, DIAGNOSIS: run_diagnosis, PAYLOAD: run_payload_test}
-    return runs[job.kind](job)
+
+    def run_job(job: Job, _: ProgressCallback) -> Result:
+        return runs[job.kind](job)
+
+    return run_job
 
 
 def run_diagnosis(job: Job) -> str:
@@ -66,25 +68,18 @@ def run_diagnosis(job: Job) -> str:
                          old=model)
     diagnosis = conclude(estimated, model)
     # Named as `gravity_comp add` and the parameter `effects` accept them.
-    ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
-                        for item in diagnosis.findings)
-    motion = _next_motion(job, estimated, diagnosis)
-    lines = [wording.verdict(diagnosis), *filter(None, [ranking, motion]),
-             f'{len(samples)} slow samples, {time.monotonic() - start:.1f} s']
-    return ' | '.join(lines)
-
-
-def _next_motion(job: Job, estimated: Estimate, diagnosis: Diagnosis) -> str:
-    """Return the motion that resolves open findings as text; empty if there is none."""
-    if job.model is None:
-        return ''
-    try:
-        planned = plan(job.rows.samples, job.model, diagnosis=diagnosis, estimated=estimated)
-    except GravityCompError:
-        return ''
-    parts = '; '.join(part.sentence for part in planned.parts)
-    return (f'to resolve open findings, move for {planned.trajectory.duration:.0f} s: {parts} '
-            f'(`gravity_comp plan` on a recording writes that motion)')
+    lines = [wording.verdict(diagnosis), ', '.join(
+        f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
+        for item in diagnosis.findings)]
+    if model is not None:
+        with suppress(GravityCompError):
+            planned = plan(samples, model, diagnosis=diagnosis, estimated=estimated)
+            lines.append(
+                f'to resolve open findings, move for {planned.trajectory.duration:.0f} s: '
+                f'{"; ".join(part.sentence for part in planned.parts)} '
+                '(`gravity_comp plan` on a recording writes that motion)')
+    lines.append(f'{len(samples)} slow samples, {time.monotonic() - start:.1f} s')
+    return ' | '.join(filter(None, lines))
 
 
 def run_payload_test(job: Job) -> PayloadResult:
@@ -102,10 +97,12 @@ def run_payload_test(job: Job) -> PayloadResult:
                     axes_under(chain, job.geometry)).tables()
     present, other = acceptance.suspicion_checks(tables[0])
     other = [*acceptance.body_checks(tables, (tables[0].push(), tables[0].varying())), *other]
-    every, residual = (*present, *other), rms(change)
+    seconds, residual = samples.t[-1] - samples.t[0], rms(change)
+    lasts = Check(checks.LASTS, seconds, job.settings.suspect_after, True,
+                  'the change has not lasted long enough')
     k = int(np.argmax(residual / noise))
     figures = (f'residual of {samples.names[k]} {residual[k]:.3g} N·m, noise of the training '
-               f'{noise[k]:.3g}, {len(samples)} samples in {samples.t[-1] - samples.t[0]:.1f} s')
+               f'{noise[k]:.3g}, {len(samples)} samples in {seconds:.1f} s')
     values = {'joint': samples.names[k], 'residual [Nm]': f'{residual[k]:.3g}',
               'noise of the training [Nm]': f'{noise[k]:.3g}', 'samples': str(len(samples)),
               'from [s]': f'{samples.t[0]:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
@@ -118,48 +115,49 @@ def run_payload_test(job: Job) -> PayloadResult:
     # A push or a varying force that is as likely as a body is no reason for an alarm.
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                     if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
+    refusal, is_other = checks.failed(other), False
     if checks.failed(present) is not None or ambiguous:
-        return PayloadResult(f'no payload is suspected: {figures}', every, values)
-    if (refusal := checks.failed(other)) is not None:
-        return PayloadResult('the effort has changed in a way that no payload explains: '
-                             f'{refusal.text}; {figures}', every, values, is_other=True)
-    return PayloadResult(
-        f'another payload is suspected: {what} on the last link explains at least '
-        f'{present[1].statistic:.0%} of each third of the samples; {figures}', every, values)
+        text = 'no payload is suspected'
+    elif refusal is not None:
+        text, is_other = ('the effort has changed in a way that no payload explains: '
+                          f'{refusal.text}'), True
+    else:
+        text = (f'another payload is suspected: {what} on the last link explains at least '
+                f'{present[1].statistic:.0%} of each third of the samples')
+        text = text if lasts.passed else f'no payload is suspected yet: {lasts.text}'
+    return PayloadResult(f'{text}; {figures}', (*present, *other, lasts), values, is_other)
 
 
 def run_fit(job: Job) -> FitResult:
     """
     Fit a job, compare the best candidate with the model in use, and check it.
 
-    With few samples and a base only the change of the base is fitted. With more samples a full
-    fit is a candidate as well, and the held-out error decides. A request for effects that the
-    base does not have requires a full fit.
-
     :raises FitError: if there is no result, or there are too few samples for the effects.
     :raises DataError: if the samples do not excite a requested effect.
     """
     if job.base is not None:
-        return _compared_fit(job)
+        return _compared_fit(job, [])
     job, check = acceptance.first_samples(job)
     try:
-        result = _compared_fit(job)
+        return _compared_fit(job, [check])
     except (FitError, DataError) as error:
         if check.passed:
             raise
         raise DataError(check.text) from error
-    text = f'{check.text}; ' * bool(check.text and check.passed)
-    return replace(result, checks=(check, *result.checks), figures=text + result.figures)
 
 
-def _compared_fit(job: Job) -> FitResult:
-    start = time.monotonic()
+def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
+    """
+    Return the best candidate.
+
+    Outliers have a transient torque, such as that of an intermittent brake. They are those of the
+    change of the base, which must not be fitted to them. They have little weight in a full fit.
+
+    :param judged: checks of the samples, to which those of the candidate are added.
+    """
+    start, samples = time.monotonic(), job.rows.samples
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
-    tried, samples = list[Candidate](), job.rows.samples
-    # Outliers have a transient torque, such as that of an intermittent brake. They are those of
-    # the change of the base, which must not be fitted to them. They have little weight in a full
-    # fit.
-    base = chain or job.base
+    base, tried = chain or job.base, list[Candidate]()
     if job.base is not None and base is not None and base.energy is not None:
         outlying = outliers_of_change(without_effects(job.base, samples)[0], base)
     else:
@@ -169,22 +167,23 @@ def _compared_fit(job: Job) -> FitResult:
     job = replace(job, rows=job.rows.select(~np.asarray(outlying.any(axis=1))))
     tried = [candidate(each.model, job, each.how, each.fit)
              for each in tried] or list(candidates(job, chain))
-    best = _best(tried, job)
+    best, rows = _best(tried, job), job.rows
     old = None if job.model is None else candidate(job.model, job)
-    comparison = compare(best, old, job.rows, old is not None and len(
-        job.rows.train) > old.model.coverage.n_samples)
-    judged = list(comparison.checks)
-    if not comparison.is_compensated:
-        judged = [*_checks(job, chain, best), *judged]
-        if checks.failed(judged) is None and best.fit is not None:
-            judged.append(_converged(best.fit, job))
-    figures = comparison.figures
+    compared, errors = compare(best, old, rows, old is not None and len(
+        rows.train) > old.model.coverage.n_samples)
+    figures = '; '.join([*(check.text for check in judged if check.passed and check.text), errors])
+    # Where pose explains nothing there is nothing to check.
+    if all(check.passed for check in compared if check.name == checks.POSE_EXPLAINS):
+        judged = [*judged, *_checks(job, chain, best)]
+    judged = [*judged, *compared]
+    if best.fit is not None and checks.failed(judged) is None:
+        judged.append(_converged(best.fit, job))
     if len(tried) > 1:
-        errors = ((each.how, rms(held_out_rmse(each.residual(job.rows.samples), job.rows)))
-                  for each in tried)
-        figures += '; tried: ' + ', '.join(f'{how} {error:.3g} N·m' for how, error in errors)
+        figures += '; tried: ' + ', '.join(
+            f'{each.how} {rms(held_out_rmse(each.residual(rows.samples), rows)):.3g} N·m'
+            for each in tried)
     return FitResult(best.model, tuple(judged), figures, best.how, time.monotonic() - start,
-                     Coverage.of(job.rows.train), left_out, comparison.is_compensated)
+                     Coverage.of(rows.train), left_out)
 
 
 def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:
@@ -243,9 +242,107 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
 
 
 def _none_if_too_many(outliers: BoolArray) -> BoolArray:
-    if outliers.any(axis=1).mean() > OPTIONS.max_outliers:
-        return np.zeros_like(outliers)
-    return outliers
+    return outliers & (outliers.any(axis=1).mean() <= OPTIONS.max_outliers)
+
+
+def without_effects(model: GravityModel, samples: JointSamples
+                    ) -> tuple[JointSamples, FloatArray]:
+    """Return samples without the effects and nuisance terms of a model, and these (M, N), N·m."""
+    others = effect_torque(model, samples) + fitted_torque(model, samples)
+    return replace(samples, tau=samples.tau - others), others
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate(Prediction):
+    """A model with its prediction at the samples of a job, and its full fit if it is one."""
+
+    model: GravityModel
+    how: str
+    fit: FullFit | None
+
+
+def candidate(model: GravityModel, job: Job, how: str = '',
+              fit: FullFit | None = None) -> Candidate:
+    """Return a model with its torque at the samples of a job, effects included."""
+    samples = job.rows.samples
+    return Candidate(predict_torque(model, samples), residual_noise(model),
+                     fitted_torque(model, samples), model=model, how=how, fit=fit)
+
+
+def candidates(job: Job, chain: GravityModel | None) -> Iterator[Candidate]:
+    """
+    Yield the candidate models of a job: the change of its base, and full fits.
+
+    With few samples and a base only the change of the base is fitted. A request for effects that
+    the base does not have requires a full fit.
+
+    :param chain: the gravity of its base as a chain, None where no chain explains it.
+    """
+    base, train = chain or job.base, job.rows.train
+    effects = job.settings.effects
+    new_effects = job.on_request and any(
+        base is None or not base.applied.has(request.effect.name, request.joint)
+        for request in requests(effects, train.names))
+    if new_effects and len(train) < FULL_FIT_SAMPLES:
+        raise FitError(f'{len(train)} training samples; a model with {", ".join(effects)} requires '
+                       f'{FULL_FIT_SAMPLES}: keep moving slowly')
+    if base is None or base.energy is None or new_effects:
+        yield from _full_fits(job)
+        return
+    samples = replace(train, tau=train.tau - effect_torque(base, train))
+    changed = update(base, samples, geometry=base.geometry).model
+    yield candidate(changed, job, 'change of the old model')
+    if len(train) >= FULL_FIT_SAMPLES:
+        # There is a result already, so a full fit may fail.
+        with suppress(FitError, DataError):
+            yield from _full_fits(job)
+
+
+def _full_fits(job: Job) -> Iterator[Candidate]:
+    """
+    Yield models fitted to the samples alone, of the formulation of the job.
+
+    With `auto` these are the chain and, with its effects, the sparse potential.
+    """
+    fits = [full_fit(job)]
+    if job.settings.formulation == 'auto':
+        with suppress(FitError, DataError):
+            fits.append(fit_as('potential', fits[0], options_of(job)))
+    for fit in fits:
+        yield candidate(fit.model, job, f'full fit, {fit.model.formulation}', fit)
+
+
+def options_of(job: Job) -> FitOptions:
+    """Return the options of a full fit, with known axes if it uses them."""
+    formulation = job.settings.formulation
+    formulation = 'chain' if formulation == 'auto' else formulation
+    return FitOptions(formulation, geometry=job.geometry if formulation == 'chain' else None)
+
+
+def full_fit(job: Job) -> FullFit:
+    """
+    Return a fit to the training samples alone, with the requested effects.
+
+    Of the effects that resemble gravity only the requested ones are tested: the feed-forward is
+    gravity, and what holds the arm must not be assigned to another effect.
+
+    :raises FitError: if there are too few samples.
+    :raises DataError: if the samples do not excite a requested effect.
+    """
+    samples = job.rows.train
+    # Without a request the effects of the model in use are predicted again.
+    targets = job.settings.effects or (
+        tuple(e.target for e in job.model.applied.effects) if job.model else ())
+    requested = requests(targets, samples.names)
+    names = {request.effect.name for request in requested}
+    tested = [effect for effect in all_effects().values()
+              if not effect.resembles_gravity or effect.name in names]
+    result = requested_fit(samples, requested, options_of(job), tested)
+    if job.base is None:
+        return result
+    # Distances learned from earlier payloads stay valid.
+    return replace(result, model=replace(
+        result.model, payload_path=payload_path(job.base, result.model)))
 
 
 def _best(tried: list[Candidate], job: Job) -> Candidate:
@@ -258,13 +355,6 @@ def _best(tried: list[Candidate], job: Job) -> Candidate:
     best, *others = tried
     for other in others:
         margin = OPTIONS.full_fit_margin if best.fit is None else OPTIONS.sparse_margin
-        if compare(other, best, job.rows, margin=margin).is_better:
+        if checks.failed(compare(other, best, job.rows, margin=margin)[0]) is None:
             best = other
     return best
-
-
-def without_effects(model: GravityModel, samples: JointSamples
-                    ) -> tuple[JointSamples, FloatArray]:
-    """Return samples without the effects and nuisance terms of a model, and these (M, N), N·m."""
-    others = effect_torque(model, samples) + fitted_torque(model, samples)
-    return replace(samples, tau=samples.tau - others), others

@@ -158,7 +158,7 @@ class Learner:
 
     def _payload_tested(self, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
-        self._decided('payload', result.text, (*result.checks, self.arm.watch.lasts()))
+        self._decided('payload', result.text, result.checks)
         if not self.arm.watch.add_finding(result):
             return
         self._events.payloads.append(result)
@@ -191,7 +191,7 @@ class Learner:
         else:
             text = f'{self.kept}: {self.last_fit}'
             self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
-            if result.is_compensated:
+            if result.has_no_gravity:
                 self.report = self.last_fit
             elif result.fault:
                 self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
@@ -199,7 +199,7 @@ class Learner:
         figures = '; '.join(check.describe() for check in result.checks)
         self._events.log.append((not result.accepted, f'{text} [{figures}]'))
         self._decided('model', text, result.checks)
-        if result.fault or result.is_compensated:
+        if result.fault or result.has_no_gravity:
             self._refuse(result, now)
 
     def _use(self, result: FitResult, now: float) -> None:
@@ -225,7 +225,7 @@ class Learner:
                 not self.arm.watch.is_confirmed):
             self._roll_back_automatically(why, now)
             return
-        if len(epoch) >= FULL_FIT_SAMPLES and epoch.is_open and not result.is_compensated:
+        if len(epoch) >= FULL_FIT_SAMPLES and epoch.is_open and not result.has_no_gravity:
             epoch.restart_after_broken_effort()
             self.report += '; its samples were dropped'
 

@@ -45,9 +45,7 @@ class Watch:
     """
     The new samples of the model in use, and the finding in them.
 
-    A model is confirmed once it has predicted as many new samples as it was trained on. A hand
-    that presses straight down has the torque of a weight, so a change is suspected to be a
-    payload only after it has lasted for some time.
+    A model is confirmed once it has predicted as many new samples as it was trained on.
 
     :param names: joint names.
     :param min_duration: duration in s of a change before it counts as a payload.
@@ -84,9 +82,8 @@ class Watch:
             NODE.lengths[0] * (self._min_duration / PERIOD + 1.0)))
         self._rows: deque[_Row] = deque(maxlen=capacity)
         self._wait = self._tests = 0
-        # Lengths of the windows that are due, and the duration of the tested one, s.
+        # Lengths of the windows that are due.
         self._due: list[int] = []
-        self._duration = 0.0
 
     def forget(self) -> None:
         """Drop the window and the finding."""
@@ -150,22 +147,15 @@ class Watch:
         length = self._due[self._tests % len(self._due)]
         self._tests += 1
         rows = list(self._rows)[-length:]
-        self._duration = rows[-1].t - rows[0].t
         picked = np.unique(
             np.linspace(0, length - 1, min(length, MAX_WINDOW)).round().astype(int))
         t, q, qd, tau, qdd, _ = (np.array(column) for column in zip(*(rows[k] for k in picked)))
         return JointSamples.single_run(self._names, t, q, qd, tau, 'live', qdd=qdd)
 
-    def lasts(self) -> Check:
-        """Return the check of the duration of the tested window, s."""
-        return Check(checks.LASTS, self._duration, self._min_duration, True,
-                     'the change has not lasted long enough')
-
     def add_finding(self, found: PayloadResult) -> bool:
-        """Record a finding; return whether it is a suspicion that has lasted long enough."""
-        is_suspected = found.is_payload and self.lasts().passed
-        self.finding = found if is_suspected or found.is_other else None
-        return is_suspected
+        """Record a finding; return whether it is a suspicion."""
+        self.finding = found if found.is_payload or found.is_other else None
+        return found.is_payload
 
     def _due_lengths(self, large: BoolArray) -> list[int]:
         """

@@ -63,9 +63,10 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
     return replace(samples, tau=samples.tau + np.array(torque))
 
 
-def finding(model, samples, geometry=None):
+def finding(model, samples, geometry=None, lasting=0.0):
     return run_payload_test(
-        Job(PAYLOAD, Rows(samples, np.zeros(len(samples), dtype=bool)), model, geometry=geometry))
+        Job(PAYLOAD, Rows(samples, np.zeros(len(samples), dtype=bool)), model,
+            settings=Parameters(suspect_after=lasting), geometry=geometry))
 
 
 DOWN = (0.0, 0.0, 20.0)
@@ -92,6 +93,9 @@ def test_a_payload_is_found_and_another_force_is_reported(name, model, geometry)
     assert reason in result.text
     if is_payload:
         assert float(result.values['log evidence']) > 20.0
+    if name == 'a payload':
+        brief = finding(model, samples(), lasting=16.0)
+        assert not brief.is_payload and 'not lasted long enough' in brief.text
     if name == 'a payload on known axes':
         assert float(result.values['mass [kg]']) == pytest.approx(3.0, abs=0.3)
 
@@ -176,7 +180,6 @@ def test_a_test_is_due_only_for_a_lasting_residual():
 def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     """At any sample rate, although each test finds a payload."""
     watch, suspected = watching(lasting), []
-    finding = PayloadResult('a payload', (Check(checks.BODY_PRESENT, 30.0, 20.0, True),))
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
         offer(watch, t, 0.1 * t, ratio)
@@ -184,7 +187,9 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
             assert np.diff(window.t).min() > 0.85 * PERIOD
-            if watch.add_finding(finding):
+            duration = window.t[-1] - window.t[0]
+            if watch.add_finding(PayloadResult(
+                    'a payload', (Check(checks.LASTS, duration, lasting, True),))):
                 suspected.append(t)
     assert len(suspected) <= 1 and all(t >= lasting for t in suspected)
     if lasts < lasting:
