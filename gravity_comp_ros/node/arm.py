@@ -53,7 +53,7 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
                        if name in known and known[name].kind == 'continuous')
     limits = [_effort(known[name].element) if name in known else math.nan for name in joints]
     # A larger number means that there is no limit.
-    largest = BY_NAME['max_torque'].high or math.inf
+    largest = BY_NAME['max_torque'].high
     max_effort = tuple(limits) if all(0.0 < limit <= largest for limit in limits) else ()
     try:
         geometry = described_arm(text, joints, SOURCE).geometry

@@ -91,11 +91,10 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
         additional_constraints=row.range_text())
-    if row.low is not None and row.high is not None:
-        if row.kind == 'double':
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=row.low, to_value=row.high)]
-        elif row.kind == 'int':
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
+    if row.kind == 'double':
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=row.low, to_value=row.high)]
+    elif row.kind == 'int':
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
     return descriptor

@@ -10,8 +10,7 @@ from gravity_comp_ros.node.arm import Arm, NO_LIMITS
 from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
-from gravity_comp_ros.node.messages import (
-    FAULTS, FROM_FUTURE, HANDLED, MISSING_JOINT, REPLACED, TOO_OLD)
+from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import Watch
@@ -41,7 +40,7 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
     if arm is None:
         values = {'topic': topic, 'messages': str(unusable)}
         if unusable:
-            return Status('input', ERROR, f'dropped: {MISSING_JOINT} {unusable}', values)
+            return Status('input', ERROR, f'dropped: missing_joint {unusable}', values)
         return Status('input', STALE, f'no message on {topic}', values)
     reader, age = arm.reader, None if arm.last_seen is None else now - arm.last_seen
     new, counts = reader.take_new()
@@ -54,7 +53,7 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
         if reader.counts[reason]:
             values[f'count {reason}'] = str(reader.counts[reason])
     named = ', '.join(f'{reason} {counts[reason]}' for reason in FAULTS if counts[reason] > 0)
-    if counts[TOO_OLD] or counts[FROM_FUTURE]:
+    if counts['too_old'] or counts['from_future']:
         named += (f' (the last stamp is {abs(reader.age):.3g} s '
                   f'{"old" if reader.age > 0.0 else "in the future"}: synchronise the clocks, or '
                   'raise max_age)')

@@ -102,8 +102,7 @@ class FeedForward:
 
         :param qd: speed (N,) in rad/s for the torque of effects, None if unknown.
         """
-        dt = self._message_step(now)
-        source = self._source
+        dt, source = self._step(now, is_message=True), self._source
         if source is None:
             self._fresh = now
             return None
@@ -124,39 +123,28 @@ class FeedForward:
         self._fresh, self._gravity, self._moved = now, gravity, (q, qd)
         return None if silent else self._published(target, dt)
 
-    def _due(self, source: TorqueSource, q: FloatArray,
-             qd: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
-        """Return gravity, and the torque of the effects or None, (N,) in N·m."""
-        return (source.torque(q, self.options.extrapolation, self.margin),
-                source.effect_torque(q, qd, self.margin))
-
-    def _target(self, gravity: FloatArray, effects: FloatArray | None) -> FloatArray:
-        if not self.enabled:
-            return self._zero
-        return self._clipped(gravity if effects is None else gravity + effects)
-
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""
         if self._fresh is None or self._source is None:
             return None
         # After the clock was set back, old input must not count as recent.
         self._fresh = min(self._fresh, now)
-        if now - self._fresh <= self.options.stale_after and not self._failed:
+        if not self._is_stale(now) and not self._failed:
             return None
-        dt = min(self._elapsed(now), max(NODE.watch_period, NODE.max_periods * self._period()))
+        dt = self._step(now, is_message=False)
         if self._is_at_rest():
             return None
+        phase, target, seconds = 'hold', self._held, self.options.ramp_time
         if not self.enabled:
-            phase, target, seconds = ('off',), self._zero, self.options.ramp_time
+            phase, target = 'off', self._zero
         elif self._is_fading(now):
-            phase, target, seconds = ('fade',), self._zero, self.options.fade_time
-        else:
-            if self._phase != ('hold',):
-                # Friction depends on the direction of motion, which is unknown without input.
-                self._held = self._last if self._offset.any() else self._clipped(self._gravity)
-            phase, target, seconds = ('hold',), self._held, self.options.ramp_time
-        if phase != self._phase:
-            self._begin(phase, target, seconds, is_capped=False)
+            phase, target, seconds = 'fade', self._zero, self.options.fade_time
+        elif self._phase != ('hold',):
+            # Friction depends on the direction of motion, which is unknown without input.
+            self._held = target = (
+                self._last if self._offset.any() else self._clipped(self._gravity))
+        if self._phase != (phase,):
+            self._begin((phase,), target, seconds, is_capped=False)
         return self._published(target, dt)
 
     def state(self, now: float) -> str:
@@ -167,11 +155,22 @@ class FeedForward:
             return WAITING
         if not self.enabled:
             return DISABLED if self._is_at_rest() else RAMPING
-        if now - self._fresh > self.options.stale_after:
+        if self._is_stale(now):
             if self._is_at_rest():
                 return FADED
             return FADING if self._is_fading(now) else HOLDING
         return RAMPING if self._offset.any() else ACTIVE
+
+    def _due(self, source: TorqueSource, q: FloatArray,
+             qd: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+        """Return gravity, and the torque of the effects or None, (N,) in N·m."""
+        return (source.torque(q, self.options.extrapolation, self.margin),
+                source.effect_torque(q, qd, self.margin))
+
+    def _target(self, gravity: FloatArray, effects: FloatArray | None) -> FloatArray:
+        if not self.enabled:
+            return self._zero
+        return self._clipped(gravity if effects is None else gravity + effects)
 
     def _begin(self, phase: tuple[object, ...], target: FloatArray, seconds: float,
                is_capped: bool) -> None:
@@ -204,30 +203,27 @@ class FeedForward:
             return torque
         return np.minimum(np.maximum(torque, -self._limit), self._limit)
 
+    def _is_stale(self, now: float) -> bool:
+        return self._fresh is not None and now - self._fresh > self.options.stale_after
+
     def _is_fading(self, now: float) -> bool:
-        options = self.options
-        return self._failed or (
-            options.stale_action == 'fade' and self._fresh is not None
-            and now - self._fresh > options.stale_after + options.hold_time)
+        return self._failed or (self.options.stale_action == 'fade'
+                                and self._is_stale(now - self.options.hold_time))
 
     def _is_at_rest(self) -> bool:
         return not self.is_publishing and self._phase[:1] != ('model',)
 
-    def _elapsed(self, now: float) -> float:
-        """Return the time since the last call, at most `stale_after`: the clock may jump."""
-        dt = 0.0 if self._now is None else now - self._now
-        self._now = now
-        return min(max(dt, 0.0), self.options.stale_after)
+    def _step(self, now: float, is_message: bool) -> float:
+        """
+        Return the time step since the last call.
 
-    def _message_step(self, now: float) -> float:
-        """Return the time step of a message."""
-        dt = self._elapsed(now)
-        counted = min(dt, NODE.max_periods * self._period()) if self._intervals else dt
-        if dt > 0.0:
+        It is at most `stale_after`, because the clock may jump, and some median periods of the
+        messages, so that the first one after a stall makes no large step.
+        """
+        dt = 0.0 if self._now is None else max(now - self._now, 0.0)
+        dt, self._now = min(dt, self.options.stale_after), now
+        periods = sorted(self._intervals)
+        longest = NODE.max_periods * periods[len(periods) // 2] if periods else dt
+        if is_message and dt > 0.0:
             self._intervals.append(dt)
-        return counted
-
-    def _period(self) -> float:
-        """Return the median time between messages, s."""
-        intervals = sorted(self._intervals)
-        return max([NODE.min_period, *intervals[len(intervals) // 2:][:1]])
+        return min(dt, longest if is_message else max(NODE.watch_period, longest))

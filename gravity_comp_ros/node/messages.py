@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args, Literal
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite, Bounds
@@ -13,35 +13,20 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.node.options import NODE
 import numpy as np
 
-# Faults: the message, or the faulty field, is dropped.
-OTHER_JOINTS = 'other_joints'
-MISSING_JOINT = 'missing_joint'
-DUPLICATE_JOINT = 'duplicate_joint'
-WRONG_SIZE = 'wrong_size'
-POSITION_NOT_FINITE = 'position_not_finite'
-POSITION_ABSURD = 'position_absurd'
-TIME_BACK = 'time_back'
-TIME_STILL = 'time_still'
-VELOCITY_NOT_FINITE = 'velocity_not_finite'
-EFFORT_NOT_FINITE = 'effort_not_finite'
-NO_EFFORT = 'no_effort'
-EFFORT_ABSURD = 'effort_absurd'
-TOO_OLD = 'too_old'
-FROM_FUTURE = 'from_future'
+# The message, or the faulty field, is dropped.
+Fault = Literal[
+    'missing_joint', 'duplicate_joint', 'wrong_size', 'position_not_finite', 'position_absurd',
+    'time_back', 'time_still', 'too_old', 'from_future', 'velocity_not_finite',
+    'effort_not_finite', 'effort_absurd', 'no_effort', 'clock_jump']
 # Replaced by other data, with a warning: a velocity that contradicts the positions, and stamps of
 # 0 after stamps that were not 0.
-VELOCITY_WRONG = 'velocity_wrong'
-STAMP_LOST = 'stamp_lost'
-# Handled: counted, without a warning.
-NO_VELOCITY = 'no_velocity'
-NO_STAMP = 'no_stamp'
-CLOCK_JUMP = 'clock_jump'
-
-FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSITION_ABSURD,
-          TIME_BACK, TIME_STILL, TOO_OLD, FROM_FUTURE, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE,
-          EFFORT_ABSURD, NO_EFFORT, CLOCK_JUMP)
-REPLACED = (VELOCITY_WRONG, STAMP_LOST)
-HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
+Replaced = Literal['velocity_wrong', 'stamp_lost']
+# Counted, without a warning.
+Handled = Literal['other_joints', 'no_velocity', 'no_stamp']
+Reason = Fault | Replaced | Handled
+FAULTS: tuple[Fault, ...] = get_args(Fault)
+REPLACED: tuple[Replaced, ...] = get_args(Replaced)
+HANDLED: tuple[Handled, ...] = get_args(Handled)
 
 
 @dataclass(eq=False)
@@ -84,9 +69,9 @@ class JointStateReader:
         self.max_age = max_age
         # Difference of the last stamp from its time of arrival, s.
         self.age = 0.0
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[Reason] = Counter()
         self.received = 0
-        self._reported, self._reported_received = Counter[str](), 0
+        self._reported, self._reported_received = Counter[Reason](), 0
         # Whether messages of the last report had earlier or equal stamps.
         self.are_out_of_order = False
         self._scale = np.broadcast_to(np.array(effort_scale or (1.0,)), (len(joints),))
@@ -111,12 +96,12 @@ class JointStateReader:
                 self._largest[k] = NODE.max_continuous
         self._bounds = Bounds(self._largest)
 
-    def take_new(self) -> tuple[int, Counter[str]]:
+    def take_new(self) -> tuple[int, Counter[Reason]]:
         """Return the number of messages, and the counts by reason, since the last call."""
         new = self.received - self._reported_received
         counts = self.counts - self._reported
         self._reported, self._reported_received = self.counts.copy(), self.received
-        self.are_out_of_order = counts[TIME_BACK] + counts[TIME_STILL] > 0
+        self.are_out_of_order = counts['time_back'] + counts['time_still'] > 0
         return new, counts
 
     def read(self, message: Any, arrival: float) -> Reading | None:
@@ -130,17 +115,17 @@ class JointStateReader:
         self.received += 1
         if message.name != self._names and not self._learn_order(message.name):
             return None
-        q = self._vector(message.position, POSITION_NOT_FINITE)
+        q = self._vector(message.position, 'position_not_finite')
         if q is None:
             return None
         if not self._bounds.contain(q):
-            self.counts[POSITION_ABSURD] += 1
+            self.counts['position_absurd'] += 1
             return None
         stamp = message.header.stamp
         t = stamp.sec + 1e-9 * stamp.nanosec
         new_run = self._lost_stamps(t)
         if t == 0.0 and not self._stamped:
-            self.counts[NO_STAMP] += 1
+            self.counts['no_stamp'] += 1
             t = arrival
         elif not self._stamped:
             # The first message of a simulation that begins at 0 seems to have no stamp.
@@ -150,10 +135,10 @@ class JointStateReader:
             return None
         if t <= self._last and not new_run:
             if not self._clock_was_set_back(t):
-                self.counts[TIME_STILL if t == self._last else TIME_BACK] += 1
+                self.counts['time_still' if t == self._last else 'time_back'] += 1
                 return None
             new_run = True
-            self.counts[CLOCK_JUMP] += 1
+            self.counts['clock_jump'] += 1
             self._past.clear()
         self._rejected.clear()
         self._last = t
@@ -167,7 +152,7 @@ class JointStateReader:
         self.age = age
         if not self.max_age or abs(age) <= self.max_age:
             return True
-        self.counts[TOO_OLD if age > 0.0 else FROM_FUTURE] += 1
+        self.counts['too_old' if age > 0.0 else 'from_future'] += 1
         return False
 
     def _lost_stamps(self, t: float) -> bool:
@@ -176,30 +161,30 @@ class JointStateReader:
         if self._unstamped < NODE.stamps:
             return False
         self._unstamped, self._stamped = 0, False
-        self.counts[STAMP_LOST] += 1
+        self.counts['stamp_lost'] += 1
         self._past.clear()
         return True
 
     def _learn_order(self, names: Sequence[str]) -> bool:
         ours = [name for name in names if name in self.joints]
         if not ours:
-            self.counts[OTHER_JOINTS] += 1
+            self.counts['other_joints'] += 1
             return False
         if len(set(ours)) != len(ours):
-            self.counts[DUPLICATE_JOINT] += 1
+            self.counts['duplicate_joint'] += 1
             return False
         if len(ours) != len(self.joints):
-            self.counts[MISSING_JOINT] += 1
+            self.counts['missing_joint'] += 1
             return False
         names = list(names)
         self._order = np.array([names.index(name) for name in self.joints], dtype=np.intp)
         self._names, self._size = names, len(names)
         return True
 
-    def _vector(self, values: Sequence[float], not_finite: str) -> FloatArray | None:
+    def _vector(self, values: Sequence[float], not_finite: Reason) -> FloatArray | None:
         """Return values (N,) in the configured order; count a wrong size or values not finite."""
         if len(values) != self._size:
-            self.counts[WRONG_SIZE] += 1
+            self.counts['wrong_size'] += 1
             return None
         vector = np.asarray(values, dtype=np.float64)[self._order]
         if not all_finite(vector):
@@ -209,13 +194,13 @@ class JointStateReader:
 
     def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
         if len(values) == 0:
-            self.counts[NO_VELOCITY] += 1
+            self.counts['no_velocity'] += 1
             slope, _ = self._slope(t, q, np.zeros_like(q))
             if slope is not None:
                 # The next slope over the window is compared with this one.
                 self._past[-1] = (t, q, slope)
             return slope
-        qd = self._vector(values, VELOCITY_NOT_FINITE)
+        qd = self._vector(values, 'velocity_not_finite')
         if qd is None:
             return None
         slope, qd_then = self._slope(t, q, qd)
@@ -224,7 +209,7 @@ class JointStateReader:
             fastest = np.maximum(np.abs(qd), np.abs(qd_then))
             limit = NODE.slope_factor * fastest + NODE.slope_margin
             if (np.abs(slope) > limit).any():
-                self.counts[VELOCITY_WRONG] += 1
+                self.counts['velocity_wrong'] += 1
                 return slope
         return qd
 
@@ -243,11 +228,11 @@ class JointStateReader:
 
     def _effort(self, values: Sequence[float]) -> FloatArray | None:
         if len(values) == 0:
-            self.counts[NO_EFFORT] += 1
+            self.counts['no_effort'] += 1
             return None
-        tau = self._vector(values, EFFORT_NOT_FINITE)
+        tau = self._vector(values, 'effort_not_finite')
         if tau is not None and not self._efforts.contain(tau):
-            self.counts[EFFORT_ABSURD] += 1
+            self.counts['effort_absurd'] += 1
             return None
         return None if tau is None else tau * self._scale
 

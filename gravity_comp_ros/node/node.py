@@ -47,9 +47,6 @@ Action = Callable[[Learner, Any, Reply], None]
 class GravityCompNode(LifecycleNode):
     """The lifecycle node `gravity_comp`; docs/node.md describes its interface."""
 
-    # Period of the watchdog and of polling the fit process, s.
-    TICK = 0.02
-
     def __init__(self) -> None:
         super().__init__('gravity_comp')
         self._core: NodeCore | None = None
@@ -65,7 +62,7 @@ class GravityCompNode(LifecycleNode):
         self._create_services()
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        for period, callback in ((self.TICK, self._on_tick),
+        for period, callback in ((NODE.watch_period, self._on_tick),
                                  (ExternalTorqueOptions().std_period, self._on_extrapolation),
                                  (1.0 / self.settings.values.diagnostics_rate, self._on_report)):
             self.create_timer(period, callback, clock=self._steady)

@@ -48,7 +48,7 @@ class NodeOptions:
 
     - `period_messages`: messages of the median period; `max_periods`: largest time step of a
       message in this period, so that the first one after a stall makes no large step.
-    - `min_period`, s: of messages, and `watch_period`, s: of calls of the watchdog.
+    - `watch_period`, s: of calls of the watchdog, and of polling the fit process.
     - `ramp_share`: largest change of a joint's torque within `ramp_time` by a transition to a
       model, as a share of its limit `max_torque`: a wrong model then moves any arm slowly.
     - `rounding`, N·m: of an offset or a change of the torque.
@@ -91,7 +91,6 @@ class NodeOptions:
     new_samples: int = 5
     period_messages: int = 20
     max_periods: float = 2.0
-    min_period: float = 1e-3
     watch_period: float = 0.02
     ramp_share: float = 0.2
     rounding: float = 1e-9

@@ -77,4 +77,4 @@ def _end_torque(node: GravityCompNode, problem: Exception) -> None:
     """
     node.fail(problem, traceback.format_exc())
     while rclpy.ok() and node.end_torque():
-        time.sleep(node.TICK)
+        time.sleep(NODE.watch_period)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -79,7 +78,7 @@ class TorqueSource:
         return torque if all_finite(torque) else None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class UncertainChange:
     """
     The change of the torque from a model to one of few samples, which is used in part.
@@ -94,11 +93,13 @@ class UncertainChange:
     less certain. Without a standard deviation no change is significant.
 
     `model` was learned from few samples in a `range`, `before` is that of the previous payload.
+    The `share` in use is none of the change at first.
     """
 
     model: GravityModel
     before: GravityModel
     range: Coverage
+    share: FloatArray | float = 0.0
 
     def share_at(self, q: FloatArray) -> FloatArray:
         """Return the share (N,) of the change to use at pose q (N,), 0 to 1; it takes 0.2 ms."""
@@ -111,10 +112,10 @@ class UncertainChange:
         share = 1.0 - (uncertain / np.maximum(np.abs(change), NODE.rounding)) ** 2
         return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
 
-    def predict(self, q: FloatArray, share: FloatArray | float) -> FloatArray:
+    def predict(self, q: FloatArray) -> FloatArray:
         """Return the torque (N,) in N·m: that of the previous model and a share of the change."""
         before = self.before.predict_one(q)
-        return before + share * (self.model.predict_one(q) - before)
+        return before + self.share * (self.model.predict_one(q) - before)
 
 
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
@@ -140,7 +141,6 @@ class ModelInUse:
                  change: UncertainChange | None = None) -> None:
         self.model = model
         self._change = change
-        self._share: FloatArray | float = 0.0
         # Friction that persists at rest has a memory: one of the messages, one of the samples.
         self._effects, self._effects_of_samples = (
             LiveEffects(model, model.applied.effects) for _ in range(2))
@@ -158,22 +158,19 @@ class ModelInUse:
         if requested and not sent.targets and not self.problem:
             self.problem = 'the model has none of the effects to compensate'
         self.source = TorqueSource(
-            self._gravity(), model.coverage,
+            self._change.predict if self._change else model.predict_one, model.coverage,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
             (lambda q, qd: sent.torque(q, qd, model.predict_one(q))) if sent.targets else None)
 
-    def _gravity(self) -> Predict:
-        if self._change is None:
-            return self.model.predict_one
-        return partial(self._change.predict, share=self._share)
-
     def update_share(self, q: FloatArray) -> bool:
         """Determine the share of an uncertain change at pose q (N,); return whether it differs."""
-        if self._change is None:
+        change = self._change
+        if change is None:
             return False
-        before, self._share = self._share, self._change.share_at(self.source.nearest(q))
-        self.source = replace(self.source, predict=self._gravity())
-        return bool((self._share != before).any())
+        before, change.share = change.share, change.share_at(self.source.nearest(q))
+        # Another source begins a transition.
+        self.source = replace(self.source)
+        return bool((change.share != before).any())
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""
