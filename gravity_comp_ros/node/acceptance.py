@@ -17,7 +17,8 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, NUMBERS, WORDS
 from gravity_comp_ros.estimation.subset_stability import last_part
 from gravity_comp_ros.estimation.torque_facts import torque_facts
-from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, Kind
+from gravity_comp_ros.facts.fact import (
+    accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.models.noise import of_second_differences
@@ -26,7 +27,6 @@ from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses
 from gravity_comp_ros.node.job_messages import Job
 from gravity_comp_ros.node.options import NODE
-from gravity_comp_ros.node.watch import PARTS
 import numpy as np
 
 
@@ -47,17 +47,15 @@ def first_samples(job: Job) -> tuple[Job, Check]:
     none = np.zeros(samples.n_joints, dtype=bool)
     signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
                       np.arange(len(samples)))
-    accept = accepted_kinds(job.settings.accept)
-    judgement = judge(signals, np.ones(samples.n_joints), none, True, accept | _ELSEWHERE)
+    judgement = judge(signals, np.ones(samples.n_joints), none, True,
+                      accepted_kinds(job.settings.accept) | _ELSEWHERE)
     kept = np.zeros(len(samples), dtype=bool)
     kept[judgement.signals.rows] = True
     rows = job.rows.select(kept)
     seen = [fact for fact in judgement.facts
             if fact.action in (Action.REFUSED, Action.LEFT_OUT)]
     of_arm = _facts_of_arm(job, rows.samples)
-    refusals, structural = (
-        [fact for fact in facts if fact.action is Action.REFUSED and fact.kind not in accept]
-        for facts in (seen, of_arm))
+    refusals, structural = refused(seen), refused(of_arm)
     if structural:
         last = {(fact.kind, fact.joints) for fact in _facts_of_arm(job, last_part(rows.samples))}
         refusals += [fact for fact in structural if (fact.kind, fact.joints) in last]
@@ -71,10 +69,11 @@ def first_samples(job: Job) -> tuple[Job, Check]:
 def _facts_of_arm(job: Job, samples: JointSamples) -> list[Fact]:
     """Return the facts that one arm for all joints shows."""
     geometry, order = job.geometry, joint_order(samples.names)
-    return list(torque_facts(
+    facts = torque_facts(
         samples, None if geometry is None else geometry.rotations,
         by_name=geometry is None and order.joints == samples.names
-        and order.source in (NUMBERS, WORDS)))
+        and order.source in (NUMBERS, WORDS))
+    return [unless_accepted(fact, accepted_kinds(job.settings.accept)) for fact in facts]
 
 
 def _sentence(fact: Fact) -> str:
@@ -90,13 +89,11 @@ def _sentence(fact: Fact) -> str:
 def reference_noise(expected: FloatArray, samples: JointSamples,
                     residual: FloatArray) -> FloatArray:
     """
-    Return the noise (N,) in N·m to compare a residual with.
+    Return the noise (N,) in N·m to compare a residual (M, N) with.
 
-    It is the larger of the noise of earlier epochs and the noise of `samples`, estimated from
-    second differences of the residual (M, N). Gravity hardly contributes to these, so a sensor
-    with more noise than in the training does not prevent a payload from being accepted.
-
-    :param expected: noise of earlier epochs (N,), N·m.
+    It is the larger of the `expected` noise (N,) of earlier epochs and the noise of `samples`,
+    estimated from second differences of the residual. Gravity hardly contributes to these, so a
+    sensor with more noise than in the training does not prevent a payload from being accepted.
     """
     floor = OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
     noise = np.maximum(expected, floor)
@@ -167,50 +164,31 @@ def body_checks(tables: Sequence[Hypotheses],
     yield gravity_present(samples, table.before, window.reference)
     unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (table.carried, *forces)))
-    margin = OPTIONS.margin
     faults = [(fit.log_evidence, text, has_body) for one in tables
               for fit, text, has_body in one.faults()
               if abs(fit.mean[0]) >= OPTIONS.min_gain_change and fit.log_evidence > unchanged
               and one.ratio(fit).max() <= OPTIONS.max_residual]
     # A fault alone is named unless one with a body is clearly better.
-    _, named, _ = max(faults, key=lambda fault: fault[0] - margin * fault[2],
+    _, named, _ = max(faults, key=lambda fault: fault[0] - OPTIONS.margin * fault[2],
                       default=(0.0, '', False))
     yield Check(checks.NO_FAULT, max((evidence for evidence, _, _ in faults), default=-np.inf)
-                - explained, margin, text=named)
+                - explained, OPTIONS.margin, text=named)
     ratio, noise = table.ratio(table.carried), window.reference
     worst = int(np.argmax(ratio))
-    text = ''
-    if ratio[worst] > OPTIONS.max_residual:
-        joint, expected = table.most_faulty()
-        text = (f'no payload explains the effort of {names[worst]}: residual '
-                f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs '
-                f'{noise[worst]:.3g}; most likely {names[joint]} '
-                f'{_fault_of(samples.tau[:, joint], expected)}')
-    yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=text)
-    yield from _within_limits(table)
-
-
-def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
-    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
-    power = float((expected ** 2).sum())
-    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
-    if slope < -0.5:
-        return 'has the wrong sign'
-    if measured.std() < 0.25 * expected.std():
-        return 'is dead or frozen'
-    return 'measures the torque of another joint, or has a wrong gain'
-
-
-def _within_limits(table: Hypotheses) -> Iterator[Check]:
-    limits, known, std = table.window.settings, table.body(), OPTIONS.significant
+    joint, expected = table.most_faulty()
+    yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=(
+        f'no payload explains the effort of {names[worst]}: residual '
+        f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs {noise[worst]:.3g}; most '
+        f'likely {names[joint]} {_fault_of(samples.tau[:, joint], expected)}'))
+    limits, known, std = window.settings, table.body(), OPTIONS.significant
     if known is None:
         change = np.hypot(*table.moments.T)
         worst = int(np.argmax(change))
         largest = STANDARD_GRAVITY * limits.max_payload * limits.max_payload_reach
         yield Check(checks.WITHIN_LIMITS, float(change[worst]), largest, text=(
-            f'the change at {table.window.samples.names[worst]} is {change[worst]:.3g} N·m; the '
-            f'limit is {largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at '
-            f'max_payload_reach {limits.max_payload_reach:g} m'))
+            f'the change at {names[worst]} is {change[worst]:.3g} N·m; the limit is '
+            f'{largest:.3g} N·m, by max_payload {limits.max_payload:g} kg at max_payload_reach '
+            f'{limits.max_payload_reach:g} m'))
         return
     mass, sigma, reach = known
     yield Check(checks.WITHIN_LIMITS, abs(mass), limits.max_payload + std * sigma, text=(
@@ -222,6 +200,16 @@ def _within_limits(table: Hypotheses) -> Iterator[Check]:
                         f'joint; max_payload_reach is {limits.max_payload_reach:g} m'))
 
 
+def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
+    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
+    slope = float(measured @ expected) / max(float(expected @ expected), 1e-30)
+    if slope < -0.5:
+        return 'has the wrong sign'
+    if measured.std() < 0.25 * expected.std():
+        return 'is dead or frozen'
+    return 'measures the torque of another joint, or has a wrong gain'
+
+
 def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     """
     Return the checks of a window for a payload that was not announced.
@@ -229,7 +217,8 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     :return: those that a body is present, then those that it is no other force.
     """
     t, body = table.window.samples.t, table.carried.log_evidence
-    parts = table.explained(np.arange(len(t)) * PARTS // len(t) == np.arange(PARTS)[:, None])
+    parts = table.explained(np.arange(len(t)) * NODE.parts // len(t)
+                            == np.arange(NODE.parts)[:, None])
     ends = table.explained([t <= t[0] + OPTIONS.end, t >= t[-1] - OPTIONS.end])
     present = [
         Check(checks.BODY_PRESENT, body - table.explain().log_evidence, OPTIONS.min_body, True),

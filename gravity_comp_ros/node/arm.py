@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
-import math
 from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
@@ -51,28 +51,28 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
         return ArmDescription(problem=str(problem))
     continuous = tuple(name for name in joints
                        if name in known and known[name].kind == 'continuous')
-    limits = [_effort(known[name].element) if name in known else math.nan for name in joints]
+    limits = tuple(_effort(known[name].element) if name in known else 0.0 for name in joints)
     # A larger number means that there is no limit.
-    largest = BY_NAME['max_torque'].high
-    max_effort = tuple(limits) if all(0.0 < limit <= largest for limit in limits) else ()
+    if not all(0.0 < limit <= BY_NAME['max_torque'].high for limit in limits):
+        limits = ()
     try:
         geometry = described_arm(text, joints, SOURCE).geometry
     except GravityCompError as problem:
-        return ArmDescription(None, continuous, max_effort, str(problem))
+        return ArmDescription(None, continuous, limits, str(problem))
     if geometry.joints != joints:
         return ArmDescription(
-            None, continuous, max_effort, f'the order of the joints in {SOURCE} is '
+            None, continuous, limits, f'the order of the joints in {SOURCE} is '
             f'{", ".join(geometry.joints)}: set the parameter joints to this order to use the '
             'axes')
-    return ArmDescription(geometry, continuous, max_effort)
+    return ArmDescription(geometry, continuous, limits)
 
 
 def _effort(element: Element) -> float:
-    limit = next((part for part in element if part.tag.endswith('limit')), None)
-    try:
-        return math.nan if limit is None else float(limit.get('effort', 'nan'))
-    except ValueError:
-        return math.nan
+    """Return the effort limit of a joint, 0 if it has none."""
+    limit = next((part for part in element if part.tag.endswith('limit')), Element('limit'))
+    with suppress(ValueError):
+        return float(limit.get('effort', '0'))
+    return 0.0
 
 
 # Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
@@ -128,10 +128,9 @@ class Arm:
         self._limit()
         if enabled and self.limit_source == 'none':
             return False, NO_LIMITS
-        seconds = self.settings.ramp_time
-        if enabled:
-            return True, f'torque ramps up over {seconds} s'
-        return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
+        where = 'up' if enabled else 'down to zero'
+        end = '' if enabled else ', then nothing is published'
+        return True, f'torque ramps {where} over {self.settings.ramp_time} s{end}'
 
     @property
     def limit_source(self) -> str:
@@ -189,29 +188,24 @@ class Arm:
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
         self.last_seen, self.pose = now, reading.q
-        return self._published(now, self.feed.update(now, reading.q, reading.qd))
+        return self._recorded(now, self.feed.update(now, reading.q, reading.qd))
 
-    def tick(self, now: float) -> FloatArray | None:
-        """
-        Return the torque (N,) in N·m to publish without input, None for nothing.
+    def watchdog(self, now: float) -> FloatArray | None:
+        """Return the torque (N,) in N·m that input which has stopped requires, None for none."""
+        return self._recorded(now, self.feed.watch(now))
 
-        The share of an uncertain change at the present pose is determined every `SHARE_PERIOD`.
-        """
+    def _recorded(self, now: float, tau: FloatArray | None) -> FloatArray | None:
+        if tau is not None:
+            self.sent.published(now, tau)
+        return tau
+
+    def update_share(self, now: float) -> None:
+        """Determine the share of an uncertain change at the present pose every `SHARE_PERIOD`."""
         if self.in_use is not None and self.pose is not None and (
                 not 0.0 <= now - self._share_at < SHARE_PERIOD):
             self._share_at = now
             if self.in_use.update_share(self.pose):
                 self.feed.use(self.in_use.source)
-        return self.watchdog(now)
-
-    def watchdog(self, now: float) -> FloatArray | None:
-        """Return the torque (N,) in N·m that input which has stopped requires, None for none."""
-        return self._published(now, self.feed.watch(now))
-
-    def _published(self, now: float, tau: FloatArray | None) -> FloatArray | None:
-        if tau is not None:
-            self.sent.published(now, tau)
-        return tau
 
     def learn(self, reading: Reading, now: float) -> None:
         """
@@ -232,14 +226,12 @@ class Arm:
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):
             self.epoch.offer(sample)
-            self._record_residual(sample)
+            if self.in_use is not None:
+                self._compare(self.in_use, sample)
 
-    def _record_residual(self, sample: SlowSample) -> None:
+    def _compare(self, in_use: ModelInUse, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics and for the watch."""
-        reading, in_use = sample.reading, self.in_use
-        if in_use is None:
-            return
-        gravity = in_use.model.predict_one(reading.q)
+        reading, gravity = sample.reading, in_use.model.predict_one(sample.reading.q)
         error, residual = in_use.residual(reading, gravity, sample.mean_qdd)
         self._residuals.append(np.array((error, residual)))
         if not in_use.distance(reading.q).any():

@@ -85,7 +85,7 @@ def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
 
     :param no_arm: the reason why messages name no arm, empty if there is none.
     """
-    values, entry = {'earlier models': str(models.n_past)}, models.entry
+    values, entry = {'earlier models': str(len(models.past))}, models.entry
     problem = models.problem or no_arm
     if entry is None:
         return Status('model', ERROR if problem else WARN, problem or

@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import itemgetter
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
@@ -151,20 +151,16 @@ class DelayedSamples:
 
 def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> CompleteReading:
     """Return the mean of the messages around a reading, itself if a joint reverses there."""
-    qd = np.array([other.qd for other in near])
-    if len(near) < 2 or ((qd > REST_SPEED).any(axis=0) & (qd < -REST_SPEED).any(axis=0)).any():
+    t, q, qd, tau = (np.array(values) for values in zip(
+        *((other.t, other.q, other.qd, other.tau) for other in near or [reading])))
+    if ((qd > REST_SPEED).any(axis=0) & (qd < -REST_SPEED).any(axis=0)).any():
         return reading
-    return replace(reading, t=float(np.mean([other.t for other in near])),
-                   q=np.mean([other.q for other in near], axis=0), qd=qd.mean(axis=0),
-                   tau=np.mean([other.tau for other in near], axis=0))
+    return CompleteReading(float(t.mean()), q.mean(axis=0), qd.mean(axis=0), tau.mean(axis=0),
+                           reading.new_run)
 
 
 def rows_of(ring: SampleRing) -> Rows:
-    """
-    Return the samples of a ring, whose further figures are a mark and the sent torques.
-
-    This takes milliseconds.
-    """
+    """Return the samples of a ring, with a mark and the sent torques; it takes milliseconds."""
     extra, n = ring.extra(), len(ring.names)
     return Rows(ring.samples(), extra[:, 0] > 0.0, extra[:, 1:].reshape(-1, len(DELAYS), n))
 
@@ -177,11 +173,8 @@ class Epoch:
     each growth by a quarter, and a last time with `full_samples` and range on every joint. The
     last fit closes the epoch. A closed epoch collects samples for fits on request.
 
-    :param number: number of the epoch, from 0.
-    :param names: joint names.
-    :param settings: the sizes are those of the parameters.
-    :param base: the model in use as the epoch begins, whose change may be fitted.
-    :param is_open: False for an epoch that begins with a model of its payload.
+    `base` is the model in use as the epoch begins, whose change may be fitted. An epoch that
+    begins with a model of its payload is closed.
     """
 
     def __init__(self, number: int, names: Sequence[str], settings: Parameters,
@@ -204,11 +197,7 @@ class Epoch:
         self._ring = SampleRing(self._names, NODE.capacity, n_extra)
 
     def restart_after_broken_effort(self) -> None:
-        """
-        Drop all samples; the next fit requires `first_samples`.
-
-        In a few seconds of motion a payload explains a wrong gain of one joint.
-        """
+        """Drop all samples; in few a payload explains a wrong gain: the next fit needs more."""
         self.restart()
         self.had_broken_effort = True
 
@@ -246,10 +235,9 @@ class Epoch:
         if len(self) == 0:
             return 'no slow samples yet: move the arm slowly through its range'
         settings, n_held_out = self.settings, self.n_held_out
-        n_train = len(self) - n_held_out
-        can_change = self.base is not None and self.base.energy is not None
-        few_suffice = can_change and not self.had_broken_effort
-        minimum = settings.min_samples if few_suffice else settings.first_samples
+        n_train, minimum = len(self) - n_held_out, settings.first_samples
+        if self.base is not None and self.base.energy is not None and not self.had_broken_effort:
+            minimum = settings.min_samples
         if n_train < minimum or n_held_out < settings.block:
             why = ' after broken effort' if self.had_broken_effort else ''
             return (f'{n_train} training and {n_held_out} held-out samples; '

@@ -60,10 +60,9 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """
-    The fit of one hypothesis.
+    The fit of one hypothesis, with its residual (M, N) in units of the noise.
 
-    `residual` (M, N) is in units of the noise; `mean` and `covariance` are of its own
-    coefficients, in prior standard deviations.
+    `mean` and `covariance` are of its own coefficients, in prior standard deviations.
     """
 
     log_evidence: float
@@ -77,13 +76,11 @@ class Window:
     """
     The input of all hypotheses about a window of samples.
 
-    - `samples`: without the friction, offset and effects of the model, which are `friction`
-      (M, N) in N·m.
-    - `model`: the model in use, `chain` its gravity as a chain of the same joints.
-    - `noise`: standard deviation (N,) of the residual of the model, N·m; `reference` (N,) that
-      with the drift of friction and with the noise of the samples.
-    - `settings`: the limits of a payload.
-    - `geometry`: the axes of the arm, None if they are unknown.
+    The `samples` are without the friction, offset and effects of the model, which are `friction`
+    (M, N) in N·m. `chain` is the gravity of the `model` in use as a chain of the same joints.
+    `noise` (N,) is the standard deviation of the residual of the model, N·m, `reference` (N,) that
+    with the drift of friction and with the noise of the samples. The `settings` have the limits of
+    a payload; `geometry` is None if the axes of the arm are unknown.
     """
 
     samples: JointSamples
@@ -254,14 +251,12 @@ class Hypotheses:
 
     def most_faulty(self) -> tuple[int, FloatArray]:
         """Return the joint without which a body fits best, and its torque (M,), N·m, by that."""
-        def cost(joint: int) -> float:
-            here = self._rows_of(joint)
-            return float((((self._r - self._body_without(here)) ** 2)[~here]).sum())
-
-        joint = min(range(self._n), key=cost)
-        here = self._rows_of(joint)
+        joints = [self._rows_of(joint) for joint in range(self._n)]
+        bodies = [self._body_without(here) for here in joints]
+        joint = int(np.argmin([((self._r - body)[~here] ** 2).sum()
+                               for here, body in zip(joints, bodies)]))
         return joint, np.asarray(self.before[:, joint] + self._sigma[joint]
-                                 * self._body_without(here)[here])
+                                 * bodies[joint][joints[joint]])
 
     def explained(self, parts: Sequence[BoolArray]) -> float:
         """Return the smallest share of the squared residual of a part (M,) that the rest fits."""
@@ -274,9 +269,9 @@ class Hypotheses:
     def _body_without(self, here: BoolArray) -> FloatArray:
         """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
         design = np.concatenate((self._body, self._loaded))
-        rest = design[:, ~here]
+        rest = np.where(here, 0.0, design)
         return np.asarray(np.linalg.solve(
-            np.eye(len(design)) + rest @ rest.T, rest @ self._r[~here]) @ design)
+            np.eye(len(design)) + rest @ rest.T, rest @ self._r) @ design)
 
     def body(self) -> tuple[float, float, float] | None:
         """Return mass and its standard deviation in kg, and reach in m; None without axes."""

@@ -9,9 +9,8 @@ from functools import partial
 import math
 from typing import Any
 
-from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.arm import Arm
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, to_json
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, Rows, rows_of
 from gravity_comp_ros.node.job_messages import (
     FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
@@ -85,7 +84,7 @@ class Learner:
         self._expire(wall)
         judged = self.arm.watch.model_checks()
         if judged and not any(check.passed for check in judged):
-            self._decided('rollback', judged[0].text, tuple(judged))
+            self._events.checks.append(to_json('rollback', judged[0].text, judged))
             self._roll_back_automatically(judged[0].text, now)
         if self.fits.state != READY:
             return
@@ -158,7 +157,7 @@ class Learner:
 
     def _payload_tested(self, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
-        self._decided('payload', result.text, result.checks)
+        self._events.checks.append(to_json('payload', result.text, result.checks))
         if not self.arm.watch.add_finding(result):
             return
         self._events.payloads.append(result)
@@ -168,10 +167,6 @@ class Learner:
             self.report = f'opened automatically: {result.text}'
             self._events.log.append((not success, text))
 
-    def _decided(self, decision: str, result: str, judged: tuple[Check, ...]) -> None:
-        """Keep the checks of a decision for `~/checks`."""
-        self._events.checks.append(checks.to_json(decision, result, judged))
-
     def _fit_ended(self, job: Pending, result: FitResult, now: float) -> None:
         """Use or refuse the model of a fit; reply, log, and publish its checks."""
         if not result.fault:
@@ -179,26 +174,26 @@ class Learner:
         # Friction at the start of a motion causes a single outlier.
         outliers = ', '.join(f'{n} of {name}' for name, n in result.outliers.items() if n > 1)
         left_out = f' (without outliers: {outliers})' if outliers else ''
-        self.last_fit = (f'{result.how}, {result.model.coverage.n_samples} samples{left_out}, '
-                         f'{result.seconds:.2f} s: {result.reason}')
+        self.last_fit = fit = (
+            f'{result.how}, {result.model.coverage.n_samples} samples{left_out}, '
+            f'{result.seconds:.2f} s: {result.reason}')
         self.last_checks = result.checks
+        text = f'{"new model in use" if result.accepted else self.kept}: {fit}'
         if result.accepted:
-            text = f'new model in use: {self.last_fit}'
             self.state, self.report = (REFUSED, f'samples left out as outliers: {outliers} (an '
                                        'intermittent brake, or a contact with the arm)'
                                        ) if outliers else (FINE, '')
             self._use(result, now)
+        elif result.has_no_gravity:
+            self.state, self.report = REFUSED, fit
+        elif result.fault:
+            self.state, self.report = FAULTY, f'broken effort: {fit}'
         else:
-            text = f'{self.kept}: {self.last_fit}'
-            self.state, self.report = REFUSED, f'old model kept: {self.last_fit}'
-            if result.has_no_gravity:
-                self.report = self.last_fit
-            elif result.fault:
-                self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
+            self.state, self.report = REFUSED, f'old model kept: {fit}'
         job.reply(result.accepted, text)
         figures = '; '.join(check.describe() for check in result.checks)
         self._events.log.append((not result.accepted, f'{text} [{figures}]'))
-        self._decided('model', text, result.checks)
+        self._events.checks.append(to_json('model', text, result.checks))
         if result.fault or result.has_no_gravity:
             self._refuse(result, now)
 
@@ -209,7 +204,8 @@ class Learner:
         # The samples of a closed epoch determine the whole change.
         change = None if epoch.base is None or not epoch.is_open else UncertainChange(
             model, epoch.base, result.range)
-        self.arm.use(model, self.models.before, model.coverage.n_samples, change)
+        past = self.models.past
+        self.arm.use(model, past[-1].model if past else None, model.coverage.n_samples, change)
         self.models.problem = ''
         self._save()
 
@@ -221,7 +217,7 @@ class Learner:
     def _refuse(self, result: FitResult, now: float) -> None:
         """Record broken effort; roll back an unconfirmed model of it, and drop its samples."""
         entry, why, epoch = self.models.entry, result.fault or result.reason, self.arm.epoch
-        if entry is not None and entry.epoch == epoch.number and self.models.n_past and (
+        if entry is not None and entry.epoch == epoch.number and self.models.past and (
                 not self.arm.watch.is_confirmed):
             self._roll_back_automatically(why, now)
             return
@@ -245,11 +241,11 @@ class Learner:
         entry = self.models.roll_back(now)
         if entry is not None:
             self.arm.use(entry.model, None, 0)
-            self._outdate_running()
+            self._outdate()
             self._save()
         return entry
 
-    def _outdate_running(self) -> None:
+    def _outdate(self) -> None:
         if self.fits.job is not None:
             self.fits.job.is_outdated = True
 
@@ -259,7 +255,7 @@ class Learner:
         number = self.arm.epoch.number + (dropped > 0 or not was_open)
         # Also in an open epoch without samples: a sample may wait, and the payload may swing.
         self.arm.new_epoch(number, now, self.models.model)
-        self._outdate_running()
+        self._outdate()
         self.state, self.report = FINE, ''
         if was_open and not dropped:
             return True, f'{self.arm.epoch.describe()}; it was open already'
@@ -274,7 +270,7 @@ class Learner:
             return False, 'there is no model of an earlier payload to roll back to'
         self.arm.epoch.is_open = False
         return True, (f'rolled back to the {entry.describe()}, of the previous payload; models of '
-                      f'{self.models.n_past} earlier payloads remain; no fit until '
+                      f'{len(self.models.past)} earlier payloads remain; no fit until '
                       'payload_changed or refit is called')
 
     def request(self, kind: str, wall: float, reply: Reply) -> None:

@@ -48,9 +48,10 @@ class ModelHistory:
         # Unlike that of Path, this function has no error where a user does not exist.
         self.path = expanduser(path)
         self.entry: Entry | None = None
+        # The last model of each earlier payload.
+        self.past: list[Entry] = []
         # Error of loading the file, or of the last save.
         self.problem = ''
-        self._past: list[Entry] = []
         self._saves: SimpleQueue[tuple[Entry, Reply] | None] = SimpleQueue()
         self._writer: Thread | None = None
 
@@ -58,15 +59,6 @@ class ModelHistory:
     def model(self) -> GravityModel | None:
         """The model in use."""
         return self.entry.model if self.entry else None
-
-    @property
-    def n_past(self) -> int:
-        return len(self._past)
-
-    @property
-    def before(self) -> GravityModel | None:
-        """The last model of the previous payload."""
-        return self._past[-1].model if self._past else None
 
     def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> None:
         """
@@ -76,15 +68,15 @@ class ModelHistory:
         regardless of the number of fits.
         """
         if self.entry is not None and self.entry.epoch != epoch:
-            self._past.append(self.entry)
-            del self._past[:-NODE.depth]
+            self.past.append(self.entry)
+            del self.past[:-NODE.depth]
         self.entry = Entry(model, origin, now, epoch)
 
     def roll_back(self, now: float) -> Entry | None:
         """Bring back the last model of the previous payload; return None if there is none."""
-        if not self._past:
+        if not self.past:
             return None
-        self.entry = replace(self._past.pop(), since=now)
+        self.entry = replace(self.past.pop(), since=now)
         return self.entry
 
     def load(self, joints: tuple[str, ...], now: float) -> None:

@@ -19,10 +19,9 @@ from gravity_comp_ros.node.model_history import Reply
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.outputs import LATCHED, Outputs
-from gravity_comp_ros.node.priority_executor import InputGroup
 from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -42,6 +41,14 @@ INACTIVE = 'the node is not active: activate it first'
 NO_JOINTS = 'no joint states yet: check the topic and the driver'
 # Starts the action of a request; the reply is given once, now or later.
 Action = Callable[[Learner, Any, Reply], None]
+
+
+class InputGroup(CallbackGroup):
+    """Callback group of the input, which rclpy's own executor code must not execute."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return False: only `run.InputFirstExecutor` executes the input."""
+        return False
 
 
 class GravityCompNode(LifecycleNode):

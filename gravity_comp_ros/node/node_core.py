@@ -185,7 +185,8 @@ class NodeCore:
         if self.learner is None:
             return None
         self.learner.poll(answers, now, wall)
-        return self.learner.arm.tick(now)
+        self.learner.arm.update_share(now)
+        return self.learner.arm.watchdog(now)
 
     def close(self) -> None:
         """End the fit process, reply to pending calls, and finish pending saves."""

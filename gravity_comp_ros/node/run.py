@@ -1,20 +1,32 @@
-"""Start, spin and shut down the node."""
+"""
+Start, spin and shut down the node, with an executor that gives joint states priority.
+
+The executors of rclpy collect all services, timers and guards of a node for each message, which
+takes longer than this node's handling of the message. Here the input and the services share a
+wait set, and timers are called directly, without a task. All other callbacks run between messages
+in the same thread, so no lock is needed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import gc
 import sys
 import time
 import traceback
+from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.options import NODE
-from gravity_comp_ros.node.priority_executor import InputFirstExecutor
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import (ExternalShutdownException, ShutdownException,
+                             SingleThreadedExecutor, TimeoutException)
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.subscription import Subscription
 
 # Exit code after an error in a callback; a supervisor starts the node again.
 FAILED = 3
@@ -78,3 +90,105 @@ def _end_torque(node: GravityCompNode, problem: Exception) -> None:
     node.fail(problem, traceback.format_exc())
     while rclpy.ok() and node.end_torque():
         time.sleep(NODE.watch_period)
+
+
+class InputFirstExecutor(SingleThreadedExecutor):
+    """
+    Executor that handles the input of a node first.
+
+    :param subscription: returns the subscription of the input, None while there is none.
+    :param handle: called with all waiting messages, in order of arrival.
+    :param context: None for the global one.
+    """
+
+    def __init__(self, subscription: Callable[[], Subscription | None],
+                 handle: Callable[[list[Any]], None], context: Context | None = None) -> None:
+        super().__init__(context=context)
+        self._subscription, self._handle = subscription, handle
+        # The subscriptions and services of the wait set, and the wait set.
+        self._served: tuple[list[Any], list[Any]] = [], []
+        self._wait_set: Any = None
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Shut down; release the input before the node is destroyed."""
+        self._served, self._wait_set = ([], []), None
+        return bool(super().shutdown(timeout_sec))
+
+    def spin(self) -> None:
+        """
+        Run until the context ends.
+
+        :raises ExternalShutdownException: when it has ended.
+        """
+        others_due = 0.0
+        while self._context.ok() and not self._is_shutdown:
+            received, is_called = self._handle_input(NODE.pause)
+            self._call_timers()
+            now = time.monotonic()
+            if not received or is_called or now >= others_due:
+                self._handle_others(now + NODE.others_time)
+                others_due = time.monotonic() + NODE.others_period
+        raise ExternalShutdownException()
+
+    def _handle_input(self, timeout: float) -> tuple[bool, bool]:
+        """
+        Handle all waiting messages at once.
+
+        :param timeout: longest time to wait for a message or a request, s.
+        :return: whether there were messages, and whether a request waits: one of `~/enable` stops
+            the torque.
+        """
+        subscription = self._subscription()
+        served = ([] if subscription is None else [subscription],
+                  [service for node in self.get_nodes() for service in node.services])
+        if served != self._served or self._wait_set is None:
+            self._served = served
+            self._wait_set = rclpy_implementation.WaitSet(
+                len(served[0]), 0, 0, 0, len(served[1]), 0, self._context.handle)
+        wait_set, messages = self._wait_set, list[Any]()
+        wait_set.clear_entities()
+        for service in served[1]:
+            wait_set.add_service(service.handle)
+        if subscription is None:
+            wait_set.wait(int(timeout * 1e9))
+        else:
+            handle = subscription.handle
+            with handle, self._context.handle:
+                wait_set.add_subscription(handle)
+                wait_set.wait(int(timeout * 1e9))
+                while len(messages) < NODE.messages and (
+                        taken := handle.take_message(subscription.msg_type, False)) is not None:
+                    messages.append(taken[0])
+        is_called = bool(wait_set.get_ready_entities('service'))
+        if messages:
+            self._handle(messages)
+        return bool(messages), is_called
+
+    def _call_timers(self) -> None:
+        """Call the timers that are due; their callbacks are functions, no coroutines."""
+        for node in self.get_nodes():
+            for timer in node.timers:
+                if timer.handle.is_timer_ready():
+                    timer.handle.call_timer()
+                    timer.callback()
+
+    def _handle_others(self, until: float) -> None:
+        """
+        Run all other callbacks that are ready, at most until this time.
+
+        rclpy returns a coroutine that waits, such as that of a call during a fit, as ready each
+        time.
+        """
+        waiting = []
+        while time.monotonic() < until:
+            try:
+                handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0)
+            except (TimeoutException, ShutdownException):
+                return
+            if handler in waiting:
+                return
+            handler()
+            if handler.exception() is not None:
+                raise handler.exception()
+            if not handler.done():
+                waiting.append(handler)

@@ -1,9 +1,8 @@
 """
 Watch of the model in use on new slow samples.
 
-Two questions are asked of the same residual. Is a new model worse than the previous one? Then it
-is rolled back. Has the payload changed without a call of `~/payload_changed`? Then the fit process
-tests the window (`acceptance.suspicion_checks`).
+A new model that is worse than the previous one is rolled back. Where the payload may have changed
+without a call of `~/payload_changed`, the fit process tests a window of samples.
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ import numpy as np
 LEARN = 'learn'
 # Minimum number of samples of a window for a payload test, and the maximum, to which longer
 # windows are thinned; number of samples that judge a new model.
-MIN_WINDOW, PARTS = NODE.window, NODE.parts
-MAX_WINDOW, WINDOW = round(NODE.lengths[0] * MIN_WINDOW), MIN_WINDOW // 2
-PERIOD = NODE.period
+MIN_WINDOW, WINDOW = NODE.window, NODE.window // 2
+MAX_WINDOW = round(NODE.lengths[0] * MIN_WINDOW)
 
 
 class _Row(NamedTuple):
@@ -79,7 +77,7 @@ class Watch:
     def restart(self) -> None:
         """Drop the window of a payload test: the clock or the payload has changed."""
         capacity = max(MAX_WINDOW, math.ceil(
-            NODE.lengths[0] * (self._min_duration / PERIOD + 1.0)))
+            NODE.lengths[0] * (self._min_duration / NODE.period + 1.0)))
         self._rows: deque[_Row] = deque(maxlen=capacity)
         self._wait = self._tests = 0
         # Lengths of the windows that are due.
@@ -114,7 +112,7 @@ class Watch:
         """Add a sample to the window of a payload test."""
         rows = self._rows
         if float(np.abs(row.qdd).max()) >= NODE.max_acceleration or rows and (
-                row.t < rows[-1].t + 0.9 * PERIOD
+                row.t < rows[-1].t + 0.9 * NODE.period
                 or float(np.abs(row.q - rows[-1].q).max()) < NODE.min_motion):
             return
         rows.append(row)
@@ -158,11 +156,7 @@ class Watch:
         return found.is_payload
 
     def _due_lengths(self, large: BoolArray) -> list[int]:
-        """
-        Return the lengths of windows with a large residual in each part, longest first.
-
-        :param large: whether each of the samples (M,) has a large residual.
-        """
+        """Return the lengths of windows with large residuals (M,) in each part, longest first."""
         rows, count = list(self._rows), len(large)
         if count < MIN_WINDOW or not large[-1]:
             return []
@@ -172,4 +166,4 @@ class Watch:
                    *(math.ceil(factor * enough) for factor in NODE.lengths)}
         return [length for length in sorted(lengths, reverse=True) if length <= count
                 and all(part.mean() >= OPTIONS.min_large
-                        for part in np.array_split(large[-length:], PARTS))]
+                        for part in np.array_split(large[-length:], NODE.parts))]

@@ -3,7 +3,7 @@
 import time
 
 from bench.shared.dds_domain import private_domain
-from gravity_comp_ros.node.priority_executor import InputFirstExecutor
+from gravity_comp_ros.node.run import InputFirstExecutor
 import pytest
 import rclpy
 from rclpy.context import Context

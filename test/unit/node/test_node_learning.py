@@ -84,7 +84,7 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     first = node.models.model
     for epoch in (1, 1, 1, 2, 2):
         node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
-    assert node.models.n_past == 2
+    assert len(node.models.past) == 2
     assert 'epoch 1' in node.learner.roll_back(1.0)[1]
     assert 'loaded from' in node.learner.roll_back(2.0)[1]
     assert not node.learner.roll_back(3.0)[0]

@@ -18,9 +18,10 @@ from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
-from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, PERIOD, Watch
+from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, Watch
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
 from hypothesis import given, strategies as st
@@ -186,7 +187,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
         if watch.is_due():
             window = watch.window()
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
-            assert np.diff(window.t).min() > 0.85 * PERIOD
+            assert np.diff(window.t).min() > 0.85 * NODE.period
             duration = window.t[-1] - window.t[0]
             if watch.add_finding(PayloadResult(
                     'a payload', (Check(checks.LASTS, duration, lasting, True),))):
@@ -195,7 +196,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     if lasts < lasting:
         assert not suspected
     # The longest time between two samples at this rate, and the samples between two tests.
-    elif lasts > max(lasting, MIN_WINDOW * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
+    elif lasts > max(lasting, MIN_WINDOW * (NODE.period + 1.0 / rate)) + 15.0 * (NODE.period + 1.0 / rate):
         assert suspected
 
 
