@@ -284,8 +284,8 @@ def candidates(job: Job, chain: GravityModel | None) -> Iterator[Candidate]:
         base is None or not base.applied.has(request.effect.name, request.joint)
         for request in requests(effects, train.names))
     if new_effects and len(train) < FULL_FIT_SAMPLES:
-        raise FitError(f'{len(train)} training samples; a model with {", ".join(effects)} requires '
-                       f'{FULL_FIT_SAMPLES}: keep moving slowly')
+        raise FitError(f'{len(train)} training samples; a model with {", ".join(effects)} '
+                       f'requires {FULL_FIT_SAMPLES}: keep moving slowly')
     if base is None or base.energy is None or new_effects:
         yield from _full_fits(job)
         return

@@ -81,10 +81,9 @@ class NodeCore:
 
     def describe(self, text: str) -> None:
         """
-        Use a robot description.
+        Use a robot description until the node is configured again.
 
-        The first one is used until the node is configured again: a later one must not change the
-        torque limits of an arm that is being supported.
+        A later one must not change the torque limits of an arm that is being supported.
         """
         if not self._description:
             self._description = text
@@ -108,13 +107,10 @@ class NodeCore:
 
     def read_all(self, messages: Sequence[Any], arrival: float) -> list[tuple[Any, Reading]]:
         """
-        Read waiting messages; return those that can be used, of one device, with their readings.
+        Read waiting messages; return those that can be used, with their readings.
 
-        The newest is answered by `Arm.torque`; then all are learned from (`Arm.learn`).
-        Where a message begins an arm with more joints, the readings before it are of another
-        device, and are left out.
-
-        :param arrival: as for `read`.
+        The newest is answered by `Arm.torque`; then all are learned from (`Arm.learn`). Readings
+        before a message that begins an arm with more joints are of another device.
         """
         read: list[tuple[Any, Reading]] = []
         for k, message in enumerate(messages):
@@ -134,38 +130,34 @@ class NodeCore:
 
         :param arrival: time of arrival in s on the clock of the stamps.
         """
-        arm = self.arm
-        if arm is None or (self._guessed and self._is_larger(arm, message.name)):
-            arm = self._begin_with_message(tuple(message.name))
-        return None if arm is None else arm.reader.read(message, arrival)
+        learner, names = self.learner, tuple(message.name)
+        # Before the first fit a device with more joints replaces one whose names were guessed.
+        if learner is None or (
+                self._guessed and not learner.has_started and len(set(names)) == len(names)
+                and len(learner.arm.joints) < len(names) <= MAX_JOINTS):
+            try:
+                self._begin_with_message(names)
+                self._no_arm = ''
+            except OptionError as problem:
+                self._no_arm = str(problem)
+                self._unusable += 1
+        return None if self.arm is None else self.arm.reader.read(message, arrival)
 
-    def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
-        """Return whether the message is of a device with more joints, before the first fit."""
-        return (self.learner is not None and not self.learner.has_started
-                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MAX_JOINTS)
+    def _begin_with_message(self, names: tuple[str, ...]) -> None:
+        """
+        Use the joint names of a message; warn if they are not ordered from the base outwards.
 
-    def _begin_with_message(self, names: tuple[str, ...]) -> Arm | None:
-        """Use the joint names of a message; return None if they name no arm."""
-        try:
-            if not names or len(set(names)) != len(names):
-                raise OptionError(f'the first message on {self._topic} has '
-                                  f'{"repeated" if names else "no"} joint names; set the '
-                                  'parameter joints')
-            if len(names) > MAX_JOINTS:
-                raise OptionError(f'{self._topic} has {len(names)} joints and the node takes at '
-                                  f'most {MAX_JOINTS}; set the parameter joints')
-            self._begin(names)
-            self._guessed = True
-            self._check_order(names)
-        except OptionError as problem:
-            self._no_arm = str(problem)
-            self._unusable += 1
-            return None
-        self._no_arm = ''
-        return self.arm
-
-    def _check_order(self, names: tuple[str, ...]) -> None:
-        """Warn if the joints of the messages are not ordered from the base outwards."""
+        :raises OptionError: if they name no arm.
+        """
+        if not names or len(set(names)) != len(names):
+            raise OptionError(f'the first message on {self._topic} has '
+                              f'{"repeated" if names else "no"} joint names; set the parameter '
+                              'joints')
+        if len(names) > MAX_JOINTS:
+            raise OptionError(f'{self._topic} has {len(names)} joints and the node takes at most '
+                              f'{MAX_JOINTS}; set the parameter joints')
+        self._begin(names)
+        self._guessed = True
         order = joint_order(names, self._description or None)
         if order.joints != names:
             self.events.log.append((

@@ -20,7 +20,6 @@ from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
-Predict = Callable[[FloatArray], FloatArray]
 REVOLUTION = 2.0 * math.pi
 # Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
 # the trained range their errors are hundreds of N·m.
@@ -36,7 +35,7 @@ class TorqueSource:
     and a speed (N,), are added to gravity.
     """
 
-    predict: Predict
+    predict: Callable[[FloatArray], FloatArray]
     coverage: Coverage
     reach: float = math.inf
     effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
@@ -48,11 +47,10 @@ class TorqueSource:
         Gravity has a period of one revolution, so the torque is the same. Within the range `q`
         itself is returned.
         """
-        low, high = self.coverage.q_min, self.coverage.q_max
-        outside = (q < low) | (q > high)
+        outside = self.coverage.distance(q) > 0.0
         if not outside.any():
             return q
-        middle = 0.5 * (low + high)
+        middle = 0.5 * (self.coverage.q_min + self.coverage.q_max)
         return np.where(outside, q - REVOLUTION * np.round((q - middle) / REVOLUTION), q)
 
     def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:

@@ -29,12 +29,9 @@ MAX_WINDOW = round(NODE.lengths[0] * MIN_WINDOW)
 
 
 class _Row(NamedTuple):
-    """A slow sample: time in s, and position, speed, torque, acceleration, residual / noise."""
+    """A slow sample, its acceleration (N,) in rad/s^2 and its residual (N,) over the noise."""
 
-    t: float
-    q: FloatArray
-    qd: FloatArray
-    tau: FloatArray
+    reading: CompleteReading
     qdd: FloatArray
     ratio: FloatArray
 
@@ -105,15 +102,14 @@ class Watch:
             old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._expected
             self._errors.append((error, old))
         if qdd is not None:
-            self._add(_Row(reading.t, reading.q, reading.qd, reading.tau, qdd,
-                           residual / self._noise))
+            self._add(_Row(reading, qdd, residual / self._noise))
 
     def _add(self, row: _Row) -> None:
         """Add a sample to the window of a payload test."""
-        rows = self._rows
+        rows, new = self._rows, row.reading
         if float(np.abs(row.qdd).max()) >= NODE.max_acceleration or rows and (
-                row.t < rows[-1].t + 0.9 * NODE.period
-                or float(np.abs(row.q - rows[-1].q).max()) < NODE.min_motion):
+                new.t < (last := rows[-1].reading).t + 0.9 * NODE.period
+                or float(np.abs(new.q - last.q).max()) < NODE.min_motion):
             return
         rows.append(row)
         self._wait = max(0, self._wait - 1)
@@ -144,11 +140,13 @@ class Watch:
         self._wait = NODE.new_samples
         length = self._due[self._tests % len(self._due)]
         self._tests += 1
-        rows = list(self._rows)[-length:]
         picked = np.unique(
-            np.linspace(0, length - 1, min(length, MAX_WINDOW)).round().astype(int))
-        t, q, qd, tau, qdd, _ = (np.array(column) for column in zip(*(rows[k] for k in picked)))
-        return JointSamples.single_run(self._names, t, q, qd, tau, 'live', qdd=qdd)
+            np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
+        rows = [self._rows[k] for k in picked]
+        t, q, qd, tau = (np.array(values) for values in zip(*(
+            (each.t, each.q, each.qd, each.tau) for each, _, _ in rows)))
+        return JointSamples.single_run(self._names, t, q, qd, tau, 'live',
+                                       qdd=np.array([row.qdd for row in rows]))
 
     def add_finding(self, found: PayloadResult) -> bool:
         """Record a finding; return whether it is a suspicion."""
@@ -157,11 +155,11 @@ class Watch:
 
     def _due_lengths(self, large: BoolArray) -> list[int]:
         """Return the lengths of windows with large residuals (M,) in each part, longest first."""
-        rows, count = list(self._rows), len(large)
+        t, count = [row.reading.t for row in self._rows], len(large)
         if count < MIN_WINDOW or not large[-1]:
             return []
         enough = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
-                       and rows[-1].t - rows[-length].t >= self._min_duration), count + 1)
+                       and t[-1] - t[-length] >= self._min_duration), count + 1)
         lengths = {min(count, MAX_WINDOW), MIN_WINDOW,
                    *(math.ceil(factor * enough) for factor in NODE.lengths)}
         return [length for length in sorted(lengths, reverse=True) if length <= count

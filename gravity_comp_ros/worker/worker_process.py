@@ -54,10 +54,9 @@ Message = Ready | Progress | Done | Failed
 
 def command(task: str, niceness: int) -> tuple[str, ...]:
     """
-    Return the command line of a worker process, without the pipe's descriptor.
+    Return the command line of a worker process with a minimum nice value.
 
     :param task: 'MODULE:FACTORY'; the factory returns the job function (`serve.Work`).
-    :param niceness: minimum nice value of the process.
     """
     return sys.executable, '-m', 'gravity_comp_ros.worker.serve', task, str(niceness)
 
@@ -164,12 +163,7 @@ def _started(command: Sequence[str], pipe: Connection) -> subprocess.Popen[bytes
         env=environment, start_new_session=True)
 
 
-STARTING = 'starting'
-READY = 'ready'
-BUSY = 'fitting'
-DOWN = 'down'
-
-
+STARTING, READY, BUSY, DOWN = 'starting', 'ready', 'fitting', 'down'
 # Time after which a process that is not ready is killed, s.
 START_TIMEOUT = 60.0
 # Delay of the start after a loss, s. It doubles with each loss up to the maximum, so that a
@@ -181,18 +175,15 @@ class Supervised:
     """
     One job at a time in a separate process. No method blocks; the caller passes the time in s.
 
+    `job` is the running one, `last_loss` the reason of the last loss of the process.
+
     :param command: command of the process (`worker_process.command`).
     :param timeout: time after which a job counts as hanging, s.
     """
 
     def __init__(self, command: Sequence[str], timeout: float) -> None:
-        self.timeout = timeout
-        self.restarts = 0
-        # Reason of the last loss of the process.
-        self.last_loss = ''
-        self.state = DOWN
-        # The running job.
-        self.job: Any = None
+        self.timeout, self.restarts, self.last_loss = timeout, 0, ''
+        self.state, self.job = DOWN, None
         self._command = tuple(command)
         self._worker: WorkerProcess | None = None
         self._since = 0.0
@@ -209,16 +200,15 @@ class Supervised:
         return now - self._since
 
     def start(self, now: float) -> None:
-        """Start the process; `poll` receives its message that it is ready."""
+        """Start the process."""
         self.state, self._since = STARTING, now
         self._worker = WorkerProcess(self._command)
 
     def submit(self, job: Any, now: float, make: Callable[[], Any]) -> bool:
         """
-        Send a job to the process; return False if it is not ready.
+        Send what `make` returns to the process; return False if it is not ready.
 
-        :param job: `poll` returns it with the result.
-        :param make: makes what is sent, in another thread.
+        Another thread calls `make`. `poll` returns the `job` with the result.
         """
         if self.state != READY or self._worker is None:
             return False
@@ -246,13 +236,13 @@ class Supervised:
             if not isinstance(message, Progress):
                 self._delay = FIRST_DELAY
                 self.job, self.state, self._since = None, READY, now
-        waited = now - self._since
+        waited = self.seconds(now)
         if self.state == BUSY and waited > self.timeout:
-            return [*events, self._lose(f'the fit hung: no result after {waited:.1f} s; its '
-                                        'process was killed', now)]
-        if self.state == STARTING and waited > START_TIMEOUT:
-            return [*events, self._lose(
-                f'the fit process did not start within {START_TIMEOUT:g} s', now)]
+            events.append(self._lose(f'the fit hung: no result after {waited:.1f} s; its process '
+                                     'was killed', now))
+        elif self.state == STARTING and waited > START_TIMEOUT:
+            events.append(self._lose(
+                f'the fit process did not start within {START_TIMEOUT:g} s', now))
         return events
 
     def stop(self) -> None:
@@ -262,9 +252,7 @@ class Supervised:
     def _lose(self, reason: str, now: float) -> tuple[Any, Failed]:
         job = self.job
         self._end(now + self._delay)
-        self.restarts += 1
-        self.last_loss = reason
-        self._since = now
+        self.restarts, self.last_loss, self._since = self.restarts + 1, reason, now
         self._delay = min(2 * self._delay, MAX_DELAY)
         return job, Failed(reason, is_lost=True)
 

@@ -196,7 +196,8 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     if lasts < lasting:
         assert not suspected
     # The longest time between two samples at this rate, and the samples between two tests.
-    elif lasts > max(lasting, MIN_WINDOW * (NODE.period + 1.0 / rate)) + 15.0 * (NODE.period + 1.0 / rate):
+    longest = NODE.period + 1.0 / rate
+    if lasts > max(lasting, MIN_WINDOW * longest) + 15.0 * longest:
         assert suspected
 
 
