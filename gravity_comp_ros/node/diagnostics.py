@@ -86,12 +86,10 @@ def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
     :param no_arm: the reason why messages name no arm, empty if there is none.
     """
     values, entry = {'earlier models': str(len(models.past))}, models.entry
-    problem = models.problem or no_arm
-    if entry is None:
-        return Status('model', ERROR if problem else WARN, problem or
-                      'no model yet: no torque is published', values)
-    values['age [s]'] = f'{max(0.0, now - entry.since):.1f}'
-    return Status('model', WARN if problem else OK, problem or entry.describe(), values)
+    problem, text = models.problem or no_arm, 'no model yet: no torque is published'
+    if entry is not None:
+        values['age [s]'], text = f'{max(0.0, now - entry.since):.1f}', entry.describe()
+    return Status('model', (OK if entry else WARN) + bool(problem), problem or text, values)
 
 
 def learning_status(learner: Learner, arm: Arm) -> Status:
@@ -123,17 +121,16 @@ def feedforward_status(arm: Arm, now: float) -> Status:
     values = {'enabled': str(arm.feed.enabled).lower(),
               'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
               'compensated effects': ', '.join(effects) or 'none'}
+    level = OK
     if arm.limit_source == 'none':
-        return Status('feed-forward', ERROR, NO_LIMITS, values)
-    if state in (HOLDING, FADING, FADED):
-        return Status('feed-forward', ERROR, state, values)
-    if outside > arm.feed.margin:
-        problem = f'the pose is {outside:.2f} rad outside the trained range'
-    elif not problem and arm.limit_source == 'unlimited':
-        problem = 'no torque limits: set max_torque'
-    if problem:
-        return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    return Status('feed-forward', OK, state, values)
+        level, state = ERROR, NO_LIMITS
+    elif state in (HOLDING, FADING, FADED):
+        level = ERROR
+    elif outside > arm.feed.margin:
+        level, state = WARN, f'{state}; the pose is {outside:.2f} rad outside the trained range'
+    elif problem or arm.limit_source == 'unlimited':
+        level, state = WARN, f'{state}; {problem or "no torque limits: set max_torque"}'
+    return Status('feed-forward', level, state, values)
 
 
 def payload_status(watch: Watch) -> Status:

@@ -11,7 +11,7 @@ from typing import Any
 
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import Check, to_json
-from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, Rows, rows_of
+from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, Rows, rows_of
 from gravity_comp_ros.node.job_messages import (
     FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
@@ -29,13 +29,13 @@ class Pending:
     """
     A job that waits or runs: its kind, and the call of a service that waits for it until then, s.
 
-    The result of an outdated job is discarded: another payload or model is in use since.
+    `origin` are epoch and model at its start. Its result is discarded if these have changed.
     """
 
     kind: str
     call: Reply | None = None
     until: float = math.inf
-    is_outdated: bool = False
+    origin: tuple[Epoch, Entry | None] | None = None
 
     def reply(self, success: bool, text: str) -> None:
         """Reply to the call that waits, if there is one."""
@@ -85,7 +85,7 @@ class Learner:
         judged = self.arm.watch.model_checks()
         if judged and not any(check.passed for check in judged):
             self._events.checks.append(to_json('rollback', judged[0].text, judged))
-            self._roll_back_automatically(judged[0].text, now)
+            self.roll_back(now, judged[0].text)
         if self.fits.state != READY:
             return
         if self._queued is not None:
@@ -114,6 +114,7 @@ class Learner:
         if kind == FIT:
             arm.epoch.fit_started()
         self.has_started = True
+        pending.origin = arm.epoch, self.models.entry
         self.fits.submit(pending, wall, lambda: job(rows()))
 
     def _is_tested(self) -> bool:
@@ -128,7 +129,7 @@ class Learner:
             self._failed(job, answer)
         elif isinstance(answer, str):
             job.reply(True, answer)
-        elif job.is_outdated:
+        elif job.origin != (self.arm.epoch, self.models.entry):
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
                       'was discarded')
         elif isinstance(answer, FitResult):
@@ -219,35 +220,11 @@ class Learner:
         entry, why, epoch = self.models.entry, result.fault or result.reason, self.arm.epoch
         if entry is not None and entry.epoch == epoch.number and self.models.past and (
                 not self.arm.watch.is_confirmed):
-            self._roll_back_automatically(why, now)
+            self.roll_back(now, why)
             return
         if len(epoch) >= FULL_FIT_SAMPLES and epoch.is_open and not result.has_no_gravity:
             epoch.restart_after_broken_effort()
             self.report += '; its samples were dropped'
-
-    def _roll_back_automatically(self, why: str, now: float) -> None:
-        """Roll back to the last model of the previous payload, and start to collect again."""
-        entry = self._roll_back(now)
-        if entry is None:
-            return
-        self.arm.epoch.base = entry.model
-        self.arm.epoch.restart_after_broken_effort()
-        self.last_fit = f'rolled back automatically to the {entry.describe()}: {why}'
-        self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
-        self._events.log.append((True, self.last_fit))
-
-    def _roll_back(self, now: float) -> Entry | None:
-        """Take the last model of the previous payload into use, if there is one."""
-        entry = self.models.roll_back(now)
-        if entry is not None:
-            self.arm.use(entry.model, None, 0)
-            self._outdate()
-            self._save()
-        return entry
-
-    def _outdate(self) -> None:
-        if self.fits.job is not None:
-            self.fits.job.is_outdated = True
 
     def payload_changed(self, now: float) -> tuple[bool, str]:
         """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
@@ -255,7 +232,6 @@ class Learner:
         number = self.arm.epoch.number + (dropped > 0 or not was_open)
         # Also in an open epoch without samples: a sample may wait, and the payload may swing.
         self.arm.new_epoch(number, now, self.models.model)
-        self._outdate()
         self.state, self.report = FINE, ''
         if was_open and not dropped:
             return True, f'{self.arm.epoch.describe()}; it was open already'
@@ -263,12 +239,24 @@ class Learner:
                       f'{self.kept} until a better one is learned: move the arm slowly '
                       'through its range')
 
-    def roll_back(self, now: float) -> tuple[bool, str]:
-        """Bring back the last model of the previous payload; no automatic fit follows."""
-        entry = self._roll_back(now)
+    def roll_back(self, now: float, fault: str = '') -> tuple[bool, str]:
+        """
+        Bring back the last model of the previous payload.
+
+        No automatic fit follows, but after a `fault` of the effort samples are collected again.
+        """
+        entry, epoch = self.models.roll_back(now), self.arm.epoch
         if entry is None:
             return False, 'there is no model of an earlier payload to roll back to'
-        self.arm.epoch.is_open = False
+        self.arm.use(entry.model, None, 0)
+        self._save()
+        epoch.is_open = epoch.is_open and bool(fault)
+        if fault:
+            epoch.base = entry.model
+            epoch.restart_after_broken_effort()
+            self.last_fit = f'rolled back automatically to the {entry.describe()}: {fault}'
+            self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
+            self._events.log.append((True, self.last_fit))
         return True, (f'rolled back to the {entry.describe()}, of the previous payload; models of '
                       f'{len(self.models.past)} earlier payloads remain; no fit until '
                       'payload_changed or refit is called')

@@ -117,8 +117,7 @@ class Parameters:
     """
 
     autostart: bool = parameter(
-        True, 'Configure and activate at the start.',
-        read_only=True)
+        True, 'Configure and activate at the start.', read_only=True)
     diagnostics_rate: float = parameter(
         1.0, 'Rate of `/diagnostics`.', 'Hz', 0.1, 20.0, read_only=True)
     joints: tuple[str, ...] = parameter(
@@ -127,8 +126,8 @@ class Parameters:
         read_only=True)
     effort_scale: tuple[float, ...] = parameter(
         (), 'Torque per unit of the effort field, sign included: the torque constant if effort is '
-        'a motor current, -1 if its sign is opposite; empty: 1.', 'N·m per unit',
-        -1e6, 1e6, read_only=True)
+        'a motor current, -1 if its sign is opposite; empty: 1.', 'N·m per unit', -1e6, 1e6,
+        read_only=True)
     robot_description: str = parameter(
         'auto', 'Source of the axes, the continuous joints and the effort limits of the arm: '
         '`auto` subscribes to the topic `robot_description`, `off` uses none, any other value is '
@@ -140,24 +139,22 @@ class Parameters:
         'dropped. 0 accepts any stamp: of played recordings, and of drivers with another clock.',
         's', 0.0, 3600.0)
     max_speed: float = parameter(
-        0.15, 'Maximum joint speed of samples that are learned from.', 'rad/s',
-        0.001, 10.0)
+        0.15, 'Maximum joint speed of samples that are learned from.', 'rad/s', 0.001, 10.0)
     sample_rate: float = parameter(
         5.0, 'Maximum rate of samples that are learned from.', 'Hz', 0.1, 1000.0)
     auto_fit: bool = parameter(
         True, 'Fit automatically in an open epoch. If false, only `~/refit` fits.')
     formulation: str = parameter(
         'auto', 'Formulation of the model (docs/method.md): `potential`, `chain`, `per_joint`, or '
-        '`auto`, a chain or a potential.',
-        choices=('auto', 'potential', 'chain', 'per_joint'))
+        '`auto`, a chain or a potential.', choices=('auto', 'potential', 'chain', 'per_joint'))
     effects: tuple[str, ...] = parameter(
         (), 'Effects that a full fit estimates jointly with gravity, as `NAME` or `NAME:JOINT`. '
         'Call `~/refit` after a change.')
     compensate: tuple[str, ...] = parameter(
         (), 'Effects of the model whose torque is published, as `NAME` or `NAME:JOINT`: '
-        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
-        '`degressive_friction`, `load_dependent_friction`, `torque_offset`, `joint_spring` or '
-        '`cable_stiffness`. The status `feed-forward` lists those that the model has.')
+        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, `degressive_friction`, '
+        '`load_dependent_friction`, `torque_offset`, `joint_spring` or `cable_stiffness`. The '
+        'status `feed-forward` lists those that the model has.')
     compensate_fraction: float = parameter(
         0.7, 'Fraction of their torque that is published. With the whole friction an arm may '
         'drift on its own.', '', 0.0, 1.0)
@@ -189,8 +186,7 @@ class Parameters:
         choices=('report', 'learn'))
     suspect_after: float = parameter(
         16.0, 'Minimum duration of a change of the torque before a payload is suspected. A hand '
-        'that presses straight down has the torque of a weight.', 's', 0.0, 120.0,
-        read_only=True)
+        'that presses straight down has the torque of a weight.', 's', 0.0, 120.0, read_only=True)
     fit_timeout: float = parameter(
         120.0, 'Maximum duration of a fit. Then its process is killed and restarted.', 's', 0.1,
         3600.0)
@@ -203,15 +199,14 @@ class Parameters:
     auto_save: bool = parameter(
         False, 'Write the model file whenever a new model is in use.')
     enabled: bool = parameter(
-        True, 'Publish torque from the start. `~/enable` changes this at runtime.',
-        read_only=True)
+        True, 'Publish torque from the start. `~/enable` changes this at runtime.', read_only=True)
     ramp_time: float = parameter(
         1.0, 'Time of a ramp to another torque. A change by more than a fifth of a torque limit '
         'takes proportionally longer. 0 switches at once.', 's', 0.0, 60.0)
     max_torque: tuple[float, ...] = parameter(
         (), 'Largest published torque; empty: the effort limits of the first robot description. '
-        'Without either no torque is published, unless `unlimited_torque` is true.', 'N·m',
-        0.0, 100000.0)
+        'Without either no torque is published, unless `unlimited_torque` is true.', 'N·m', 0.0,
+        100000.0)
     unlimited_torque: bool = parameter(
         False, 'Publish torque although no torque limits are known.')
     max_torque_rate: tuple[float, ...] = parameter(
@@ -219,8 +214,7 @@ class Parameters:
         0.001, 1e6)
     servo_stiffness: tuple[float, ...] = parameter(
         (), 'For position-controlled servos: torque per angle by which a joint stays behind its '
-        'goal; it gives `~/position_offset`.', 'N·m/rad', 0.1,
-        1e6, read_only=True)
+        'goal; it gives `~/position_offset`.', 'N·m/rad', 0.1, 1e6, read_only=True)
     max_position_offset: float = parameter(
         0.2, 'Largest position offset: a stiffness in another unit would otherwise move the arm. '
         'A softer servo requires more.', 'rad', 0.001, 1.5, read_only=True)
