@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 import time
+import traceback
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
@@ -21,6 +22,7 @@ from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.outputs import LATCHED, Outputs
 from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
+import rclpy
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -185,26 +187,27 @@ class GravityCompNode(LifecycleNode):
             self._outputs.destroy()
         self._core = self._outputs = self.subscription = self._description = None
 
-    def fail(self, problem: Exception, details: str) -> None:
-        """Report an error in a callback; from now on only `end_torque` publishes."""
+    def end_torque(self, problem: Exception) -> None:
+        """
+        Report an error in a callback, and bring the published torque to zero, as on stale input.
+
+        The controller keeps the last torque that it received, so the process must not simply end.
+        """
         # No callback reads /clock any more, so simulated time would stand still.
         self._clock_is_simulated = False
         text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
+        details = ''.join(traceback.format_exception(problem))
         self.get_logger().fatal(f'{text}; the torque falls to zero, then the node ends\n{details}')
-        if self._outputs is not None:
-            self._outputs.diagnostics([Status('node', ERROR, text)])
-        if self._core is not None and self._core.arm is not None:
-            self._core.arm.feed.fail()
-
-    def end_torque(self) -> bool:
-        """Publish the next torque on the way to zero; return False once nothing is due."""
         core, outputs = self._core, self._outputs
-        if not self._active or core is None or outputs is None or core.arm is None:
-            return False
-        tau = core.arm.watchdog(self.now())
-        if tau is not None:
+        if outputs is None:
+            return
+        outputs.diagnostics([Status('node', ERROR, text)])
+        if not self._active or core is None or core.arm is None:
+            return
+        core.arm.feed.fail()
+        while rclpy.ok() and (tau := core.arm.watchdog(self.now())) is not None:
             outputs.torque(self.get_clock().now().to_msg(), tau)
-        return tau is not None
+            time.sleep(NODE.watch_period)
 
     def on_joint_states(self, messages: Sequence[JointState]) -> None:
         """Publish the torque of the newest of all waiting messages, and learn from each."""

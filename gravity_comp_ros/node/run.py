@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 import gc
 import sys
 import time
-import traceback
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
@@ -77,19 +76,8 @@ def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> int:
     except Exception as problem:
         if not rclpy.ok():
             raise
-        _end_torque(node, problem)
+        node.end_torque(problem)
     return FAILED
-
-
-def _end_torque(node: GravityCompNode, problem: Exception) -> None:
-    """
-    Bring the published torque to zero after an error in a callback, as on stale input.
-
-    The controller keeps the last torque that it received, so the process must not simply end.
-    """
-    node.fail(problem, traceback.format_exc())
-    while rclpy.ok() and node.end_torque():
-        time.sleep(NODE.watch_period)
 
 
 class InputFirstExecutor(SingleThreadedExecutor):
