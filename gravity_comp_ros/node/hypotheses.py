@@ -202,7 +202,7 @@ class Hypotheses:
         fits = [(self.explain(self._fault(range(self._n))), 'all joints',
                  ': another unit or gain, no payload', False)]
         for k in np.flatnonzero(rms(self.before) > self.window.noise).tolist():
-            fits += [(max(self._gains(k, self._body[:0], self._base), key=_EVIDENCE), names[k],
+            fits += [(self._gain(k, self._body[:0], self._base), names[k],
                       f', and that of no other joint has changed: {why}', False),
                      (self.body_and_gain(k), names[k],
                       f', also with a body that explains the rest: {why}', True)]
@@ -212,12 +212,12 @@ class Hypotheses:
 
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
-        return max((fit for scale in OPTIONS.body for fit in self._gains(
-            joint, scale / self._scale * self._body, self._loaded)), key=_EVIDENCE)
+        return max((self._gain(joint, scale / self._scale * self._body, self._loaded)
+                    for scale in OPTIONS.body), key=_EVIDENCE)
 
-    def _gains(self, joint: int, body: FloatArray, base: FloatArray) -> Iterator[Explanation]:
+    def _gain(self, joint: int, body: FloatArray, base: FloatArray) -> Explanation:
         """
-        Yield the fits of the columns of a body and the gain 1 + g of one joint: any, 0 and -1.
+        Return the best fit of the columns of a body and the gain 1 + g of a joint: any, 0 or -1.
 
         Any gain includes a constant torque. The effort of the joint is (1 + g) (b + Bx), b the
         torque of the model and Bx that of the body, so that a dead joint does not measure the
@@ -235,11 +235,12 @@ class Hypotheses:
             torque = np.where(here, fit.mean[len(fault):] @ body, 0.0)
             if abs(gain - before) < OPTIONS.converged:
                 break
-        yield fit
+        fits = [fit]
         for gain in (-1.0, -2.0):
             fit = self.explain(np.where(here, 1.0 + gain, 1.0) * body, base=base,
                                r=self._r - gain * own)
-            yield replace(fit, mean=np.concatenate(([gain], fit.mean)))
+            fits.append(replace(fit, mean=np.concatenate(([gain], fit.mean))))
+        return max(fits, key=_EVIDENCE)
 
     def _fault(self, joints: Sequence[int]) -> FloatArray:
         """Return the columns of one gain of some joints, and of a constant torque of each."""

@@ -57,7 +57,6 @@ class JointStateReader:
     """
     Reads messages of one arm; counts every fault by its reason in `counts`.
 
-    :param joints: the joint names, in the order of the vectors.
     :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
     :param continuous: the continuous joints.
     :param max_age: largest difference of a stamp from the time of arrival, s; 0 for any.
@@ -79,7 +78,6 @@ class JointStateReader:
         self._largest = np.full(len(joints), FactOptions().max_angle)
         self.allow_continuous(continuous)
         self._names: list[str] | None = None
-        self._size = 0
         self._order = np.zeros(0, dtype=np.intp)
         self._last = -np.inf
         self._stamped = False
@@ -130,7 +128,6 @@ class JointStateReader:
         elif not self._stamped:
             # The first message of a simulation that begins at 0 seems to have no stamp.
             self._stamped, new_run = True, self._last > -np.inf
-            self._past.clear()
         if t != 0.0 and not self._is_recent(arrival - t):
             return None
         if t <= self._last and not new_run:
@@ -139,8 +136,9 @@ class JointStateReader:
                 return None
             new_run = True
             self.counts['clock_jump'] += 1
-            self._past.clear()
         self._rejected.clear()
+        if new_run:
+            self._past.clear()
         self._last = t
         qd = self._velocity(message.velocity, t, q)
         tau = self._effort(message.effort)
@@ -162,7 +160,6 @@ class JointStateReader:
             return False
         self._unstamped, self._stamped = 0, False
         self.counts['stamp_lost'] += 1
-        self._past.clear()
         return True
 
     def _learn_order(self, names: Sequence[str]) -> bool:
@@ -176,14 +173,13 @@ class JointStateReader:
         if len(ours) != len(self.joints):
             self.counts['missing_joint'] += 1
             return False
-        names = list(names)
+        self._names = names = list(names)
         self._order = np.array([names.index(name) for name in self.joints], dtype=np.intp)
-        self._names, self._size = names, len(names)
         return True
 
     def _vector(self, values: Sequence[float], not_finite: Reason) -> FloatArray | None:
         """Return values (N,) in the configured order; count a wrong size or values not finite."""
-        if len(values) != self._size:
+        if len(values) != len(self._names or ()):
             self.counts['wrong_size'] += 1
             return None
         vector = np.asarray(values, dtype=np.float64)[self._order]

@@ -17,7 +17,7 @@ import os
 from queue import SimpleQueue
 import subprocess
 import sys
-from threading import Lock, Thread
+from threading import Thread
 from typing import Any
 
 
@@ -74,8 +74,6 @@ class WorkerProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._is_ended = False
         self._connection, theirs = Pipe()
-        # Held while a job is sent: the pipe is not closed within it.
-        self._sending = Lock()
         self._received: SimpleQueue[Message] = SimpleQueue()
         Thread(target=self._run, args=(tuple(command), theirs), daemon=True).start()
 
@@ -109,7 +107,6 @@ class WorkerProcess:
         try:
             self._process = process = _started(command, theirs)
         except OSError as problem:
-            self._connection.close()
             self._received.put(Failed(f'cannot be started: {problem.strerror}', True))
             return
         finally:
@@ -120,9 +117,6 @@ class WorkerProcess:
         with suppress(Exception):
             while True:
                 self._received.put(self._connection.recv())
-        # A job that is being sent fails as soon as the other end is closed.
-        with self._sending:
-            self._connection.close()
         try:
             # On a busy machine a process ends some time after its pipe.
             code = process.wait(timeout=2.0)
@@ -134,11 +128,9 @@ class WorkerProcess:
 
     def _send(self, make_job: Callable[[], Any]) -> None:
         try:
-            job = make_job()
-            with self._sending:
-                self._connection.send(job)
+            self._connection.send(make_job())
         except OSError:
-            # The process has ended, which its reading thread reports.
+            # The other end is closed, which the reading thread reports.
             pass
         except Exception as problem:
             self._received.put(Failed(
