@@ -7,7 +7,7 @@ The way of the data, for a reader who follows it:
 - its torque: `feedforward` (bumpless, limits, watchdog) of the model in use (`torque_source`);
 - its sample: the gate of `data.gate` → `epoch` (means, held-out blocks, due fits);
 - a fit: `learner` → the process of `jobs` (`job_messages`), which fits candidates and judges them
-  by the checks of `comparison` and `acceptance`, with `hypotheses`;
+  by the checks of `acceptance`, with `hypotheses`;
 - an accepted model: `learner` → `model_history` (file, rollback) and `arm`; `watch` compares it
   with new samples, and finds unannounced payloads;
 - reports: `checks`, `diagnostics`, `outputs`.

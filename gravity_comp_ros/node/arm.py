@@ -11,7 +11,7 @@ from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
-from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.errors import GravityCompError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -45,25 +45,23 @@ class ArmDescription:
 
 def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     """Return the description of these joints in a URDF; errors go to `problem`."""
+    continuous: tuple[str, ...] = ()
+    limits: tuple[float, ...] = ()
     try:
         known = parse_tree(text, SOURCE).joints
-    except GravityCompError as problem:
-        return ArmDescription(problem=str(problem))
-    continuous = tuple(name for name in joints
-                       if name in known and known[name].kind == 'continuous')
-    limits = tuple(_effort(known[name].element) if name in known else 0.0 for name in joints)
-    # A larger number means that there is no limit.
-    if not all(0.0 < limit <= BY_NAME['max_torque'].high for limit in limits):
-        limits = ()
-    try:
+        continuous = tuple(name for name in joints
+                           if name in known and known[name].kind == 'continuous')
+        limits = tuple(_effort(known[name].element) if name in known else 0.0 for name in joints)
+        # A larger number means that there is no limit.
+        if not all(0.0 < limit <= BY_NAME['max_torque'].high for limit in limits):
+            limits = ()
         geometry = described_arm(text, joints, SOURCE).geometry
+        if geometry.joints != joints:
+            raise ModelMismatchError(
+                f'the order of the joints in {SOURCE} is {", ".join(geometry.joints)}: set the '
+                'parameter joints to this order to use the axes')
     except GravityCompError as problem:
         return ArmDescription(None, continuous, limits, str(problem))
-    if geometry.joints != joints:
-        return ArmDescription(
-            None, continuous, limits, f'the order of the joints in {SOURCE} is '
-            f'{", ".join(geometry.joints)}: set the parameter joints to this order to use the '
-            'axes')
     return ArmDescription(geometry, continuous, limits)
 
 

@@ -2,7 +2,7 @@
 Jobs of the fit process: the only module of the node that calls the learning half.
 
 It fits candidate models, diagnoses and plans with `estimation`, `diagnosis` and `planning`, and
-leaves the decision about a result to `comparison` and `acceptance`.
+leaves the decision about a result to `acceptance`.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
-from gravity_comp_ros.node.acceptance import reference_noise
+from gravity_comp_ros.node.acceptance import (
+    compare, held_out_rmse, not_output, Prediction, reference_noise)
 from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.comparison import compare, held_out_rmse, not_output, Prediction
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
 from gravity_comp_ros.node.job_messages import (

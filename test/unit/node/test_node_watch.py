@@ -6,8 +6,8 @@ from bench.shared.node_messages import rows_of
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.node import checks, comparison
-from gravity_comp_ros.node.comparison import not_output, Prediction
+from gravity_comp_ros.node import acceptance, checks
+from gravity_comp_ros.node.acceptance import not_output, Prediction
 from gravity_comp_ros.node.epoch import DELAYS, Rows, SentTorqueHistory
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.watch import Watch, WINDOW
@@ -164,7 +164,7 @@ class Linear:
 
 def compare(new, old, train, held, has_more_samples=False):
     rows = rows_of(train, held)
-    return comparison.compare(new.of(rows), old and old.of(rows), rows, has_more_samples)
+    return acceptance.compare(new.of(rows), old and old.of(rows), rows, has_more_samples)
 
 
 def refusal(compared):
@@ -205,7 +205,7 @@ def test_of_equal_models_the_one_with_more_samples_is_better():
     assert not is_better(nearly, truth, TRAIN, HELD)
     rows = Rows(samples((5.0, 3.0), n=400), np.arange(400) // 5 % 2 == 1)
     for new, expected in ((nearly, True), (linear(5.1, 3.1), False)):
-        result = comparison.compare(new.of(rows), truth.of(rows), rows, has_more_samples=True)
+        result = acceptance.compare(new.of(rows), truth.of(rows), rows, has_more_samples=True)
         assert (refusal(result) is None) == expected
 
 
@@ -216,7 +216,7 @@ def test_the_ratio_of_two_errors_varies_as_over_other_samples():
         rng = np.random.default_rng(seed)
         new, old = (scale * np.repeat(rng.standard_normal((40, 2)), 5, axis=0) for _ in range(2))
         ratios.append(np.sqrt((new ** 2).mean() / (old ** 2).mean()))
-        stds.append(comparison.ratio_std(new, old, np.ones((200, 2)), 1 + np.arange(200) // 5))
+        stds.append(acceptance.ratio_std(new, old, np.ones((200, 2)), 1 + np.arange(200) // 5))
     assert np.mean(stds) == pytest.approx(np.std(ratios), rel=0.15)
 
 
