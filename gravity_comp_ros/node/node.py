@@ -127,7 +127,7 @@ class GravityCompNode(LifecycleNode):
         return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model file; create topics; start the fit process."""
+        """Load the model file and create topics; the first tick starts the fit process."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
@@ -142,7 +142,6 @@ class GravityCompNode(LifecycleNode):
         self.subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
-        self._core.fits.start(time.monotonic())
         return super().on_configure(state)
 
     def _use_description(self, core: NodeCore) -> None:

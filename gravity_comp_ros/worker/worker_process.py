@@ -191,11 +191,6 @@ class Supervised:
         """Return the duration of the present state in s."""
         return now - self._since
 
-    def start(self, now: float) -> None:
-        """Start the process."""
-        self.state, self._since = STARTING, now
-        self._worker = WorkerProcess(self._command)
-
     def submit(self, job: Any, now: float, make: Callable[[], Any]) -> bool:
         """
         Send what `make` returns to the process; return False if it is not ready.
@@ -210,13 +205,14 @@ class Supervised:
 
     def poll(self, now: float) -> list[tuple[Any, Any]]:
         """
-        Return each job that has ended, with its result or `Failed`; restart a lost process.
+        Return each job that has ended, with its result or `Failed`; start a missing process.
 
         The job is None where the process was lost without one.
         """
         if self._worker is None:
             if now >= self._start_at:
-                self.start(now)
+                self.state, self._since = STARTING, now
+                self._worker = WorkerProcess(self._command)
             return []
         events: list[tuple[Any, Any]] = []
         for message in self._worker.messages():

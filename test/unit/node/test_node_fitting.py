@@ -41,7 +41,6 @@ def job(train=None):
 def process(timeout=30.0):
     # Without lower priority: on a busy machine a process of low priority starts after minutes.
     fits = Supervised(command(FITTING, 0), timeout)
-    fits.start(time.monotonic())
     try:
         yield fits
     finally:
@@ -100,7 +99,6 @@ def test_it_fits_and_stays_running():
 def test_a_process_that_does_not_start_is_restarted_with_a_delay(program, reason):
     fits = Supervised(program, 1.0)
     now = time.monotonic()
-    fits.start(now)
     end = time.monotonic() + 20.0
     while fits.restarts < 1:
         assert time.monotonic() < end
@@ -121,7 +119,6 @@ try:
 except PermissionError:
     sys.exit(77)
 fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', 10), 30.0)
-fits.start(time.monotonic())
 end = time.monotonic() + 60.0
 while fits.state != READY and time.monotonic() < end:
     fits.poll(time.monotonic())
