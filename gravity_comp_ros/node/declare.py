@@ -23,7 +23,6 @@ class DeclaredParameters:
     """
     The declared parameters of the node; `values` is always a consistent set.
 
-    :param node: node that declares them.
     :param core: returns the core that checks and uses changed values, None if there is none.
     :raises OptionError: if an override is refused.
     """

@@ -10,7 +10,7 @@ from gravity_comp_ros.node.arm import Arm, NO_LIMITS
 from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
-from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
+from gravity_comp_ros.node.messages import FAULTS, REPLACED
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import Watch
@@ -49,9 +49,7 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
     if late:
         values['messages replaced by newer ones'] = str(late)
-    for reason in (*FAULTS, *REPLACED, *HANDLED):
-        if reader.counts[reason]:
-            values[f'count {reason}'] = str(reader.counts[reason])
+    values |= {f'count {reason}': str(n) for reason, n in reader.counts.items()}
     named = ', '.join(f'{reason} {counts[reason]}' for reason in FAULTS if counts[reason] > 0)
     if counts['too_old'] or counts['from_future']:
         named += (f' (the last stamp is {abs(reader.age):.3g} s '
@@ -92,18 +90,16 @@ def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
     return Status('model', (OK if entry else WARN) + bool(problem), problem or text, values)
 
 
-def learning_status(learner: Learner, arm: Arm) -> Status:
+def learning_status(learner: Learner) -> Status:
     """Return the state of data collection and fits."""
-    epoch, fits = arm.epoch, learner.fits
+    epoch, fits = learner.arm.epoch, learner.fits
     values = {'epoch': epoch.describe(), 'samples': str(len(epoch)),
               'held out': str(epoch.n_held_out),
               'lacking range': ', '.join(epoch.short_of_range()) or 'none',
               'fit process': fits.state, 'fit process id': str(fits.pid or ''),
               'fit process restarts': str(fits.restarts), 'last fit': learner.last_fit}
-    for reason, count in arm.gate_counts.items():
-        values[f'gate {reason}'] = str(count)
-    for check in learner.last_checks:
-        values[f'check {check.name}'] = check.describe()
+    values |= {f'gate {reason}': str(n) for reason, n in learner.arm.gate_counts.items()}
+    values |= {f'check {check.name}': check.describe() for check in learner.last_checks}
     if fits.last_loss and fits.state not in (READY, BUSY):
         level, report = ERROR, f'{fits.last_loss}; {learner.kept}'
     else:

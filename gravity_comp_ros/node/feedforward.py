@@ -36,12 +36,7 @@ FADED = 'stale, faded to zero'
 
 
 class FeedForward:
-    """
-    Torque for each pose; the caller passes the time `now` in s.
-
-    :param n_joints: the number N of joints.
-    :param options: limits and times.
-    """
+    """Torque for each pose; the caller passes the time `now` in s."""
 
     def __init__(self, n_joints: int, options: Parameters) -> None:
         self._n = n_joints

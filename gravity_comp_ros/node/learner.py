@@ -58,11 +58,7 @@ class Events:
 
 
 class Learner:
-    """
-    Starts fits of an arm's samples, takes models into use, and rolls back wrong ones.
-
-    :param fits: the fit process.
-    """
+    """Starts fits of an arm's samples, takes models into use, and rolls back wrong ones."""
 
     def __init__(self, arm: Arm, models: ModelHistory, fits: Supervised, events: Events) -> None:
         self.arm, self.models, self.fits, self._events = arm, models, fits, events

@@ -97,11 +97,7 @@ class ModelHistory:
         self.use(model, f'loaded from {self.path}', now)
 
     def save(self, reply: Reply) -> None:
-        """
-        Write the present model to the file after all earlier saves.
-
-        :param reply: called once with success and a sentence, from another thread or now.
-        """
+        """Write the present model after all earlier saves; reply now, or from another thread."""
         if self.entry is None:
             reply(False, 'there is no model to save yet')
         elif not self.path:

@@ -25,7 +25,6 @@ class NodeCore:
     """
     Reads joint states, learns, and computes the torque to publish.
 
-    :param topic: the input topic, for diagnostics.
     :raises OptionError: if the settings contradict each other.
     """
 
@@ -192,8 +191,8 @@ class NodeCore:
         arm, (replaced, self._replaced) = self.arm, (self._replaced, 0)
         statuses = [diagnostics.input_status(self._topic, arm, now, replaced, self._unusable),
                     diagnostics.model_status(self.models, now, self._no_arm)]
-        if arm is None or self.learner is None:
+        if self.learner is None or arm is None:
             return statuses
-        return [*statuses, diagnostics.learning_status(self.learner, arm),
+        return [*statuses, diagnostics.learning_status(self.learner),
                 diagnostics.payload_status(arm.watch),
                 diagnostics.feedforward_status(arm, now), *diagnostics.joint_statuses(arm)]

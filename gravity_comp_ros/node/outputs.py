@@ -76,12 +76,7 @@ def position_offset(tau: FloatArray, stiffness: FloatArray, largest: float) -> F
 
 
 class Outputs:
-    """
-    All publishers of the node.
-
-    :param node: lifecycle node; its state enables the managed publishers.
-    :param settings: for the position offset.
-    """
+    """All publishers of the node, whose state enables the managed ones."""
 
     def __init__(self, node: LifecycleNode, settings: Settings) -> None:
         self._node = node

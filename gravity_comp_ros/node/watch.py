@@ -42,7 +42,6 @@ class Watch:
 
     A model is confirmed once it has predicted as many new samples as it was trained on.
 
-    :param names: joint names.
     :param min_duration: duration in s of a change before it counts as a payload.
     """
 
