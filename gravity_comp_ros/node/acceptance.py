@@ -56,8 +56,7 @@ def first_samples(job: Job) -> tuple[Job, Check]:
     kept = np.zeros(len(samples), dtype=bool)
     kept[judgement.signals.rows] = True
     rows = job.rows.select(kept)
-    seen = [fact for fact in judgement.facts
-            if fact.action in (Action.REFUSED, Action.LEFT_OUT)]
+    seen = [fact for fact in judgement.facts if fact.action in (Action.REFUSED, Action.LEFT_OUT)]
     of_arm = _facts_of_arm(job, rows.samples)
     refusals, structural = refused(seen), refused(of_arm)
     if structural:
@@ -126,8 +125,7 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
         allowed = np.maximum(OPTIONS.max_own * spread,
                              OPTIONS.max_largest * float(spread.max(initial=0.0)))
     else:
-        allowed = np.maximum(OPTIONS.predicted * change[0],
-                             OPTIONS.max_largest * change[1])
+        allowed = np.maximum(OPTIONS.predicted * change[0], OPTIONS.max_largest * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
     name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'

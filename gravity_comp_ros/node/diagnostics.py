@@ -112,8 +112,7 @@ def feedforward_status(arm: Arm, now: float) -> Status:
     """Return the state of the published torque."""
     in_use, state = arm.in_use, arm.feed.state(now)
     effects, problem = ((), '') if in_use is None else (in_use.compensated, in_use.problem)
-    outside = 0.0 if in_use is None or arm.pose is None else float(
-        in_use.distance(arm.pose).max())
+    outside = 0.0 if in_use is None or arm.pose is None else float(in_use.distance(arm.pose).max())
     values = {'enabled': str(arm.feed.enabled).lower(),
               'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
               'compensated effects': ', '.join(effects) or 'none'}

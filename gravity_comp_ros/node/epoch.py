@@ -227,8 +227,7 @@ class Epoch:
 
     def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `NODE.min_range`."""
-        return tuple(name for name, span in zip(self._names, self.span())
-                     if span < NODE.min_range)
+        return tuple(name for name, span in zip(self._names, self.span()) if span < NODE.min_range)
 
     def missing_for_fit(self) -> str | None:
         """Return the missing data of a fit, None if it has enough."""

@@ -88,8 +88,7 @@ class FeedForward:
         reach = math.inf if self._source is None else self._source.reach
         return min(self.options.extrapolation_margin, reach)
 
-    def update(self, now: float, q: FloatArray,
-               qd: FloatArray | None = None) -> FloatArray | None:
+    def update(self, now: float, q: FloatArray, qd: FloatArray | None = None) -> FloatArray | None:
         """
         Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
 

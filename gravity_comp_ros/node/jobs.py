@@ -245,8 +245,7 @@ def _none_if_too_many(outliers: BoolArray) -> BoolArray:
     return outliers & (outliers.any(axis=1).mean() <= OPTIONS.max_outliers)
 
 
-def without_effects(model: GravityModel, samples: JointSamples
-                    ) -> tuple[JointSamples, FloatArray]:
+def without_effects(model: GravityModel, samples: JointSamples) -> tuple[JointSamples, FloatArray]:
     """Return samples without the effects and nuisance terms of a model, and these (M, N), N·m."""
     others = effect_torque(model, samples) + fitted_torque(model, samples)
     return replace(samples, tau=samples.tau - others), others

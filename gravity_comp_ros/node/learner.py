@@ -71,8 +71,7 @@ class Learner:
         # The job of a call that has not started.
         self._queued: Pending | None = None
 
-    def poll(self, answers: Sequence[tuple[Pending | None, Any]], now: float,
-             wall: float) -> None:
+    def poll(self, answers: Sequence[tuple[Pending | None, Any]], now: float, wall: float) -> None:
         """Handle jobs of the fit process that have ended, and submit the next job."""
         for job, answer in answers:
             if job is not None:

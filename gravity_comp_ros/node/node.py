@@ -282,8 +282,7 @@ class GravityCompNode(LifecycleNode):
         statuses = [] if self._has_time() else [Status('clock', ERROR, NO_CLOCK)]
         topic = self.resolve_topic_name('joint_states')
         publishers = self.count_publishers(topic)
-        nodes = self.get_node_names_and_namespaces().count(
-            (self.get_name(), self.get_namespace()))
+        nodes = self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace()))
         values = {'publishers of joint states': str(publishers), 'nodes of this name': str(nodes)}
         if nodes > 1:
             text = (f'{nodes} nodes are named {self.get_fully_qualified_name()}: all publish '

@@ -116,8 +116,7 @@ class Parameters:
     :raises OptionError: if a value is refused (`Parameter.parse`), or two contradict each other.
     """
 
-    autostart: bool = parameter(
-        True, 'Configure and activate at the start.', read_only=True)
+    autostart: bool = parameter(True, 'Configure and activate at the start.', read_only=True)
     diagnostics_rate: float = parameter(
         1.0, 'Rate of `/diagnostics`.', 'Hz', 0.1, 20.0, read_only=True)
     joints: tuple[str, ...] = parameter(
@@ -196,8 +195,7 @@ class Parameters:
     model_file: str = parameter(
         '', 'File of the model: loaded at the start if it exists, written by `~/save_model`.',
         read_only=True)
-    auto_save: bool = parameter(
-        False, 'Write the model file whenever a new model is in use.')
+    auto_save: bool = parameter(False, 'Write the model file whenever a new model is in use.')
     enabled: bool = parameter(
         True, 'Publish torque from the start. `~/enable` changes this at runtime.', read_only=True)
     ramp_time: float = parameter(

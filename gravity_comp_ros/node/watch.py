@@ -139,8 +139,7 @@ class Watch:
         self._wait = NODE.new_samples
         length = self._due[self._tests % len(self._due)]
         self._tests += 1
-        picked = np.unique(
-            np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
+        picked = np.unique(np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
         rows = [self._rows[k] for k in picked]
         t, q, qd, tau = (np.array(values) for values in zip(*(
             (each.t, each.q, each.qd, each.tau) for each, _, _ in rows)))

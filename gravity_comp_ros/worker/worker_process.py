@@ -219,8 +219,7 @@ class Supervised:
             if isinstance(message, Failed) and message.is_lost:
                 return [*events, self._lose(f'the fit process {message.reason}', now)]
             if isinstance(message, (Done, Failed)):
-                events.append((self.job, message.answer if isinstance(message, Done)
-                               else message))
+                events.append((self.job, message.answer if isinstance(message, Done) else message))
             if not isinstance(message, Progress):
                 self._delay = FIRST_DELAY
                 self.job, self.state, self._since = None, READY, now
