@@ -172,7 +172,7 @@ def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
     compared, errors = compare(best, old, rows, old is not None and len(
         rows.train) > old.model.coverage.n_samples)
     figures = '; '.join([*(check.text for check in judged if check.passed and check.text), errors])
-    # Where pose explains nothing there is nothing to check.
+    # An effort that does not depend on pose is not checked further.
     if all(check.passed for check in compared if check.name == checks.POSE_EXPLAINS):
         judged = [*judged, *_checks(job, chain, best)]
     judged = [*judged, *compared]
