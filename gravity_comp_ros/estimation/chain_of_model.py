@@ -23,6 +23,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.linear import with_common_terms
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.start import start_axes
@@ -120,7 +121,7 @@ def _fitted(model: GravityModel, geometry: Geometry | None, as_described: bool =
         problem = Problem.of(samples)
         shared = start_axes(problem, ()) if geometry is None else _described(
             geometry, problem, as_described)
-        result = regress(problem, shared.at_near_angles() if as_described else shared, ())
+        result = regress(problem, shared, ())
     except (FitError, np.linalg.LinAlgError) as error:
         raise ModelMismatchError(f'no chain has the torque of the model: {error}') from None
     shared = result.shared
@@ -133,11 +134,11 @@ def _fitted(model: GravityModel, geometry: Geometry | None, as_described: bool =
 
 
 def _described(geometry: Geometry, problem: Problem, as_described: bool) -> Shared:
-    """Return the start on described axes."""
+    """Return the start on described axes, with its moments."""
     if as_described:
-        return KnownAxes.of(geometry)
+        return with_common_terms(problem, KnownAxes.of(geometry).at_near_angles(), ()).shared
     mounted = with_estimated_vertical(geometry, problem)
-    return KnownAxes.of(mounted, mounted is geometry)
+    return with_common_terms(problem, KnownAxes.of(mounted, mounted is geometry), ()).shared
 
 
 def _drawn(model: GravityModel, joints: tuple[str, ...]
