@@ -139,8 +139,10 @@ def _again(search: Search) -> bool:
         own = tuple(t for t in search.terms if t.joint == joint and t.columns.ndim == 2
                     and t.key not in search.forced)
         static = tuple(t for t in own if t.effect.is_static)
+        # One that acts at rest was compared with each other one already.
         for dropped in dict.fromkeys((own, static) if coloured[joint] else (static,)):
-            if len(dropped) > 1 and _select_again(search, joint, dropped):
+            enough = 1 if coloured[joint] else 2
+            if len(dropped) >= enough and _select_again(search, joint, dropped):
                 return True
     return False
 

@@ -11,8 +11,9 @@ from gravity_comp_ros.effects.friction import ViscousFriction
 from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.regression.engine import regress
-from gravity_comp_ros.regression.linear import gauss_newton, with_common_terms
+from gravity_comp_ros.regression.engine import _search as search_of, regress
+from gravity_comp_ros.regression.exchanges import _again as select_again
+from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from hypothesis import given, settings, strategies as st
@@ -74,6 +75,24 @@ def test_a_cable_between_the_compared_starts_is_one_term(seed):
     assert set(terms) == {('coulomb_friction', 0), ('cable_stiffness', 0)}
     cable = terms['cable_stiffness', 0]
     assert cable.setting['start'] == pytest.approx(start, abs=0.05)
+
+
+def test_the_only_term_of_a_joint_with_unexplained_torque_is_selected_again():
+    # A setting of one friction effect imitates two, and neither is better in its place.
+    def torque(q, qd, t):
+        gravity, direction = 3.0 * np.sin(q) + 15.0 * np.cos(q), np.tanh(qd / 0.005)
+        return gravity + (0.4 + 0.05 * np.abs(gravity)) * direction
+
+    problem = Problem.of(with_torque(motion_of_joints(1, 0, rate=10.0), torque, 0))
+    shared = OwnGravity(np.array([3.0, 15.0]))
+    factory = problem.factory(shared)
+    imitation = factory.term(known_effect('load_dependent_friction'), 0,
+                             {'friction': 6.5, 'width': 0.005})
+    fit = Linear.at(problem, shared, factory, (imitation,), problem.weights)
+    search = search_of(fit, EVERY, frozenset(), print)
+    before = search.posterior.log_evidence
+    assert select_again(search) and search.posterior.log_evidence > before + 10.0
+    assert {'coulomb_friction', 'load_dependent_friction'} <= {t.name for t in search.terms}
 
 
 def test_a_ripple_that_resembles_a_cable_is_replaced(seed=5):
