@@ -102,7 +102,9 @@ class Effect(ABC):
     - `common`: nonlinear parameters that all effects of a joint have in common, such as the law
       of the direction of its motion.
     - `corrects`: effects of which the joint must have one, because this one corrects it.
-    - `size`: prior RMS of its torque, as a share of the joint's torque scale.
+    - `size`: prior RMS of its torque, as a share of the joint's torque scale; or `shares`: the
+      prior standard deviations of the coefficients over that scale, one for all or one for each;
+      or `std`: that of each coefficient, in its unit.
     - `why_not_negative`: why no coefficient is negative; '' if coefficients can be negative.
     - `largest`: maximum absolute value of a coefficient; `why_not_larger` is the reason.
 
@@ -133,6 +135,8 @@ class Effect(ABC):
     common: tuple[str, ...] = ()
     corrects: tuple[str, ...] = ()
     size: float = 0.1
+    shares: tuple[float, ...] = ()
+    std: float = 0.0
     why_not_negative: str = ''
     largest: float = math.inf
     why_not_larger: str = ''
@@ -192,11 +196,11 @@ class Effect(ABC):
         return None
 
     def prior_std(self, sizes: Sizes) -> FloatArray:
-        """
-        Return the prior standard deviations (K,) of the coefficients about 0.
-
-        The default is a torque of `size` times the joint's torque scale.
-        """
+        """Return the prior standard deviations (K,) of the coefficients about 0."""
+        if self.std:
+            return np.full(len(sizes.columns), self.std)
+        if self.shares:
+            return np.full(len(sizes.columns), sizes.torque) * self.shares
         return np.asarray(self.size * sizes.torque / np.maximum(sizes.columns, 1e-9))
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
+    Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.refining import FACTOR
 import numpy as np
@@ -57,6 +57,7 @@ class JointSpring(Effect):
     setting_units = {'centre': 'rad', 'overtones': ''}
     is_static = True
     resembles_gravity = True
+    shares = (0.3,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
@@ -64,9 +65,6 @@ class JointSpring(Effect):
             return np.column_stack([q - setting['centre'], np.ones(len(q))])
         orders = np.arange(2, int(setting['overtones']) + 2)
         return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.full(len(sizes.columns), 0.3 * sizes.torque)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return a torsion spring, and cranks with 1 and 2 harmonics."""
@@ -144,6 +142,7 @@ class CableStiffness(Effect):
     is_static = True
     resembles_gravity = True
     why_not_negative = _REPELS
+    shares = (0.5,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         stretch = (_hinge(motion, joint, setting) if setting['side']
@@ -177,9 +176,6 @@ class CableStiffness(Effect):
                                                       ('hardening', 0.25 * step, (0.0, 1.0)))
                            for change in (-size, size))]
 
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.5 * sizes.torque])
-
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _insufficient_travel(motion, joint)
 
@@ -205,6 +201,7 @@ class EndStop(Effect):
     is_static = True
     resembles_gravity = True
     why_not_negative = _REPELS
+    shares = (5.0,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return _hinge(motion, joint, setting)
@@ -222,9 +219,6 @@ class EndStop(Effect):
         return [{**setting, 'start': end + factor * depth}
                 for factor in (FACTOR ** -step, FACTOR ** step)
                 if abs(factor * depth) <= deepest]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([5.0 * sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := _insufficient_travel(motion, joint):

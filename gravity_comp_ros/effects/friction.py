@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, laws, refined_laws
 from gravity_comp_ros.effects.refining import scaled
@@ -63,12 +63,10 @@ class CoulombFriction(DirectionEffect):
               'models and friction compensation, European Journal of Control 4, 1998')
     expectation = Expectation.COMMON
     why_not_negative = _DISSIPATES
+    shares = (0.1,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.direction(joint, law_of(setting))[:, None]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.1 * sizes.torque])
 
 
 class ViscousFriction(Effect):
@@ -89,12 +87,10 @@ class ViscousFriction(Effect):
               'Control 4, 1998')
     expectation = Expectation.COMMON
     why_not_negative = _DISSIPATES
+    shares = (1.0,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.samples.qd[:, [joint]]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([sizes.torque])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_speeds(motion, joint)
@@ -125,6 +121,7 @@ class AsymmetricFriction(DirectionEffect):
               'methods for the control of machines with friction, Automatica 30, 1994')
     setting_units = {'skew': '', **LAW_UNITS}
     corrects = DRY
+    shares = (0.05,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         law = law_of(setting)
@@ -141,9 +138,6 @@ class AsymmetricFriction(DirectionEffect):
                step: float) -> list[dict[str, float]]:
         skewed = scaled(setting, 'skew', step, *_SKEWS) if 'distance' in setting else []
         return [*super().refine(motion, joint, setting, step), *skewed]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.05 * sizes.torque])
 
 
 class LoadDependentFriction(DirectionEffect):
@@ -170,6 +164,7 @@ class LoadDependentFriction(DirectionEffect):
     why_not_negative = _DISSIPATES
     largest = 0.5
     why_not_larger = 'no usable gear loses half of the transmitted torque'
+    std = 0.1
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         d = motion.direction(joint, law_of(setting))
@@ -182,9 +177,6 @@ class LoadDependentFriction(DirectionEffect):
         known = {'friction': start, **setting}
         return [*super().refine(motion, joint, setting, step), *scaled(known, 'friction', step),
                 *([] if 'friction' in setting else [known])]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.1])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return super().untestable(motion, joint) or excitation.insufficient_load(
@@ -212,13 +204,11 @@ class CoupledFriction(DirectionEffect):
     setting_units = {'partner': 'joint number', 'sign': '', **LAW_UNITS}
     common = ()
     why_not_negative = _DISSIPATES
+    shares = (0.1,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         coupled = {joint: 1.0, int(setting['partner']) - 1: setting['sign']}
         return motion.coupled_direction(coupled, law_of(setting))[:, None]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.1 * sizes.torque])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return the neighbours and signs with some of the laws."""

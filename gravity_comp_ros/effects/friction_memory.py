@@ -12,7 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import (
     longest_session, origin_of, refined_time, since, time_constants)
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import (
@@ -104,15 +104,13 @@ class PreslidingHysteresis(Effect):
               'Transactions on Automatic Control 47, 2002')
     setting_units = {'distance': 'rad'}
     corrects = DRY
+    shares = (0.1, 0.02)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         z = motion.direction(joint, setting)
         rate = np.concatenate([_rate(z[run], motion.samples.t[run])
                                for run in run_slices(motion.samples)])
         return np.column_stack([z - motion.direction(joint, SHORTEST), rate])
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.1, 0.02]) * sizes.torque
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return [{'distance': d} for d in (*DISTANCES[1:], 0.06)

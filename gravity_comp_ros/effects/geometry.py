@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.change_points import change_factor, ChangeEffect
-from gravity_comp_ros.effects.effect import Coefficient, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 import numpy as np
@@ -37,13 +37,11 @@ class EncoderOffset(ChangeEffect):
     scope = 'arm'
     largest = 0.3
     why_not_larger = 'a linear model of the offset is inaccurate at this size; fit a new model'
+    std = 0.05
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         factor = change_factor(motion, setting)
         return (motion.gradient[:, :, joint] * factor[:, None])[:, :, None]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.05])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := super().untestable(motion, joint):
@@ -76,12 +74,10 @@ class BaseTilt(ChangeEffect):
     per_joint = False
     largest = 0.35
     why_not_larger = 'such a tilt would be visible'
+    std = 0.1
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return _tilted(motion) * change_factor(motion, setting)[:, None, None]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.full(2, 0.1)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if motion.chain is None:

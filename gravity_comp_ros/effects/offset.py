@@ -7,7 +7,7 @@ from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import (
     has_clock, longest_session, origin_of, refined_time, since, time_constants)
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
+    Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -135,15 +135,13 @@ class TorqueGain(RecordingEffect):
     resembles_gravity = True
     largest = 1.0
     why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
+    std = 0.1
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.gravity[:, [joint]] * self.factors(motion, setting)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return excitation.insufficient_load(motion.gravity[:, joint])
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.full(len(sizes.columns), 0.1)
 
 
 class TorqueDrift(Effect):

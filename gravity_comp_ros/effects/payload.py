@@ -16,7 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.change_points import change_factor, change_points, ChangeEffect
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
+    Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.sparse import dictionary
@@ -51,6 +51,7 @@ class PayloadChange(ChangeEffect):
     source = 'Yu 2022 (updates after a change of payload); derived in effects/payload.py'
     scope = 'arm'
     per_joint = False
+    shares = (0.5,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         assert motion.chain is not None
@@ -66,9 +67,6 @@ class PayloadChange(ChangeEffect):
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
         return _long_enough(motion, super().refine(motion, joint, setting, step))
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.full(len(sizes.columns), 0.5 * sizes.torque)
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         return tuple(Coefficient(f'{symbol}_{n + 1}', 'N·m',

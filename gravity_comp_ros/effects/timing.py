@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -30,12 +30,10 @@ class TimeDelay(Effect):
     source = 'Yu 2022, Eq. (18) (slow motion against poses at rest); first-order expansion'
     largest = 0.5
     why_not_larger = 'no bus has such a delay; compare the clocks of the two signals'
+    std = 0.02
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return -np.einsum('mj,mj->m', motion.gradient[:, joint], motion.samples.qd)[:, None]
-
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        return np.array([0.02])
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         rate = float(np.sqrt(np.mean(self.columns(motion, joint, {}) ** 2)))
