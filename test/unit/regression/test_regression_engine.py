@@ -78,7 +78,7 @@ def test_a_cable_between_the_compared_starts_is_one_term(seed):
 
 
 def test_the_only_term_of_a_joint_with_unexplained_torque_is_selected_again():
-    # A setting of one friction effect imitates two, and neither is better in its place.
+    # At a setting one friction effect resembles two, and neither is better in its place.
     def torque(q, qd, t):
         gravity, direction = 3.0 * np.sin(q) + 15.0 * np.cos(q), np.tanh(qd / 0.005)
         return gravity + (0.4 + 0.05 * np.abs(gravity)) * direction
@@ -86,9 +86,9 @@ def test_the_only_term_of_a_joint_with_unexplained_torque_is_selected_again():
     problem = Problem.of(with_torque(motion_of_joints(1, 0, rate=10.0), torque, 0))
     shared = OwnGravity(np.array([3.0, 15.0]))
     factory = problem.factory(shared)
-    imitation = factory.term(known_effect('load_dependent_friction'), 0,
+    one = factory.term(known_effect('load_dependent_friction'), 0,
                              {'friction': 6.5, 'width': 0.005})
-    fit = Linear.at(problem, shared, factory, (imitation,), problem.weights)
+    fit = Linear.at(problem, shared, factory, (one,), problem.weights)
     search = search_of(fit, EVERY, frozenset(), print)
     before = search.posterior.log_evidence
     assert select_again(search) and search.posterior.log_evidence > before + 10.0
