@@ -8,7 +8,7 @@ effect. Without a clock it is a run and a time within that run.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import run_slices, run_time
+from gravity_comp_ros.data.runs import recorded_time, run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.clock import clock_time, has_clock
 from gravity_comp_ros.effects.effect import Effect, Setting
@@ -19,6 +19,9 @@ import numpy as np
 _PARTS_OF_ONE_RUN = 10
 _PARTS_OF_SEVERAL = 4
 _MAX_RUNS_DIVIDED = 8
+# Minimum duration of motion before and after a change, in s: with less, the effect is a part of
+# gravity. Accuracy in s of a duration computed from a share of the samples.
+_MIN_DURATION, _ROUNDING = 10.0, 0.1
 # Step of refined change points, relative to a part of a run.
 _FINER = 0.5
 UNITS = {'run': 'run number', 'time': 's', 'clock': 's'}
@@ -52,7 +55,7 @@ def change_points(motion: Motion) -> list[dict[str, float]]:
     parts = _parts(len(slices))
     points = [_point(samples, int(samples.runs[run.start]), float(k * time[run][-1] / parts))
               for run in slices for k in range(parts)]
-    return [point for point in points if change_factor(motion, point).any()]
+    return _with_motion(motion, points)
 
 
 def finer_points(motion: Motion, setting: Setting, step: float) -> list[dict[str, float]]:
@@ -62,7 +65,16 @@ def finer_points(motion: Motion, setting: Setting, step: float) -> list[dict[str
     length = float(run_time(motion.samples)[here].max(initial=0.0))
     width = step * _FINER * length / _parts(len(run_slices(motion.samples)))
     moved = [setting['time'] + k * width for k in (-1, 1)]
-    return [_point(motion.samples, run, time) for time in moved if 0.0 <= time < length]
+    return _with_motion(motion, [_point(motion.samples, run, time) for time in moved
+                                 if 0.0 <= time < length])
+
+
+def _with_motion(motion: Motion, points: list[dict[str, float]]) -> list[dict[str, float]]:
+    """Return the change points with enough motion before and after them."""
+    seconds = recorded_time(motion.samples)
+    before = [seconds * float((change_factor(motion, point) < 0.0).mean()) for point in points]
+    return [point for point, time in zip(points, before)
+            if min(time, seconds - time) >= _MIN_DURATION - _ROUNDING]
 
 
 def _point(samples: JointSamples, run: int, time: float) -> dict[str, float]:
@@ -95,4 +107,7 @@ class ChangeEffect(Effect):
         return finer_points(motion, setting, step)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return None if change_points(motion) else 'there is no possible change point'
+        if change_points(motion):
+            return None
+        return (f'the recordings take {recorded_time(motion.samples):.1f} s: a change requires '
+                f'{_MIN_DURATION:.0f} s of motion before and after it')

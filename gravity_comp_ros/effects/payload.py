@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from itertools import product
 
-from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.change_points import change_factor, change_points, ChangeEffect
+from gravity_comp_ros.effects.change_points import change_factor, ChangeEffect
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
@@ -22,10 +21,6 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
-# Minimum duration of motion before and after a payload change, in s.
-_MIN_DURATION = 10.0
-# Accuracy in s of a duration computed from a share of the samples.
-_ROUNDING = 0.1
 # Number of last joints with all features of a tool force; the joint before has two factors.
 _EXACT_JOINTS = 3
 # Minimum travel in rad of one of the last two joints for a tool force.
@@ -61,13 +56,6 @@ class PayloadChange(ChangeEffect):
             motion.of_gravity[key] = kinematics.moment_columns().transpose(2, 1, 0)
         return motion.of_gravity[key] * change_factor(motion, setting)[:, None, None]
 
-    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return _long_enough(motion, change_points(motion))
-
-    def refine(self, motion: Motion, joint: int, setting: Setting,
-               step: float) -> list[dict[str, float]]:
-        return _long_enough(motion, super().refine(motion, joint, setting, step))
-
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         return tuple(Coefficient(f'{symbol}_{n + 1}', 'N·m',
                                  f'change of the first moment about joint number {n + 1}')
@@ -76,21 +64,7 @@ class PayloadChange(ChangeEffect):
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if motion.chain is None:
             return 'a payload change requires a serial arm as the model of gravity'
-        points = change_points(motion)
-        if not points:
-            return 'there is no possible change point'
-        if not _long_enough(motion, points):
-            return (f'the recordings take {recorded_time(motion.samples):.1f} s: a payload change '
-                    f'requires {_MIN_DURATION:.0f} s of motion before and after it')
-        return None
-
-
-def _long_enough(motion: Motion, points: list[dict[str, float]]) -> list[dict[str, float]]:
-    """Return the change points with enough motion before and after them."""
-    seconds = recorded_time(motion.samples)
-    before = [seconds * float((change_factor(motion, point) < 0.0).mean()) for point in points]
-    return [point for point, time in zip(points, before)
-            if min(time, seconds - time) >= _MIN_DURATION - _ROUNDING]
+        return super().untestable(motion, joint)
 
 
 class ToolForce(Effect):

@@ -254,6 +254,22 @@ def test_change_points_are_starts_of_runs_and_times_within_them():
     assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
 
 
+@pytest.mark.parametrize('name', ['encoder_offset', 'base_tilt', 'payload_change'])
+def test_a_change_has_motion_before_and_after_it(name):
+    # At the end of a recording the effect would be a part of gravity.
+    motion, effect = clean_motion('six_axis'), known_effect(name)
+    seconds = 300.0
+    for setting in effect.settings(motion, 1):
+        for step in (0.5, 1.0, 2.0, 3.9):
+            for point in effect.refine(motion, 1, setting, step):
+                before = seconds * (change_factor(motion, point) < 0.0).mean()
+                assert 9.9 <= before <= seconds - 9.9
+    samples = motion.samples
+    short = replace(motion, samples=samples.select(samples.t < 6.0), memo={})
+    assert not effect.settings(replace(short, samples=short.samples.select(
+        short.samples.runs == 0)), 1)
+
+
 def test_reversals_are_counted_within_runs(motion):
     qd = np.array([0.1, 0.1, -0.1, 0.1, 0.1, -0.1])[:, None]
     samples = JointSamples(('a',), T, qd, qd, qd, np.array([0, 0, 0, 1, 1, 1]), ('one', 'two'))
