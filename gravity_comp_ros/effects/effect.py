@@ -99,6 +99,7 @@ class Effect(ABC):
     - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is
       not selected.
     - `setting_units`: the unit of each nonlinear parameter, '' for none.
+    - `discrete`: nonlinear parameters with separate values, which refinement does not change.
     - `common`: nonlinear parameters that all effects of a joint have in common, such as the law
       of the direction of its motion.
     - `corrects`: effects of which the joint must have one, because this one corrects it.
@@ -132,6 +133,7 @@ class Effect(ABC):
     uses_gravity: bool = True
     is_shared: bool = False
     setting_units: Mapping[str, str] = {}
+    discrete: tuple[str, ...] = ()
     common: tuple[str, ...] = ()
     corrects: tuple[str, ...] = ()
     size: float = 0.1

@@ -55,6 +55,7 @@ class JointSpring(Effect):
     is_compensable = True
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
+    discrete = ('overtones',)
     is_static = True
     resembles_gravity = True
     shares = (0.3,)
@@ -139,6 +140,7 @@ class CableStiffness(Effect):
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': '', 'hardening': ''}
+    discrete = ('side',)
     is_static = True
     resembles_gravity = True
     why_not_negative = _REPELS
@@ -198,6 +200,7 @@ class EndStop(Effect):
     source = ('B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral compliant '
               'contact)')
     setting_units = {'start': 'rad', 'side': ''}
+    discrete = ('side',)
     is_static = True
     resembles_gravity = True
     why_not_negative = _REPELS

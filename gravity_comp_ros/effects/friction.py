@@ -202,6 +202,7 @@ class CoupledFriction(DirectionEffect):
     source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
               'Penton, 2002 (kinematic coupling between wrist motors)')
     setting_units = {'partner': 'joint number', 'sign': '', **LAW_UNITS}
+    discrete = ('partner', 'sign')
     common = ()
     why_not_negative = _DISSIPATES
     shares = (0.1,)

@@ -32,17 +32,17 @@ def alternatives(search: Search, term: Term) -> list[Alternative]:
     """
     Return other terms on any joint that could replace one, the most probable first.
 
-    Each effect of a comparable gain has its best setting.
+    Each kind of term with a comparable gain has its best setting.
     """
     without = search.posterior.without((term,))
     rest = with_children_of(search.terms, term)
     own = gain_of(without, term)
     minimum = max(search.options.min_gain, _COMPARABLE * own)
-    chosen: dict[Key, tuple[float, Term]] = {}
+    chosen: dict[tuple[object, ...], tuple[float, Term]] = {}
     for pool in search.pools:
         for gain, other in search.ranking(without, pool, rest, minimum):
-            if other.key != term.key and gain > chosen.get(other.key, (-np.inf,))[0]:
-                chosen[other.key] = gain, other
+            if other.key != term.key and gain > chosen.get(other.kind, (-np.inf,))[0]:
+                chosen[other.kind] = gain, other
     needed = own - search.options.near
     return _replacing(search, term, [search.refined(without, other, needed)[0]
                                      for _, other in chosen.values()])

@@ -21,7 +21,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.term import (
-    Key, Term, total_std, uncorrected, with_children_of)
+    Term, total_std, uncorrected, with_children_of)
 import numpy as np
 from scipy.special import log_ndtr
 
@@ -30,8 +30,8 @@ _EXPLAINED = 3e-3
 # Sum of squares of a column, relative to the largest of its term, that is 0 but for the rounding
 # of the axes.
 _ZERO = 1e-12
-# Number of settings of an effect with the same nonlinear parameters, the best at kappa = 1, whose
-# gain is computed.
+# Number of settings of a kind of term with the same nonlinear parameters, the best at kappa = 1,
+# whose gain is computed.
 _SETTINGS = 2
 
 
@@ -255,12 +255,12 @@ class Ranking:
 
     def _best_settings(self) -> list[int]:
         """Return the candidates above the least gain, the best settings of each effect."""
-        order, seen = [], Counter[tuple[Key, tuple[str, ...]]]()
+        order, seen = [], Counter[tuple[object, ...]]()
         for k in np.argsort(-self.bounds):
             if self.bounds[k] <= self.least:
                 break
             term = self.pool.terms[self.allowed[k]]
-            kind = term.key, tuple(term.setting)
+            kind = term.kind, tuple(term.setting)
             seen[kind] += 1
             if seen[kind] <= _SETTINGS:
                 order.append(int(k))

@@ -39,6 +39,11 @@ class Term:
         """Return the name and the joint, which a model has once."""
         return self.effect.name, self.joint
 
+    @cached_property
+    def kind(self) -> tuple[object, ...]:
+        """Return the key and the discrete parameters: each kind is refined for itself."""
+        return self.key, *(self.setting.get(name) for name in self.effect.discrete)
+
     @property
     def n_columns(self) -> int:
         return self.columns.shape[-1]

@@ -11,6 +11,7 @@ from gravity_comp_ros.effects.friction import ViscousFriction
 from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.regression.alternatives import alternatives
 from gravity_comp_ros.regression.engine import _search as search_of, regress
 from gravity_comp_ros.regression.exchanges import _again as select_again
 from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
@@ -93,6 +94,22 @@ def test_the_only_term_of_a_joint_with_unexplained_torque_is_selected_again():
     before = search.posterior.log_evidence
     assert select_again(search) and search.posterior.log_evidence > before + 10.0
     assert {'coulomb_friction', 'load_dependent_friction'} <= {t.name for t in search.terms}
+
+
+def test_each_side_of_a_cable_is_refined_as_an_alternative():
+    # Refinement does not change the side.
+    def torque(q, qd, t):
+        return 4.0 * np.sin(q) - np.cos(q) - 2.0 * np.maximum(-(q + 0.35), 0.0)
+
+    problem = Problem.of(with_torque(motion_of_joints(1, 0, rate=10.0), torque, 0))
+    shared = OwnGravity(np.array([4.0, -1.0]))
+    factory = problem.factory(shared)
+    ripple = factory.term(known_effect('torque_ripple'), 0, {'k': 4.0, 'harmonics': 4.0})
+    fit = Linear.at(problem, shared, factory, (ripple,), problem.weights)
+    cables = [each for each in alternatives(search_of(fit, EVERY, frozenset(), print), ripple)
+              if each.term.name == 'cable_stiffness']
+    assert len({each.term.setting['side'] for each in cables}) >= 2
+    assert cables[0].term.setting['start'] == pytest.approx(-0.35, abs=0.02)
 
 
 def test_a_ripple_that_resembles_a_cable_is_replaced(seed=5):
