@@ -107,7 +107,8 @@ def _with_refined(search: Search, terms: Terms, new: Term) -> Terms:
         if term.joint == new.joint and term.key not in search.forced:
             without, pool = search.solved(terms).without((term,)), search.pool_of(term)
             rest = tuple(t for t in terms if t is not term)
-            _, other = next(search.ranking(without, pool, rest, -np.inf, term.key), (0.0, term))
+            ranking = search.ranking(without, pool, rest, -np.inf, term.key)
+            other = next((other for _, other in ranking if other.kind == term.kind), term)
             best, _ = max((search.refined(without, start)
                            for start in dict.fromkeys((term, other))),
                           key=lambda each: each[1])
