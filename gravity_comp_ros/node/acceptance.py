@@ -24,13 +24,14 @@ from gravity_comp_ros.facts.fact import (
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
+from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
+from gravity_comp_ros.node.epoch import DELAYS, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, moving, moving_rms
-from gravity_comp_ros.node.job_messages import Job
+from gravity_comp_ros.node.job_messages import is_enough_motion, Job
 from gravity_comp_ros.node.options import NODE
 import numpy as np
 
@@ -302,8 +303,7 @@ def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rms
 
     Otherwise, in enough motion, the arm compensates gravity itself.
     """
-    moves = int(train.sum()) >= FULL_FIT_SAMPLES and bool(
-        (np.ptp(samples.q[train], axis=0) >= OPTIONS.min_span).any())
+    moves = is_enough_motion(Coverage.of(samples.select(train)))
     if is_first or moves:
         spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
         yield Check(checks.POSE_EXPLAINS, float((1.0 - (rmse / spread) ** 2).max()),
