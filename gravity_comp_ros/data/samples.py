@@ -221,6 +221,11 @@ def evenly_picked(count: int, max_count: int) -> IntArray:
     return np.arange(0, count, -(-max(count, 1) // max_count))
 
 
+def spread_over(count: int, max_count: int) -> IntArray:
+    """Return the numbers of at most `max_count` of `count` samples, the first to the last."""
+    return np.unique(np.linspace(0, count - 1, max_count).astype(int))
+
+
 def _of_all(parts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
     """Return the values of all runs, none if those of a part are unknown."""
     return tuple(value for part in parts for value in part) if all(parts) else ()

@@ -187,12 +187,12 @@ def _on_chain(model: GravityModel, chain: Chain, covariance: FloatArray,
         joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance, chain,
         ChainUncertainty(chain, covariance))
     residual = None if model.residual_std is None else model.residual_std[order]
-    applied, fitted = effects_on_axes(model)
+    applied, fitted = _effects_on_axes(model)
     return replace(result, applied=applied, history=model.history, fitted=fitted,
                    residual_std=residual, payload_path=model.payload_path, geometry=geometry)
 
 
-def effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
+def _effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:
     """
     Return the predicted and the fitted effects of a model whose gravity is put on known axes.
 

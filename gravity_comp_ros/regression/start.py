@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import (
+    BoolArray, FloatArray, IntArray, JointSamples, spread_over)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
@@ -82,7 +83,7 @@ def _thinned(problem: Problem, count: int) -> Problem:
     rows = problem.rows
     if rows.n_rows <= count:
         return problem
-    picked = np.unique(np.linspace(0, rows.n_rows - 1, count).astype(int))
+    picked = spread_over(rows.n_rows, count)
     use = np.zeros(problem.samples.n_samples, dtype=bool)
     use[rows.samples[np.isin(np.repeat(np.arange(rows.n_rows), rows.count), picked)]] = True
     return Problem.of(problem.samples, use, problem.options)
@@ -114,7 +115,7 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     q, qd, qdd = (mean(x) for x in (samples.q, samples.qd, problem.motion.qdd))
     motion = (np.abs(qdd) + qd ** 2).sum(axis=1)
     slow = np.flatnonzero(motion <= np.quantile(motion, share))
-    rows = slow[np.unique(np.linspace(0, len(slow) - 1, count).astype(int))]
+    rows = slow[spread_over(len(slow), count)]
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
     columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd])
     later = [own[:, None] * columns[k]

@@ -35,7 +35,7 @@ _MIN_GAIN = 12.0
 # The arm is mounted upside down if that lowers the share of moments that non-negative masses do
 # not reach below this multiple. The share of three real arms is 1 to 8 %, and 72 to 99 % when
 # inverted; of randomly drawn arms 10 to 30 % and 30 to 80 %. Of 216 simulated recordings on a
-# floor 2 are inverted, of 162 on a ceiling 30 are not (bench/vertical.py).
+# floor none is inverted, of 162 on a ceiling 19 are not (bench/vertical.py).
 _INVERTED = 0.7
 # Error of the moments of a nominal arm, as a share of the largest torque.
 _NOMINAL_ERROR = 0.05

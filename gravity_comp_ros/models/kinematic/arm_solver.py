@@ -35,6 +35,8 @@ _DAMPING, _SHRINK, _GROW, _LOWEST, _HIGHEST = 1e-2, 0.2, 5.0, 1e-9, 1e6
 _ROUNDING = 1e-13
 # Noise estimates at each point, with the moments between them.
 _NOISES = 2
+# Maximum number of steps, and decrease of the cost in nats at which they end.
+_MAX_STEPS, _CONVERGED = 60, 0.3
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,8 @@ class ArmState:
     A chain, logarithms of gains (N,), and `base_tilts` (L, 2) in rad.
 
     The base at each pose has the sum of the tilts times their shares. `residual` (N, M) is
-    whitened; `noise` (N,) and `cost`, in nats, are those of it.
+    whitened; `noise` (N,) and `cost`, in nats, are those of it. `arm` are its frames, and
+    `moment_columns` (2N, N, M) the whitened efforts per moment.
     """
 
     chain: Chain
@@ -172,6 +175,8 @@ class ArmState:
     residual: FloatArray
     noise: FloatArray
     cost: float
+    arm: ForwardKinematics
+    moment_columns: FloatArray
 
     def times(self, runs: IntArray) -> FloatArray:
         """Return the correlation times (N,) of the residuals, in rows."""
@@ -188,13 +193,11 @@ class ArmSolver:
 
     problem: ArmProblem
     unknowns: Unknowns
-    max_steps: int = 60
-    converged: float = 0.3
 
     @classmethod
-    def of_axes(cls, problem: ArmProblem, max_steps: int = 60) -> ArmSolver:
+    def of_axes(cls, problem: ArmProblem) -> ArmSolver:
         """Return the solver for all axes and moments."""
-        return cls(problem, Unknowns(np.ones(2 * problem.q.shape[1], dtype=bool)), max_steps)
+        return cls(problem, Unknowns(np.ones(2 * problem.q.shape[1], dtype=bool)))
 
     def run(self, axes: FloatArray, log: FloatArray | None = None,
             base_tilts: FloatArray | None = None) -> ArmState:
@@ -210,29 +213,27 @@ class ArmSolver:
             np.zeros((0 if shares is None else shares.shape[1], 2)) if base_tilts is None
             else base_tilts, self.problem.noise(self.problem.target))
         damping = _DAMPING
-        for _ in range(self.max_steps):
-            columns, moments = self._columns(state)
+        for _ in range(_MAX_STEPS):
+            columns = self._columns(state)
             if not len(columns):
                 break
-            better, damping = self._better(state, columns, moments, damping)
+            better, damping = self._better(state, columns, damping)
             if better is None:
                 break
             gain, state = state.cost - better.cost, better
-            if gain < self.converged:
+            if gain < _CONVERGED:
                 break
         return state
 
     def precision(self, state: ArmState) -> FloatArray:
         """Return the precision of the unknowns, then moments (2N,), for white residuals."""
-        columns, moments = self._columns(state)
-        return self._gram(np.concatenate([columns, moments]) / state.noise[:, None])
+        return self._gram(self._columns(state), state)[0]
 
-    def _better(self, state: ArmState, columns: FloatArray, moments: FloatArray, damping: float
+    def _better(self, state: ArmState, columns: FloatArray, damping: float
                 ) -> tuple[ArmState | None, float]:
         """Return the next state, or None where no step lowers the cost, and the damping."""
-        x = np.concatenate([columns, moments]) / state.noise[:, None]
-        gram, k = self._gram(x), len(columns)
-        vector = x.reshape(len(x), -1) @ (state.residual / state.noise[:, None]).ravel()
+        (gram, rows), k = self._gram(columns, state), len(columns)
+        vector = rows @ (state.residual / state.noise[:, None]).ravel()
         vector[k:] -= state.chain.moments.ravel() * self.problem.moment_std ** -2.0
         diagonal = gram.diagonal()[:k].copy()
         while damping < _HIGHEST:
@@ -257,9 +258,10 @@ class ArmSolver:
     def _state(self, axes: FloatArray, log: FloatArray, base_tilts: FloatArray,
                noise: FloatArray) -> ArmState:
         """Return the state with the best moments; `noise` (N,) is the first estimate."""
-        problem, target = self.problem, self.problem.target
-        columns = problem.nuisance.whitened(
-            self._kinematics(axes, base_tilts).moment_columns() * np.exp(log)[:, None])
+        problem, target, shares = self.problem, self.problem.target, self.unknowns.shares
+        arm = ForwardKinematics(axes, problem.q, problem.sin_cos,
+                                None if shares is None else shares @ base_tilts)
+        columns = problem.nuisance.whitened(arm.moment_columns() * np.exp(log)[:, None])
         by_joint = columns.swapaxes(0, 1)
         grams = by_joint @ by_joint.swapaxes(1, 2)
         vectors = (by_joint @ target[:, :, None])[:, :, 0]
@@ -273,39 +275,38 @@ class ArmSolver:
             noise = problem.noise(residual)
         cost = float(len(problem.q) * np.log(noise).sum())
         chain = Chain(_orthogonal(axes), np.asarray(moments.reshape(-1, 2)))
-        return ArmState(chain, log, base_tilts, residual, noise, cost)
+        return ArmState(chain, log, base_tilts, residual, noise, cost, arm, columns)
 
-    def _columns(self, state: ArmState) -> tuple[FloatArray, FloatArray]:
-        """Return whitened columns (K, N, M) of the unknowns, and of the moments."""
-        free, moments = self.unknowns, state.chain.moments
-        arm, gain = self._kinematics(state.chain.axes, state.base_tilts), np.exp(state.log)
-        shape = arm.rotated.shape
-        by_gain = np.zeros((len(free.gains), shape[0], shape[-1]))
+    def _columns(self, state: ArmState) -> FloatArray:
+        """Return whitened columns (K, N, M) of the unknowns, in N·m per unit."""
+        free, moments, arm = self.unknowns, state.chain.moments, state.arm
+        n, m = state.residual.shape
+        by_gain = np.zeros((len(free.gains), n, m))
         for k, joint in enumerate(free.gains):
             by_gain[k, joint] = arm.torque(moments)[:, joint]
         parts = [arm.axis_columns(moments)[free.axes], by_gain]
         if free.shares is not None:
             by_tilt = free.shares.T[:, None, None] * arm.base_columns(moments)
-            parts.append(by_tilt.reshape(-1, shape[0], shape[-1]))
-        return (self.problem.nuisance.whitened(np.concatenate(parts) * gain[:, None]),
-                self.problem.nuisance.whitened(arm.moment_columns() * gain[:, None]))
+            parts.append(by_tilt.reshape(-1, n, m))
+        return self.problem.nuisance.whitened(
+            np.concatenate(parts) * np.exp(state.log)[:, None])
 
-    def _gram(self, x: FloatArray) -> FloatArray:
-        """Return the products (P, P) of columns in units of the noise, with the prior."""
+    def _gram(self, columns: FloatArray, state: ArmState) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the products (P, P) of the columns, moments last, and the columns (P, N M).
+
+        They are in units of the noise; the products contain the prior.
+        """
         priors, free = self.problem.priors, self.unknowns
+        x = np.concatenate([columns, state.moment_columns]) / state.noise[:, None]
         rows = x.reshape(len(x), -1)
         n_axes, n_gains = int(free.axes.sum()), len(free.gains)
         std = np.full(len(x), priors.tilt)
         std[n_axes:n_axes + n_gains] = priors.gain
-        std[len(x) - len(free.axes):] = self.problem.moment_std
+        std[len(columns):] = self.problem.moment_std
         gram = rows @ rows.T
         gram.flat[::len(gram) + 1] += std ** -2.0 + _ROUNDING * gram.diagonal().max()
-        return np.asarray(gram)
-
-    def _kinematics(self, axes: FloatArray, base_tilts: FloatArray) -> ForwardKinematics:
-        shares = self.unknowns.shares
-        return ForwardKinematics(axes, self.problem.q, self.problem.sin_cos,
-                                 None if shares is None else shares @ base_tilts)
+        return np.asarray(gram), rows
 
 
 def _orthogonal(axes: FloatArray) -> FloatArray:

@@ -1,9 +1,9 @@
 """
 Search for the gravity of a serial arm with unknown axes, as the start of a regression.
 
-The likelihood has several maxima. Most of the wrong ones have one wrong axis. They are
-sought from random axes, and from the best axes with one or two of them replaced, until the best
-one is reached again or the starts are used up.
+The likelihood has several maxima. Most of the wrong ones have one wrong axis. The search starts
+from random axes, and from the best axes with one or two of them replaced, until it has reached
+the best maximum several times or the starts are used up.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, spread_over
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmSolver, ArmState
 from gravity_comp_ros.models.kinematic.chain import aligned
 import numpy as np
@@ -67,6 +67,5 @@ def _coarse(problem: ArmProblem) -> ArmProblem:
 
     Far from a solution a joint with little effort would be fitted at the cost of all others.
     """
-    count = len(problem.q)
-    keep = np.unique(np.linspace(0, count - 1, min(count, _COARSE_SAMPLES)).astype(int))
-    return replace(problem.select(keep), has_one_noise=True)
+    few = problem.select(spread_over(len(problem.q), _COARSE_SAMPLES))
+    return replace(few, has_one_noise=True)

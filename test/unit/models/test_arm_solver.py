@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bench.shared.serial_arms import poses
 from gravity_comp_ros.models.kinematic.arm_solver import (
-    ArmProblem, ArmSolver, ArmState, Nuisance, Unknowns)
+    ArmProblem, ArmSolver, Nuisance, Unknowns)
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics, tilt
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -58,10 +58,9 @@ def test_columns_are_the_derivatives_of_the_effort(seed):
         torque = arm.torque(moments.reshape(-1, 2)) * np.exp(logs)
         return problem.nuisance.whitened(torque.T[None])[0]
 
-    start = [np.zeros(2 * n), np.zeros(2), base.ravel(), chain.moments.ravel()]
-    residual = problem.target - effort(*start)
-    state = ArmState(chain, log, base, residual, problem.noise(residual), 0.0)
-    columns = np.concatenate(solver._columns(state))
+    state = solver._state(chain.axes, log, base, problem.noise(problem.target))
+    start = [np.zeros(2 * n), np.zeros(2), base.ravel(), state.chain.moments.ravel()]
+    columns = np.concatenate([solver._columns(state), state.moment_columns])
     number = 0
     for k, part in enumerate(start):
         for place in range(len(part)):
