@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import (
-    BoolArray, FloatArray, IntArray, JointSamples, spread_over)
+from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
