@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
+from gravity_comp_ros.data.samples import (
+    BoolArray, FloatArray, IntArray, JointSamples, spread_over)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
@@ -56,7 +57,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     for seed, share in enumerate(_SHARES):
         rough = arm_problem(*generic_poses(problem, _POSES, share))
         each = search(rough, _STARTS, seed)
-        if not any(_are_same(each, other, rough) for other in candidates):
+        if not any(_are_same(each, other, rough.q) for other in candidates):
             candidates.append(each)
     best = min((with_common_terms(few, UnknownLengths.of(in_frames_of_axes(each.chain)), effects)
                 for each in candidates), key=_log_noise)
@@ -66,15 +67,10 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
-def _are_same(one: ArmState, other: ArmState, problem: ArmProblem) -> bool:
-    """
-    Return whether the gravity of two fits differs by less than the noise of the better one.
-
-    Differences that the nuisance columns explain, such as a constant torque, do not count.
-    """
-    change = one.chain.torque(problem.q) - other.chain.torque(problem.q)
-    rms = np.sqrt((problem.nuisance.whitened(change.T[None])[0] ** 2).mean(axis=1))
-    return bool((rms < np.minimum(one.noise, other.noise)).all())
+def _are_same(one: ArmState, other: ArmState, q: FloatArray) -> bool:
+    """Return whether the gravity of two fits differs by less than the noise of the better one."""
+    change = np.sqrt(((one.chain.torque(q) - other.chain.torque(q)) ** 2).mean(axis=0))
+    return bool((change < np.minimum(one.noise, other.noise)).all())
 
 
 def _axes_of(fit: Linear) -> UnknownLengths:
