@@ -95,7 +95,7 @@ def evaluate(path: Path, name: str,
         residual = (samples.tau - predict_torque(model, samples))[held]
         rmse = np.sqrt((residual ** 2).mean(axis=0))
         band = None
-        if model.uncertainty is not None:
+        if model.covariance is not None:
             spread = np.hypot(model.predict_std(samples.q[held]), model.noise)
             band = float((np.abs(residual) <= 1.96 * spread).mean())
         if formulation == 'auto':

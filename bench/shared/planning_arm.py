@@ -7,7 +7,6 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
 NAMES = ('shoulder', 'elbow', 'wrist')
@@ -28,7 +27,7 @@ def model() -> GravityModel:
 def uncertain_model(std: float = 0.2) -> GravityModel:
     """Return the same with standard deviation `std` of every parameter."""
     gravity = model()
-    return replace(gravity, uncertainty=ChainUncertainty(CHAIN, std ** 2 * np.eye(12)))
+    return replace(gravity, covariance=std ** 2 * np.eye(12))
 
 
 def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction: float = 0.0,

@@ -136,7 +136,7 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
     return terminal.table(
         f'error of the model in N·m, {counted(samples.n_samples, "sample")}',
         ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training',
-         *(() if model.uncertainty is None else ('in band', 'outside'))], rows)
+         *(() if model.covariance is None else ('in band', 'outside'))], rows)
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:

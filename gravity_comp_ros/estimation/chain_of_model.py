@@ -20,7 +20,6 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.linear import with_common_terms
@@ -76,9 +75,9 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
     if geometry is not None and geometry.joints == model.joints:
         with suppress(ModelMismatchError):
             return on_axes(model, geometry)
-    if model.chain is not None and model.uncertainty is not None:
+    if model.chain is not None and model.covariance is not None:
         return model
-    if model.uncertainty is None:
+    if model.covariance is None:
         return None
     with suppress(ModelMismatchError):
         return _fitted(model, None)
@@ -103,8 +102,8 @@ def on_axes(model: GravityModel, geometry: Geometry, *, as_described: bool = Fal
     if not as_described:
         own = model.geometry
         own = own if own is not None and same_axes(own, geometry) else geometry
-        if model.chain is not None and model.uncertainty is not None and _is_on(model, own):
-            return _on_chain(model, model.chain, model.uncertainty.covariance, own)
+        if model.chain is not None and model.covariance is not None and _is_on(model, own):
+            return _on_chain(model, model.chain, model.covariance, own)
     return _fitted(model, geometry, as_described)
 
 
@@ -152,7 +151,7 @@ def _drawn(model: GravityModel, joints: tuple[str, ...]
     count = int(np.clip(model.coverage.n_samples, _MIN_TORQUES, _MAX_TORQUES)) // 2
     q = rng.uniform(model.coverage.q_min, model.coverage.q_max, (_DRAWN * count, model.n_joints))
     noise = np.maximum(model.noise, 1e-3 * float(model.noise.max()) + 1e-9)
-    if model.uncertainty is not None:
+    if model.covariance is not None:
         q = q[np.argsort((model.predict_std(q) / noise).max(axis=1))]
     q = np.tile(q[:count], (2, 1))
     exact, error = model.predict(q), noise * rng.standard_normal((count, model.n_joints))
@@ -185,7 +184,7 @@ def _on_chain(model: GravityModel, chain: Chain, covariance: FloatArray,
                        q_max=model.coverage.q_max[order])
     result = GravityModel.from_energy(
         joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance, chain,
-        ChainUncertainty(chain, covariance))
+        covariance)
     residual = None if model.residual_std is None else model.residual_std[order]
     applied, fitted = _effects_on_axes(model)
     return replace(result, applied=applied, history=model.history, fitted=fitted,

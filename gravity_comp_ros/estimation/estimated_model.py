@@ -16,7 +16,6 @@ from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
@@ -117,12 +116,12 @@ def _gravity(shared: Shared, covariance: FloatArray, joints: tuple[str, ...],
         chain, steps = shared.chain, shared.step_map()
         model = GravityModel.from_energy(
             joints, formulation, expand(chain), none, coverage, {}, chain,
-            ChainUncertainty(chain, steps @ covariance @ steps.T))
+            steps @ covariance @ steps.T)
         return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
     if isinstance(shared, Energy):
         return GravityModel.from_energy(
             joints, formulation, shared.energy, none, coverage, {},
-            uncertainty=EnergyUncertainty(shared.energy.indices, covariance))
+            covariance=covariance)
     assert isinstance(shared, Torques)
     return GravityModel(joints, formulation, shared.torques, None, none, coverage)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.poses import random_poses
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.residuals import is_white, residual_of, samples_of_rows
@@ -119,7 +120,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
             described.rotations, model.chain.axes)[1:].tolist()))
         limits = _zero_angle_limits(estimate)
         zeros = {name: angle for name, angle in zeros.items() if abs(angle) > limits[name]}
-    anywhere = _std_over_poses(model)
+    anywhere = std_over_poses(model)
     spoilt = outliers(samples_of_rows(problem, problem.y), problem.n_measured,
                       residual_of(regression))
 
@@ -128,7 +129,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
 
     lines = [warning, estimate.warning, *_tilt_warning(tilt), *_zero_angle_warning(zeros),
              *_outlier_warnings(spoilt), *_warnings(model, estimate, dropped),
-             *_uncertainty(model, anywhere, estimate)]
+             *uncertainty_warning(model, anywhere, problem.scale.largest)]
     return FitDetails(
         model.formulation,
         FormulationChoice(estimate.formulation, estimate.why, estimate.held_out,
@@ -150,9 +151,9 @@ def _zero_angle_limits(estimate: Estimate) -> Mapping[str, float]:
     return dict(zip(names, limits.tolist()))
 
 
-def _std_over_poses(model: GravityModel) -> NDArray[np.float64]:
-    """Return each joint's standard deviation (N,) in N·m, RMS over all poses."""
-    if model.uncertainty is None:
+def std_over_poses(model: GravityModel) -> FloatArray:
+    """Return each joint's standard deviation (N,) in N·m, RMS over all poses; (0,) if unknown."""
+    if model.covariance is None:
         return np.zeros(0)
     std = model.predict_std(random_poses(model.n_joints))
     return np.asarray(np.sqrt((std ** 2).mean(axis=0)))
@@ -227,13 +228,16 @@ def _warnings(model: GravityModel, estimate: Estimate, dropped: tuple[str, ...])
     return lines
 
 
-def _uncertainty(model: GravityModel, std: NDArray[np.float64],
-                 estimate: Estimate) -> list[str]:
-    """Return a warning if the error outside the trained poses may be large."""
+def uncertainty_warning(model: GravityModel, std: FloatArray, largest: float) -> list[str]:
+    """
+    Return a warning if the error outside the trained poses may be large.
+
+    :param std: of `std_over_poses`. :param largest: torque scale of the arm, N·m.
+    """
     if not std.size:
         return []
     worst = int(np.argmax(std))
-    if std[worst] < _UNCERTAIN * estimate.regression.problem.scale.largest:
+    if std[worst] < _UNCERTAIN * largest:
         return []
     return [f'away from the trained poses the torque of {model.joints[worst]} may be off by '
             f'{HALF_95 * std[worst]:.2g} N·m (95 %). Record more poses, further apart']

@@ -161,8 +161,8 @@ def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
     Inertia would appear as a change of the moments: an acceleration of 0.1 rad/s^2 is like a
     degree of tilt.
     """
-    assert model.chain is not None and model.uncertainty is not None
-    loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
+    assert model.chain is not None and model.covariance is not None
+    loaded = estimate_payload(model.chain, model.covariance, new, geometry)
     nominal = nominal_parameters(geometry, loaded.chain.moments / STANDARD_GRAVITY)
     return replace(samples, tau=samples.tau - inverse_dynamics(
         geometry, samples.q, samples.qd, accelerations(samples), nominal))

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.estimation.fit_report import std_over_poses, uncertainty_warning
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update_step import UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse.admm import AdmmResult
-from gravity_comp_ros.models.uncertainty import least_certain_joint, std_over_poses
+from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.scale import Scale
 import numpy as np
 
 # Minimum number of samples from which the noise, and with it the intervals, are reliable.
@@ -64,7 +65,8 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
     before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
     difference = step.model.predict(samples.q) - old.predict(samples.q)
     spread = step.model.predict_std(samples.q).max(axis=0)
-    warnings = _uncertainty(step.model, sigma)
+    warnings = uncertainty_warning(step.model, std_over_poses(step.model),
+                                   Scale.of(samples, EngineOptions()).largest)
     if len(samples) < _MIN_SAMPLES:
         warnings.insert(0, f'{len(samples)} slow samples are few: the intervals of an update are '
                         f'reliable from {_MIN_SAMPLES} on (6 s at 5 Hz)')
@@ -87,15 +89,3 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
         by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
         by_joint(np.abs(difference).max(axis=0)), step.changed, step.payload,
         step.change.log_evidence, step.change.lasso, tuple(warnings))
-
-
-def _uncertainty(model: GravityModel, sigma: FloatArray) -> list[str]:
-    """Return a warning if the chain's error at other poses may be large."""
-    if model.chain is None or model.uncertainty is None:
-        return []
-    joint = least_certain_joint(model.chain, model.uncertainty.covariance, sigma)
-    if joint is None:
-        return []
-    std = std_over_poses(model.chain, model.uncertainty.covariance)[joint]
-    return [f'away from these poses the torque of {model.joints[joint]} may be off by '
-            f'{HALF_95 * std:.2g} N·m (95 %); record more motion with the new payload']

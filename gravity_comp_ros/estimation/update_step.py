@@ -17,7 +17,6 @@ from gravity_comp_ros.models.noise import is_outlier
 from gravity_comp_ros.models.sparse.dictionary import Expansion, feature_name
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
-from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 import numpy as np
 
 
@@ -57,9 +56,9 @@ def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | Non
 def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
                   free: UpdateStep) -> UpdateStep:
     """Return the change by a payload, or the free one if that fits much better."""
-    assert model.chain is not None and model.uncertainty is not None
+    assert model.chain is not None and model.covariance is not None
     assert free.model.chain is not None
-    loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
+    loaded = estimate_payload(model.chain, model.covariance, new, geometry)
     misfit, free_misfit = (float((each := new.residual(chain)) @ each)
                            for chain in (loaded.chain, free.model.chain))
     if misfit - free_misfit > CHANGE.free:
@@ -78,8 +77,7 @@ def _chain_step(model: GravityModel, new: NewSamples,
                 trials: tuple[Trial, ...]) -> UpdateStep:
     assert model.chain is not None
     n = model.n_joints
-    covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
-        else model.uncertainty.covariance
+    covariance = np.zeros((4 * n, 4 * n)) if model.covariance is None else model.covariance
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     path = None if model.payload_path is None else path_moments(model.payload_path, model.chain,
                                                                 box)
@@ -95,8 +93,7 @@ def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
     old = model.energy
     assert old is not None
     count = len(old.indices)
-    covariance = np.zeros((count, count)) if model.uncertainty is None \
-        else model.uncertainty.covariance
+    covariance = np.zeros((count, count)) if model.covariance is None else model.covariance
     columns = EnergyDesign(new.q, np.ones(new.tau.shape)).columns(old.indices).T.reshape(
         count, *new.tau.T.shape)
     residual = new.tau - model.predict(new.q)
@@ -107,17 +104,16 @@ def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
     energy = Expansion(old.indices, old.weights + change.mean)
     changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
                for k in change.support}
-    uncertainty = EnergyUncertainty(energy.indices, change.covariance)
-    return UpdateStep(_with_energy(model, energy, None, uncertainty), changed, change)
+    return UpdateStep(_with_energy(model, energy, None, change.covariance), changed, change)
 
 
 def _with_chain(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
-    return _with_energy(model, expand(chain), chain, ChainUncertainty(chain, covariance))
+    return _with_energy(model, expand(chain), chain, covariance)
 
 
 def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,
-                 uncertainty: ChainUncertainty | EnergyUncertainty) -> GravityModel:
+                 covariance: FloatArray) -> GravityModel:
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
-                                       model.coverage, model.provenance, chain, uncertainty)
+                                       model.coverage, model.provenance, chain, covariance)
     return replace(changed, applied=model.applied, history=model.history,
                    fitted=model.fitted, residual_std=model.residual_std, geometry=model.geometry)

@@ -253,7 +253,7 @@ def compare(model: GravityModel, samples: JointSamples,
     else:
         predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
     band = None
-    if model.uncertainty is not None:
+    if model.covariance is not None:
         band = HALF_95 * np.hypot(model.predict_std(samples.q), model.noise)
     return compare_prediction(samples, predicted,
                               model.coverage.distance(samples.q).max(axis=1) > 0.0, band)

@@ -1,1 +1,1 @@
-"""The gravity model, its noise and uncertainty, and its file."""
+"""The gravity model, its noise, and its file."""

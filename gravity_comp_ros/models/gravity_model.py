@@ -12,14 +12,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.least_squares import square_root
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import Uncertainty
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
 # Number of features above which the chain itself is evaluated faster than its expansion.
@@ -83,7 +85,8 @@ class GravityModel:
     `torques` are one expansion per joint in N·m; `energy` is the potential energy U in J with
     tau_n = dU/dq_n, None for `per_joint`. `noise` (N,) is the residual's standard deviation in
     training, N·m; `provenance` contains data, options and solver, ready for JSON. `chain` is the
-    chain from which the energy was expanded, None in other formulations; `uncertainty` is None for
+    chain from which the energy was expanded, None in other formulations. `covariance` is that of a
+    step of the chain (`Chain.moved`), (4N, 4N), or of the weights of the energy, (K, K); None for
     `per_joint`. `applied` are effects in addition to gravity; `predict` returns gravity alone, and
     `effects.predict` adds them. `history` lists the changes of the model, the latest last.
     `fitted` are effects that were found in the fitted data and are not predicted: adding one moves
@@ -93,8 +96,8 @@ class GravityModel:
     unknown lengths (`estimation.payload_path`). `geometry` are the axes of the arm, if the chain
     was fitted on those of a description.
 
-    :raises DataError: if the parts disagree in their number of joints, or an effect is on an
-        unknown joint.
+    :raises DataError: if the parts disagree in their number of joints or parameters, an effect is
+        on an unknown joint, or a covariance is not finite.
     """
 
     joints: tuple[str, ...]
@@ -105,7 +108,7 @@ class GravityModel:
     coverage: Coverage
     provenance: Mapping[str, Any] = field(default_factory=dict)
     chain: Chain | None = None
-    uncertainty: Uncertainty | None = None
+    covariance: FloatArray | None = None
     applied: Applied = Applied()
     history: tuple[Step, ...] = ()
     fitted: Applied = Applied()
@@ -129,20 +132,32 @@ class GravityModel:
         if self.geometry is not None and self.geometry.joints != self.joints:
             raise DataError(f'model: a geometry of {", ".join(self.geometry.joints)}, but joints '
                             f'{", ".join(self.joints)}')
+        if self.covariance is not None:
+            object.__setattr__(self, 'covariance', self._checked(self.covariance))
         for effect in (*self.applied.effects, *self.fitted.effects):
             if effect.joint is not None and effect.joint not in self.joints:
                 raise DataError(f'model: effect {effect.target} is on an unknown joint')
+
+    def _checked(self, covariance: FloatArray) -> FloatArray:
+        array = np.asarray(covariance, dtype=np.float64)
+        size = (4 * self.chain.n_joints if self.chain
+                else 0 if self.energy is None else len(self.energy.indices))
+        if array.shape != (size, size):
+            raise DataError(f'model: a covariance of {array.shape} for {size} parameters')
+        if not np.isfinite(array).all():
+            raise DataError('model: a covariance is not finite')
+        return array
 
     @classmethod
     def from_energy(cls, joints: tuple[str, ...], formulation: str, energy: Expansion,
                     noise: FloatArray, coverage: Coverage, provenance: Mapping[str, Any],
                     chain: Chain | None = None,
-                    uncertainty: Uncertainty | None = None) -> GravityModel:
+                    covariance: FloatArray | None = None) -> GravityModel:
         """Return the model whose torque is the gradient of `energy`."""
         n = len(joints)
         torques = tuple(energy.gradient(n, joint) for joint in range(n))
         return cls(joints, formulation, torques, energy, noise, coverage, provenance, chain,
-                   uncertainty)
+                   covariance)
 
     @property
     def n_joints(self) -> int:
@@ -172,15 +187,32 @@ class GravityModel:
         """
         Return the standard deviation (M, N) in N·m of `predict` at poses q (M, N).
 
-        It excludes the measurement noise: 95 % of measured torques lie within
+        The covariance is propagated through the derivative of the torque by the parameters. This
+        is exact for an energy, which is linear in its weights, and linearised for a chain. It
+        excludes the measurement noise: 95 % of measured torques lie within
         1.96 sqrt(std^2 + noise^2).
 
         :raises DataError: if the model has no uncertainty, or q another number of joints.
         """
-        if self.uncertainty is None:
+        if self.covariance is None:
             raise DataError(f'this {self.formulation} model has no uncertainty; fit it again '
                             f'as chain or potential')
-        return self.uncertainty.std(self._poses(q))
+        q = self._poses(q)
+        return np.concatenate([self._std(q[rows]) for rows in batches(len(q))])
+
+    def _std(self, q: FloatArray) -> FloatArray:
+        if self.chain is not None:
+            columns = self.chain.jacobian(q)
+        else:
+            assert self.energy is not None
+            columns = EnergyDesign(q, np.ones(q.shape)).columns(self.energy.indices).T
+        spread = self._root.T @ columns.reshape(len(columns), q.size)
+        return np.sqrt((spread ** 2).sum(axis=0)).reshape(*q.T.shape).T
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        assert self.covariance is not None
+        return square_root(self.covariance)
 
     def _poses(self, q: FloatArray) -> FloatArray:
         q = np.atleast_2d(np.asarray(q, dtype=np.float64))

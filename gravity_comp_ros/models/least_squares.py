@@ -1,5 +1,5 @@
 """
-Least squares and singular values, also of rank-deficient matrices.
+Least squares, singular values and square roots, also of rank-deficient matrices.
 
 NumPy uses LAPACK's divide and conquer, which sometimes fails on a finite rank-deficient matrix
 ("SVD did not converge"). The QR iteration is then used instead. It may not end for a matrix with
@@ -77,6 +77,12 @@ def svd(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         from scipy import linalg
         u, size, v = linalg.svd(x, full_matrices=False, lapack_driver='gesvd')
     return np.asarray(u), np.asarray(size), np.asarray(v)
+
+
+def square_root(covariance: FloatArray) -> FloatArray:
+    """Return L (K, K) with L L.T = covariance (K, K), which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _check_finite(*arrays: FloatArray) -> None:

@@ -21,7 +21,6 @@ from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, Gravit
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty, Uncertainty
 import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
@@ -134,8 +133,8 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
     if model.chain is not None:
         body['chain'] = {'axes': model.chain.axes.tolist(),
                          'moments': model.chain.moments.tolist()}
-    if model.uncertainty is not None:
-        body['covariance'] = model.uncertainty.covariance.tolist()
+    if model.covariance is not None:
+        body['covariance'] = model.covariance.tolist()
     if model.fitted.effects:
         body['fitted'] = [asdict(effect) for effect in model.fitted.effects]
     if model.residual_std is not None:
@@ -220,7 +219,7 @@ def _gravity(body: dict[str, Any]) -> GravityModel:
         chain = _chain(body['chain']) if 'chain' in body else None
         return GravityModel.from_energy(joints, body['formulation'], energy, noise, coverage,
                                         body['provenance'], chain,
-                                        _uncertainty(body, energy, chain))
+                                        _covariance(body))
     torques = tuple(_expansion(terms) for terms in body['torques'])
     return GravityModel(joints, body['formulation'], torques, None, noise, coverage,
                         body['provenance'])
@@ -247,15 +246,9 @@ def _chain(parts: dict[str, list]) -> Chain:
                  np.array(parts['moments'], dtype=np.float64))
 
 
-def _uncertainty(body: dict[str, Any], energy: Expansion,
-                 chain: Chain | None) -> Uncertainty | None:
-    """Return the uncertainty of the chain or of the energy, None without a covariance."""
+def _covariance(body: dict[str, Any]) -> FloatArray | None:
     if 'covariance' not in body:
         return None
     covariance = np.array(body['covariance'], dtype=np.float64)
-    if not covariance.size:
-        # A model without terms: JSON does not store the shape of an empty array.
-        covariance = covariance.reshape(0, 0)
-    if chain is not None:
-        return ChainUncertainty(chain, covariance)
-    return EnergyUncertainty(energy.indices, covariance)
+    # A model without terms: JSON does not store the shape of an empty array.
+    return covariance if covariance.size else covariance.reshape(0, 0)

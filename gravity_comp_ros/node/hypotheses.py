@@ -30,7 +30,7 @@ from gravity_comp_ros.evaluation.expected_residual import friction_size, RESIDUA
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
+from gravity_comp_ros.models.least_squares import square_root
 from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.epoch import REST_SPEED
 from gravity_comp_ros.node.parameters import Parameters
@@ -102,8 +102,7 @@ class Window:
         chain, samples = self.chain, self.samples
         assert chain.chain is not None
         n = chain.n_joints
-        covariance = chain.uncertainty.covariance if isinstance(
-            chain.uncertainty, ChainUncertainty) else np.zeros((4 * n, 4 * n))
+        covariance = np.zeros((4 * n, 4 * n)) if chain.covariance is None else chain.covariance
         trials = [Trial(chain.chain, covariance)]
         if self.geometry is None:
             trials += changed_model(chain, NewSamples(
@@ -316,6 +315,4 @@ def _friction_columns(window: Window) -> FloatArray:
 
 def _uncertainty_columns(chain: Chain, covariance: FloatArray, q: FloatArray) -> FloatArray:
     """Return columns (K, N, M) whose outer product is the covariance of the chain's torque."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.tensordot(root.T, chain.jacobian(q), axes=1)
+    return np.tensordot(square_root(covariance).T, chain.jacobian(q), axes=1)

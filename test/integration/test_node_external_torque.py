@@ -6,7 +6,6 @@ from gravity_comp_ros.evaluation.external_torque import external_torque
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -20,7 +19,7 @@ def test_external_torque_and_position_offset_of_a_pushed_arm(tmp_path):
     model = GravityModel.from_energy(
         ('a', 'b'), 'potential', energy, np.full(2, 0.1),
         Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), {},
-        uncertainty=EnergyUncertainty(energy.indices, 1e-6 * np.eye(2)))
+        covariance=1e-6 * np.eye(2))
     save_model(tmp_path / 'm.json', model)
     t = np.arange(0.0, 2.0, 0.01)
     q = np.column_stack([-0.5 + 0.1 * t, 0.4 + 0.1 * t])

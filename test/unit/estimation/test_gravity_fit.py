@@ -342,7 +342,7 @@ def test_an_empty_model_or_one_of_other_joints_is_ignored(formulation):
     cold = fit(data(0), FitOptions(formulation))
     nothing = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
     other = replace(cold.model, energy=nothing if cold.model.energy is not None else None,
-                    torques=(nothing,) * 4)
+                    torques=(nothing,) * 4, covariance=None)
     same(cold, fit(data(0), FitOptions(formulation), old=other))
     renamed = replace(cold.model, joints=('a', 'b', 'c', 'd'))
     same(cold, fit(data(0), FitOptions(formulation), old=renamed))

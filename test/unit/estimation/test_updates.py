@@ -19,7 +19,6 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import ChainUncertainty
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 import numpy as np
@@ -226,7 +225,7 @@ def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
     # The axis of joint 7 without payload has no moment; that of the payload identifies it.
     arm = with_payload(ARM, Payload(2.0, (0.05, 0.0, 0.1)))
     model = old['chain']
-    moments, std = model.chain.moments[6], np.sqrt(np.diag(model.uncertainty.covariance)[-2:])
+    moments, std = model.chain.moments[6], np.sqrt(np.diag(model.covariance)[-2:])
     assert (np.abs(moments) < 3.0 * std).all() and np.abs(moments).max() < 0.05
     model = update(model, recorded(arm, LATER[:50])).model
     error = (model.predict(wide) - gravity_torque(arm, wide))[:, 6]
@@ -235,7 +234,7 @@ def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
 
 def test_an_update_warns_of_a_large_uncertainty(old):
     loaded = with_payload(ARM, Payload(2.0, (0.02, 0.03, 0.1)))
-    few = update(old['chain'], recorded(loaded, LATER[:12]))
+    few = update(old['chain'], recorded(loaded, LATER[:12], 3))
     assert any('may be off by' in message for message in few.report.warnings)
     assert update(old['chain'], recorded(loaded, LATER[:100])).report.warnings == ()
 
@@ -270,7 +269,7 @@ def test_differences_between_hypotheses_are_part_of_the_uncertainty(old, wide):
     other = loaded.moved(step)
     torques = np.array([loaded.torque(wide), other.torque(wide)])
     covariance = _spread(loaded, wide, torques, np.full(2, 0.5))
-    std = ChainUncertainty(loaded, covariance).std(wide)
+    std = replace(old['chain'], chain=loaded, covariance=covariance).predict_std(wide)
     difference = np.abs(other.torque(wide) - loaded.torque(wide))
     np.testing.assert_allclose(std, difference / np.sqrt(2.0), atol=0.05 * difference.max())
     assert difference.max() > 0.1

@@ -17,7 +17,6 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.arm_columns import described_columns
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
 import pytest
@@ -40,7 +39,7 @@ def model(*fitted):
     gravity = GravityModel.from_energy(
         ('a', 'b'), 'potential', energy, np.full(2, NOISE),
         Coverage(np.full(2, -1.0), np.full(2, 1.0), 100), {},
-        uncertainty=EnergyUncertainty(energy.indices, COEFFICIENT_STD ** 2 * np.eye(2)))
+        covariance=COEFFICIENT_STD ** 2 * np.eye(2))
     return replace(gravity, fitted=Applied(fitted))
 
 
@@ -121,7 +120,7 @@ def vertical_axis(*fitted):
     energy = Expansion(np.array([1]), np.array([0.0]))
     gravity = GravityModel.from_energy(
         ('j',), 'potential', energy, np.full(1, NOISE), Coverage(-np.ones(1), np.ones(1), 9), {},
-        uncertainty=EnergyUncertainty(energy.indices, np.zeros((1, 1))))
+        covariance=np.zeros((1, 1)))
     return replace(gravity, geometry=geometry, fitted=Applied((inertia, *fitted)))
 
 
@@ -212,7 +211,7 @@ def test_effects_that_need_earlier_samples_are_named():
 
 def test_of_a_model_without_uncertainty_the_deviation_is_unknown_and_nothing_is_significant():
     samples = motion(push=-50.0)
-    unsure = replace(MODEL, formulation='per_joint', energy=None, uncertainty=None)
+    unsure = replace(MODEL, formulation='per_joint', energy=None, covariance=None)
     result = external_torque(unsure, samples)
     assert np.isnan(result.std).all() and not result.significant.any()
     known = external_torque(MODEL, samples)

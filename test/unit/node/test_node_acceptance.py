@@ -181,7 +181,7 @@ def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
     chain = as_chain(model)
     assert chain.formulation == 'chain'
     assert np.abs(chain.predict(bare.q) - model.predict(bare.q)).max() < 0.3
-    no_chain = replace(model, uncertainty=None)
+    no_chain = replace(model, covariance=None)
     assert as_chain(no_chain) is None
 
 
@@ -210,7 +210,7 @@ def with_wrong_axes(model, angle):
     turned = np.random.default_rng(0).uniform(-angle, angle, 14)
     chain = model.chain.moved(np.concatenate([turned, np.zeros(14)]))
     return GravityModel.from_energy(model.joints, 'chain', expand(chain), model.noise,
-                                    model.coverage, {}, chain, model.uncertainty)
+                                    model.coverage, {}, chain, model.covariance)
 
 
 def test_a_model_that_changes_with_its_samples_has_not_converged(base):

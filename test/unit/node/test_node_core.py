@@ -217,7 +217,7 @@ def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, mode
     base = node.models.model
     t, q = motion(60)
     samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))
-    unknown = replace(fit(samples).model, uncertainty=None)
+    unknown = replace(fit(samples).model, covariance=None)
     change = UncertainChange(unknown, base, Coverage.of(samples))
     node.arm.use(unknown, base, 60, change)
     pose = np.array([0.4, 0.1])
