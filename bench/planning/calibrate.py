@@ -25,7 +25,7 @@ from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.simulation import motions
@@ -73,7 +73,7 @@ def run(scene: Scene) -> dict[str, Any]:
         sized = replace(scene, drawn=_size(scene, options, limits))
         old = sized.recorded()
         estimated = estimate(old, options)
-        model = model_of(estimated, Switches())
+        model = model_of(estimated)
         started = time.process_time()
         planned = plan(old, model, [target], limits, estimated=estimated)
         seconds = time.process_time() - started
@@ -96,7 +96,7 @@ def _size(scene: Scene, options: FitOptions, limits: PlanOptions) -> float:
     """Return a size drawn from the prior that a plan assumes without the effect."""
     old = replace(scene, drawn=1e-9).recorded()
     estimated = estimate(old, options)
-    planned = plan(old, model_of(estimated, Switches()), [scene.truth], limits,
+    planned = plan(old, model_of(estimated), [scene.truth], limits,
                    estimated=estimated)
     std = next(iter(planned.expectations[0].assumed.values()))
     return float(abs(std * np.random.default_rng([scene.seed, 7]).standard_normal()))

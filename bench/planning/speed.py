@@ -12,7 +12,7 @@ import time
 from bench.planning.scenes import Scene
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.questions import named_targets
 
@@ -24,7 +24,7 @@ def main() -> int:
     """Print targets, processor time and number of parts."""
     old = Scene('iiwa7', 'coulomb_friction', 1, 'one_way', 0).recorded()
     estimated = estimate(old, FitOptions('chain'))
-    model = model_of(estimated, Switches())
+    model = model_of(estimated)
     started = time.process_time()
     estimate(old, FitOptions('chain'), old=model)
     print(f'estimate from the model: {time.process_time() - started:.1f} s')

@@ -176,7 +176,7 @@ def _convergence_objection(samples: JointSamples, result: FitResult,
         return None
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
     return convergence_objection(result.model, samples, noise,
-                                 lambda part: fit_again(part, result, options).model)
+                                 lambda part: fit_again(result, options, part).model)
 
 
 def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:

@@ -70,7 +70,7 @@ def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | No
     # Slow samples at any rate, as they are fitted.
     unthinned = fitted if fitted.gate is None else replace(
         fitted, gate=replace(fitted.gate, rate_hz=None))
-    effects, choice = fitted_sentence(result.model), result.report.choice
+    effects, report = fitted_sentence(result.model), result.report
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     return [
         *reading.lines(unthinned), *arm.axes.notes, f'joint order: {arm.order.source}',
@@ -79,7 +79,7 @@ def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | No
         '', _joint_table(result, held_out), _solver_sentence(result),
         *([f'{effects} (`gravity_comp diagnose` identifies them)'] if effects else []),
         'RMSE is the error of the prediction; the remaining error is that with all fitted terms',
-        f'{choice.formulation} was chosen: {choice.why}', '',
+        f'{report.formulation} was chosen: {report.why}', '',
         terminal.styled('bold', 'torque in N·m', ' (s2, c2: sine and cosine of the angle of the '
                         'second joint)'),
         *(terminal.styled('bold', f'  {joint}',

@@ -8,7 +8,7 @@ that the model does not predict, with its evidence, its alternatives and its hel
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -18,12 +18,10 @@ from gravity_comp_ros.diagnosis.verdict import (
     DiagnosisOptions, Evidence, finding_of, finding_of_dynamics)
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate, estimate
-from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
-from gravity_comp_ros.estimation.held_out import held_out_torques
+from gravity_comp_ros.estimation.estimated_model import target_of
 from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.regression.noise import correlation_times
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -59,77 +57,48 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
 def conclude(estimated: Estimate, model: GravityModel | None,
              options: DiagnosisOptions = DiagnosisOptions()) -> Diagnosis:
     """Return the findings of an estimate that a model does not predict."""
-    work = _Conclusion.of(estimated, model, options)
-    findings = work.findings()
+    evidence = Evidence.of(estimated, model, options)
+    findings = _findings(evidence)
     findings.sort(key=lambda f: (f.verdict not in FOUND, -f.gain))
-    reports = {name: work.joint_report(n, name, findings)
-               for n, name in enumerate(work.names)}
+    reports = {name: _joint_report(evidence, n, name, findings)
+               for n, name in enumerate(evidence.joints)}
     arm = {name: reason for (name, joint), reason in
            estimated.regression.candidates.untestable.items() if joint is None}
     return Diagnosis(tuple(findings), reports, arm)
 
 
-@dataclass(frozen=True, eq=False)
-class _Conclusion:
-    """
-    Data that all findings share.
+def _findings(evidence: Evidence) -> list[Finding]:
+    """Return one finding for each term that the model does not predict, and for the rest."""
+    findings = []
+    for term in evidence.estimated.regression.terms:
+        name = target_of(term, evidence.joints)
+        if name not in evidence.in_model:
+            findings.append(finding_of(evidence, term))
+        elif name in evidence.absorbed:
+            findings.append(replace(finding_of(evidence, term), is_predicted=True, to_add=()))
+    dynamics = finding_of_dynamics(evidence)
+    findings += [] if dynamics is None else [dynamics]
+    return [*findings, *unexplained(evidence)]
 
-    `predicted` are the targets that the model predicts, `given` those that are no findings.
-    """
 
-    estimated: Estimate
-    evidence: Evidence
-    predicted: frozenset[str]
-    given: frozenset[str]
-    options: DiagnosisOptions
-
-    @classmethod
-    def of(cls, estimated: Estimate, model: GravityModel | None,
-           options: DiagnosisOptions) -> _Conclusion:
-        given = frozenset(e.target for e in model.applied.effects) if model else frozenset()
-        regression = estimated.regression
-        absorbed = {target_of(term, regression.problem.samples.names)
-                    for term in regression.terms if is_absorbed(estimated, term)}
-        # A term that gravity absorbs nearly whole is predicted, but remains a finding.
-        rows = regression.problem.rows.n_rows
-        evidence = Evidence(estimated, held_out_torques(estimated), given | absorbed,
-                            rows / correlation_times(regression.posterior), options)
-        return cls(estimated, evidence, given, given - absorbed, options)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.estimated.regression.problem.samples.names
-
-    def findings(self) -> list[Finding]:
-        """Return one finding for each term that the model does not predict, and for the rest."""
-        findings = []
-        for term in self.estimated.regression.terms:
-            name = target_of(term, self.names)
-            if name not in self.given:
-                finding = finding_of(self.evidence, term)
-                findings.append(replace(finding, is_predicted=True, to_add=())
-                                if name in self.predicted else finding)
-        dynamics = finding_of_dynamics(self.evidence, self.given)
-        findings += [] if dynamics is None else [dynamics]
-        return [*findings, *unexplained(self.evidence)]
-
-    def joint_report(self, n: int, name: str, findings: list[Finding]) -> JointReport:
-        """Return the report of a joint: errors before and after, and what is not testable."""
-        torques, predicted = self.evidence.torques, self.evidence.predicted
-        added = {target(f.effect, f.joint) for f in findings
-                 if f.effect is not None and (f.to_add or f.is_predicted)}
-        every = {*predicted, *torques.effects}
-        before, after, rest = (float(torques.rmse(names)[n])
-                               for names in (predicted, {*predicted, *added}, every))
-        noise = float(_white(self.estimated)[n])
-        span = max(float(np.ptp(torques.tau[:, n])), 1e-12)
-        untestable = {effect: reason for (effect, joint), reason in
-                      self.estimated.regression.candidates.untestable.items() if joint == n}
-        own = [f for f in findings if f.joint == name]
-        remaining = rest / span if rest > 2.0 * noise else 0.0
-        return JointReport(_summary(own, before, after), noise,
-                           float(self.evidence.n_effective[n]), before, after, untestable,
-                           remaining if remaining > self.options.min_remaining else 0.0)
+def _joint_report(evidence: Evidence, n: int, name: str,
+                  findings: list[Finding]) -> JointReport:
+    """Return the report of a joint: errors before and after, and what is not testable."""
+    torques, predicted = evidence.torques, evidence.predicted
+    added = {target(f.effect, f.joint) for f in findings
+             if f.effect is not None and (f.to_add or f.is_predicted)}
+    every = {*predicted, *torques.effects}
+    before, after, rest = (float(torques.rmse(names)[n])
+                           for names in (predicted, {*predicted, *added}, every))
+    noise = float(_white(evidence.estimated)[n])
+    span = max(float(np.ptp(torques.tau[:, n])), 1e-12)
+    untestable = {effect: reason for (effect, joint), reason in
+                  evidence.estimated.regression.candidates.untestable.items() if joint == n}
+    own = [f for f in findings if f.joint == name]
+    remaining = rest / span if rest > 2.0 * noise else 0.0
+    return JointReport(_summary(own, before, after), noise, float(evidence.n_effective[n]),
+                       before, after, untestable,
+                       remaining if remaining > evidence.options.min_remaining else 0.0)
 
 
 def _white(estimated: Estimate) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import HALF_95
@@ -14,10 +13,12 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, has_dynamics, is_absorbed, motion_parameters, target_of, values_of)
-from gravity_comp_ros.estimation.held_out import HeldOutTorques
+from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.linear import Linear
+from gravity_comp_ros.regression.noise import correlation_times
 from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
@@ -59,15 +60,34 @@ class Evidence:
     """
     An estimate with its held-out torques.
 
-    `predicted` are the targets that the diagnosed model predicts, `n_effective` (N,) the
+    `in_model` are the targets of the diagnosed model, `absorbed` those of terms that gravity
+    absorbs nearly whole: they are predicted, but remain findings. `n_effective` (N,) is the
     effective sample size of each joint.
     """
 
     estimated: Estimate
     torques: HeldOutTorques
-    predicted: frozenset[str]
+    in_model: frozenset[str]
+    absorbed: frozenset[str]
     n_effective: FloatArray
     options: DiagnosisOptions
+
+    @classmethod
+    def of(cls, estimated: Estimate, model: GravityModel | None,
+           options: DiagnosisOptions) -> Evidence:
+        """Return the evidence for what a model does not predict; None for a model of gravity."""
+        regression = estimated.regression
+        absorbed = frozenset(target_of(term, regression.problem.samples.names)
+                             for term in regression.terms if is_absorbed(estimated, term))
+        return cls(estimated, held_out_torques(estimated),
+                   frozenset(e.target for e in model.applied.effects) if model else frozenset(),
+                   absorbed, regression.problem.rows.n_rows / correlation_times(
+                       regression.posterior), options)
+
+    @property
+    def predicted(self) -> frozenset[str]:
+        """Return the targets that the diagnosed model predicts, those of absorbed terms too."""
+        return self.in_model | self.absorbed
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -175,7 +195,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
     return Verdict.ESTABLISHED, ''
 
 
-def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding | None:
+def finding_of_dynamics(evidence: Evidence) -> Finding | None:
     """
     Return the finding of rigid-body dynamics, None without evidence.
 
@@ -184,7 +204,7 @@ def finding_of_dynamics(evidence: Evidence, given: Collection[str]) -> Finding |
     """
     regression = evidence.estimated.regression
     shared, posterior = regression.shared, regression.posterior
-    if DYNAMICS in given or DYNAMICS not in evidence.torques.effects \
+    if DYNAMICS in evidence.in_model or DYNAMICS not in evidence.torques.effects \
             or not has_dynamics(shared):
         return None
     gain = _gain_of_dynamics(regression)

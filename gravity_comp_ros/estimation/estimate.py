@@ -151,29 +151,30 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     return result
 
 
-def estimate_again(samples: JointSamples, earlier: Estimate, options: FitOptions) -> Estimate:
+def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples | None = None,
+                   formulation: str = '') -> Estimate:
     """
-    Return an estimate from other samples with the terms of an earlier one.
+    Return an estimate with the terms of an earlier one; no effect is searched for.
 
-    No effect is searched for. A chain begins at a new start of its axes, a sparse formulation
-    with a new support.
-
+    :param samples: other samples, for which a chain begins at a new start of its axes, and a
+        sparse formulation with a new support; None for those of the earlier estimate.
+    :param formulation: a sparse formulation; '' for that of the earlier estimate.
     :raises FitError: if there are too few samples, or no joint moves.
     """
-    _check(samples, None)
-    work = _Work.again(Problem.of(samples, None, options.engine), options)
-    terms, formulation = earlier.regression.terms, earlier.formulation
+    known, why = earlier.regression, 'it was requested' if formulation else earlier.why
+    formulation = formulation or earlier.formulation
+    if samples is not None:
+        _check(samples, None)
+    work = _Work(known.problem if samples is None else Problem.of(samples, None, options.engine),
+                 options, None, frozenset(), tuple(all_effects().values()),
+                 lambda word, share: None)
+    if samples is not None:
+        start = work.start_of(earlier.geometry) if formulation == 'chain' \
+            else work.first_support(formulation)
+        known = work.regress_terms(start, known.terms)
     if formulation == 'chain':
-        return replace(earlier, regression=work.regress_terms(
-            work.start_of(earlier.geometry), terms))
-    return work.sparse_with(work.regress_terms(work.first_support(formulation), terms),
-                            formulation, earlier.why)
-
-
-def estimate_as(formulation: str, earlier: Estimate, options: FitOptions) -> Estimate:
-    """Return a sparse formulation of the samples of an earlier estimate, with its terms."""
-    work = _Work.again(earlier.regression.problem, options)
-    return work.sparse_with(earlier.regression, formulation, 'it was requested')
+        return replace(earlier, regression=known)
+    return work.sparse_with(known, formulation, why)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +187,6 @@ class _Work:
     forced: frozenset[Key]
     effects: tuple[Effect, ...]
     report: Progress
-
-    @classmethod
-    def again(cls, problem: Problem, options: FitOptions) -> _Work:
-        """Return the work of an estimate whose effects are known."""
-        return cls(problem, options, None, frozenset(), tuple(all_effects().values()),
-                   lambda word, share: None)
 
     def chain_or_potential(self) -> Estimate:
         """Return the chain, or the potential if that predicts held-out samples better."""

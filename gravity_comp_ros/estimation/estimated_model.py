@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeGuard
 
 from gravity_comp_ros.data.constants import HALF_95
@@ -26,22 +26,6 @@ from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
 
-@dataclass(frozen=True, eq=False)
-class Switches:
-    """
-    Which terms of an estimate a model predicts.
-
-    `predicted` are targets (`NAME:JOINT`). Static terms that gravity absorbs nearly whole are
-    predicted as well: their sum with gravity is identified, their split is not.
-    """
-
-    predicted: Collection[str] = ()
-
-    def is_predicted(self, estimate: Estimate, term: Term, name: str) -> bool:
-        """Return whether a term is predicted."""
-        return name in self.predicted or is_absorbed(estimate, term)
-
-
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
     """Return whether gravity absorbs a static term nearly whole in the fitted motion."""
     regression = estimate.regression
@@ -54,11 +38,15 @@ def target_of(term: Term, joints: tuple[str, ...]) -> str:
     return target(term.name, None if term.joint is None else joints[term.joint])
 
 
-def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None = None,
-             with_noise: bool = True) -> GravityModel:
+def model_of(estimate: Estimate, switched_on: Collection[str] = (),
+             posterior: Posterior | None = None, with_noise: bool = True) -> GravityModel:
     """
     Return the model of an estimate.
 
+    Static terms that gravity absorbs nearly whole are predicted as well: their sum with gravity is
+    identified, their split is not.
+
+    :param switched_on: targets (`NAME:JOINT`) of the effects that the model predicts.
     :param posterior: another posterior of the same terms, such as that of a fold.
     :param with_noise: whether the noise is computed from the prediction of the fitted samples.
     """
@@ -73,11 +61,11 @@ def model_of(estimate: Estimate, switches: Switches, posterior: Posterior | None
     fitted: list[AppliedEffect] = []
     for term in posterior.terms:
         effect = _applied(estimate, posterior, term, joints)
-        chosen = switches.is_predicted(estimate, term, effect.target)
+        chosen = effect.target in switched_on or is_absorbed(estimate, term)
         (predicted if chosen else fitted).append(effect)
     if has_dynamics(shared) and _moves(estimate, shared):
         dynamics = _dynamics(estimate, shared, posterior)
-        (predicted if DYNAMICS in switches.predicted else fitted).append(dynamics)
+        (predicted if DYNAMICS in switched_on else fitted).append(dynamics)
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
     return with_residuals(model, estimate) if with_noise else model
 

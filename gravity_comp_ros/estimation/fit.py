@@ -15,8 +15,8 @@ from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import (
-    Estimate, estimate, estimate_again, estimate_as, FitOptions, Progress)
-from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+    Estimate, estimate, estimate_again, FitOptions, Progress)
+from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.regression.term import Key
@@ -70,26 +70,21 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
                      effects, warning)
 
 
-def fit_again(samples: JointSamples, earlier: FitResult, options: FitOptions) -> FitResult:
+def fit_again(earlier: FitResult, options: FitOptions, samples: JointSamples | None = None,
+              formulation: str = '') -> FitResult:
     """
-    Return a fit to other samples with the effects of an earlier one (`estimate_again`).
+    Return a fit with the effects of an earlier one (`estimate_again`).
 
     :raises FitError: if there are too few samples, or no joint moves.
     """
-    again = estimate_again(samples, earlier.estimate, options)
+    again = estimate_again(earlier.estimate, options, samples, formulation)
     return result_of(again, options, [effect.target for effect in earlier.model.applied.effects])
-
-
-def fit_as(formulation: str, earlier: FitResult, options: FitOptions) -> FitResult:
-    """Return a sparse formulation of the samples of an earlier fit, with its effects."""
-    other = estimate_as(formulation, earlier.estimate, options)
-    return result_of(other, options, [effect.target for effect in earlier.model.applied.effects])
 
 
 def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str] = (),
               warning: str = '') -> FitResult:
     """Return the model of an estimate, which predicts some effects, with its report."""
-    model = model_of(estimated, Switches(effects))
+    model = model_of(estimated, effects)
     report = build_report(model, estimated, options, warning)
     model = replace(model, provenance={'options': options.to_json(), 'report': report.to_json()})
     converged = estimated.regression.converged and all(

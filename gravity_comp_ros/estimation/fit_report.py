@@ -11,7 +11,7 @@ from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
-from gravity_comp_ros.estimation.residuals import is_white, residual_of, samples_of_rows
+from gravity_comp_ros.estimation.residuals import is_white, samples_of_rows
 from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -33,29 +33,13 @@ _UPSIDE_DOWN = np.radians(135.0)
 _UNCERTAIN = 0.02
 
 
-@dataclass(frozen=True)
-class FormulationChoice:
-    """
-    The chosen formulation and the reason; `held_out` are errors in multiples of the noise.
-
-    `warning` is the reason why known axes were rejected, '' if they were not.
-    """
-
-    formulation: str
-    why: str
-    held_out: Mapping[str, float]
-    warning: str = ''
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the choice for a report, whose warnings include this warning."""
-        return {'formulation': self.formulation, 'why': self.why, 'held_out': dict(self.held_out)}
-
-
 @dataclass(frozen=True, eq=False)
 class FitDetails:
     """
     The report of a fit.
 
+    `why` is the reason of the formulation, `held_out` are held-out errors by formulation in
+    multiples of the noise, empty without a comparison.
     By joint: the number of `features`; `rmse` in N·m of the model's prediction, `noise` in N·m
     with all fitted effects. `n_fitted` is the number of rows of the regression, `steps` that of
     the last linearisations. `white` tells whether the residual is close to white noise. `solver`
@@ -66,7 +50,8 @@ class FitDetails:
     """
 
     formulation: str
-    choice: FormulationChoice
+    why: str
+    held_out: Mapping[str, float]
     n_samples: int
     n_runs: int
     n_fitted: int
@@ -88,7 +73,7 @@ class FitDetails:
     def to_json(self) -> dict[str, Any]:
         """Return the report for a model's provenance and for `fit --json`."""
         return {
-            'formulation': self.formulation, 'choice': self.choice.to_json(),
+            'formulation': self.formulation, 'why': self.why, 'held_out': dict(self.held_out),
             'n_samples': self.n_samples, 'n_runs': self.n_runs, 'n_fitted': self.n_fitted,
             'features': dict(self.features), 'rmse': dict(self.rmse), 'noise': dict(self.noise),
             'fitted': [{'target': e.target, **asdict(e)} for e in self.fitted.effects],
@@ -122,7 +107,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
         zeros = {name: angle for name, angle in zeros.items() if abs(angle) > limits[name]}
     anywhere = std_over_poses(model)
     spoilt = outliers(samples_of_rows(problem, problem.y), problem.n_measured,
-                      residual_of(regression))
+                      regression.posterior.unweighted_residual())
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(model.joints, values.tolist()))
@@ -131,10 +116,8 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
              *_outlier_warnings(spoilt), *_warnings(model, estimate, dropped),
              *uncertainty_warning(model, anywhere, problem.scale.largest)]
     return FitDetails(
-        model.formulation,
-        FormulationChoice(estimate.formulation, estimate.why, estimate.held_out,
-                          estimate.warning),
-        used.n_samples, used.n_runs, problem.rows.n_rows, by_joint(model.n_features()),
+        model.formulation, estimate.why, estimate.held_out, used.n_samples, used.n_runs,
+        problem.rows.n_rows, by_joint(model.n_features()),
         by_joint(model.noise), by_joint(model.noise_with_nuisance), model.fitted, estimate.fits,
         dropped, tuple(line for line in lines if line), is_white(regression, options.white),
         regression.steps, known, tilt, zeros, by_joint(anywhere) if anywhere.size else {},

@@ -17,7 +17,7 @@ from gravity_comp_ros.effects.predict import installed, torque_on
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
-from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 import numpy as np
 
@@ -88,7 +88,7 @@ def held_out_torques(estimate: Estimate,
     fold = rows.fold[problem.row_of]
     gravity = np.zeros((len(fold), samples.n_joints))
     effects: dict[str, FloatArray] = {}
-    everything = Switches([*(t.name for t in regression.terms), DYNAMICS])
+    everything = [*(t.name for t in regression.terms), DYNAMICS]
     every_sample = Motion.of(samples, np.zeros_like(samples.q), problem.motion.gravity_gradient)
     for k in np.unique(rows.fold):
         posterior = regression.without(rows.fold == k)

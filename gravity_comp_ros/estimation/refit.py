@@ -20,7 +20,7 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, is_absorbed, model_of, Switches, target_of)
+    alternatives_of, is_absorbed, model_of, target_of)
 from gravity_comp_ros.estimation.fit import key_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.evaluation.compare import p_of_decrease
@@ -170,7 +170,7 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     errors = _errors(torques, before, after, model.joints)
     if new:
         _check_not_worse(errors, options)
-    fitted = model_of(estimated, Switches((*old, *new)))
+    fitted = model_of(estimated, (*old, *new))
     provenance = dict(model.provenance)
     p = _p_value(torques, before, after) if new else 1.0
     return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
@@ -211,8 +211,8 @@ def _new_targets(samples: JointSamples, model: GravityModel,
 
 
 def _predicted(estimated: Estimate, targets: Sequence[str]) -> set[str]:
-    """Return the targets that a model with these switches predicts."""
-    model = model_of(estimated, Switches(targets), with_noise=False)
+    """Return the targets that a model with these effects predicts."""
+    model = model_of(estimated, targets, with_noise=False)
     return {effect.target for effect in model.applied.effects}
 
 

@@ -15,14 +15,6 @@ def samples_of_rows(problem: Problem, torque: FloatArray) -> JointSamples:
                         torque, rows.run, samples.run_labels)
 
 
-def residual_of(regression: Regression) -> FloatArray:
-    """Return the residual of all terms, (R, N) in N·m."""
-    posterior = regression.posterior
-    parts = [posterior.residual(j) / np.maximum(posterior.design.root[j], 1e-9)
-             for j in range(posterior.design.n_joints)]
-    return np.stack(parts, axis=1)
-
-
 def is_white(regression: Regression, limit: float) -> bool:
     """Return whether every joint's residual is close to the white noise of its torque."""
     return bool((regression.noise <= limit * regression.problem.white_noise).all())
@@ -46,7 +38,7 @@ def torque_at_rest(regression: Regression) -> FloatArray:
     """
     problem, posterior = regression.problem, regression.posterior
     gravity = regression.shared.gravity(problem.samples.q)
-    torque = problem.rows.mean(gravity) + residual_of(regression)
+    torque = problem.rows.mean(gravity) + posterior.unweighted_residual()
     for term in posterior.terms:
         if term.effect.is_static:
             for j in term.joints(posterior.design.n_joints):

@@ -21,7 +21,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.estimation.fit import fit_again, fit_as, FitResult as FullFit
+from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.estimation.requested_fit import requested_fit
@@ -221,7 +221,7 @@ def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[C
 def _converged(fit: FullFit, job: Job) -> Check:
     options = options_of(job)
     why = convergence_objection(fit.model, job.rows.train, residual_noise(fit.model),
-                                lambda part: fit_again(part, fit, options).model)
+                                lambda part: fit_again(fit, options, part).model)
     return Check(checks.CONVERGED, float(why is not None), 0.5, text=why or '')
 
 
@@ -307,7 +307,7 @@ def _full_fits(job: Job) -> Iterator[Candidate]:
     fits = [full_fit(job)]
     if job.settings.formulation == 'auto':
         with suppress(FitError, DataError):
-            fits.append(fit_as('potential', fits[0], options_of(job)))
+            fits.append(fit_again(fits[0], options_of(job), formulation='potential'))
     for fit in fits:
         yield candidate(fit.model, job, f'full fit, {fit.model.formulation}', fit)
 

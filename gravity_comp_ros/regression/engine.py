@@ -212,18 +212,12 @@ def _search(fit: Linear, effects: Sequence[Effect], forced: frozenset[Key],
 
 def _weights(fit: Linear) -> FloatArray:
     """Return the weights (R, N) of the rows: relative noise, outliers, and their duration."""
-    problem, residual = fit.problem, _residual(fit.posterior)
+    problem, residual = fit.problem, fit.posterior.unweighted_residual()
     gravity = problem.rows.mean(fit.factory.motion.gravity)
     relative = relative_weights(residual, gravity) / (
         1.0 + variance_by_motion(fit.posterior, fit.factory) / robust_std(residual) ** 2)
     return np.asarray(problem.rows.weights[:, None] * relative * outlier_weights(
         np.sqrt(relative) * residual))
-
-
-def _residual(posterior: Posterior) -> FloatArray:
-    """Return the unweighted residual of all joints, (R, N) in N·m."""
-    parts = [posterior.residual(j) for j in range(posterior.design.n_joints)]
-    return np.stack(parts, axis=1) / np.maximum(posterior.design.root.T, 1e-9)
 
 
 def _ambiguous(search: Search, term: Term) -> list[Alternative]:

@@ -75,6 +75,11 @@ class Posterior:
             self._residuals[j] = self.design.y[j] - self.torque(j, self.beta[self.places(j)])
         return self._residuals[j]
 
+    def unweighted_residual(self) -> FloatArray:
+        """Return the residual of all joints, (R, N) in N·m."""
+        parts = [self.residual(j) for j in range(self.design.n_joints)]
+        return np.asarray(np.stack(parts, axis=1) / np.maximum(self.design.root.T, 1e-9))
+
     @cached_property
     def squares(self) -> FloatArray:
         """Return the sum of squared residuals of each joint, (N,) in (N·m)^2."""

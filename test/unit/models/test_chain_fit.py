@@ -164,14 +164,14 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
 def test_auto_selects_the_chain_if_its_residual_is_white_and_else_the_potential(iiwa):
     result = fit(iiwa[2], FitOptions('auto'))
     assert result.model.formulation == 'chain'
-    assert 'is white' in result.report.choice.why
+    assert 'is white' in result.report.why
     # No serial arm has this combination of features.
     samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
     result = fit(samples, FitOptions('auto'))
     assert result.model.formulation == 'potential'
-    errors = result.report.choice.held_out
+    errors = result.report.held_out
     assert errors['potential'] < errors['chain']
-    assert 'the error of the potential is' in result.report.choice.why
+    assert 'the error of the potential is' in result.report.why
     assert result.model.chain is None
 
 
@@ -180,7 +180,7 @@ def test_a_part_of_the_samples_has_its_own_support():
     samples = energy_samples({'s1 s2': 5.0, 'c1': 3.0, 's2': 4.0}, 2, 0.05)
     options = FitOptions('potential')
     earlier, part = estimate(samples, options), samples.select(np.arange(12))
-    again = estimate_again(part, earlier, options)
+    again = estimate_again(earlier, options, part)
     assert again.formulation == 'potential' and again.fits
     assert set(again.regression.shared.energy.indices) != set(
         earlier.regression.shared.energy.indices)

@@ -10,7 +10,7 @@ from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.estimation.estimated_model import model_of, Switches
+from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.criterion import _evidence, Criterion, Gravity
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
@@ -247,7 +247,7 @@ def estimated_gravity():
 def test_the_uncertainty_is_that_of_the_model(estimated_gravity):
     old = one_way(0, span=0.3)
     question = Gravity.of(estimated_gravity.regression, True)
-    std = model_of(estimated_gravity, Switches()).predict_std(old.q)
+    std = model_of(estimated_gravity).predict_std(old.q)
     np.testing.assert_allclose(question.now, np.sqrt((std ** 2).mean(axis=0)), rtol=0.05)
     assert question.joints == tuple(np.argsort(-question.now))
     # Without a motion it is the published posterior.
