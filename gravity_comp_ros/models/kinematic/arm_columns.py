@@ -24,9 +24,9 @@ from functools import lru_cache
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.kinematic.chain import Chain, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.models.kinematic.rigid_body import LinkMotion, matrices_of, regressor
 from gravity_comp_ros.models.kinematic.vectors import (
     combined, cross, cross_matrices, dot, next_values, outer, prefix_sums, suffix_sums, times)
 import numpy as np
@@ -50,7 +50,7 @@ def motion_columns(motion: ArmMotion) -> FloatArray:
     columns = np.empty((n, 9 * n - 3, m))
     lengths = columns[:, :3 * n - 3].reshape(n, n - 1, 3, m)
     inertias = columns[:, 3 * n - 3:].reshape(n, n, 6, m)
-    torque, lever = _inertia_columns(motion), cross(z, beyond)
+    torque, lever = motion.inertia_columns(_PAIRS), cross(z, beyond)
     for j in range(n):
         lengths[j, j:] = dot(z[j], moment[j:])
         lengths[j, :j] = dot(lever[j], accelerated[:j])
@@ -122,7 +122,7 @@ def _turned_moments(motion: ArmMotion, inertias: FloatArray, arms: FloatArray,
 
     X_j is the inertia of the links from j on.
     """
-    axes, matrices = motion.links, _matrices(inertias)
+    axes, matrices = motion.links, matrices_of(inertias, _PAIRS)
     turned = (matrices @ axes.reshape(len(axes), 3, -1)).reshape(axes.shape)
     inertia = np.asarray(sum(axes[:, k, :, None] * turned[:, k, None] for k in range(3)))
     beyond, moved = next_values(motion.beyond), next_values(moving)
@@ -139,53 +139,23 @@ def _turned_moments(motion: ArmMotion, inertias: FloatArray, arms: FloatArray,
 
 
 @dataclass(frozen=True, eq=False)
-class ArmMotion:
+class ArmMotion(LinkMotion):
     """
-    The moving links of a chain, vectors in the base at B states.
+    The moving links of a chain.
 
-    `links` and `frames` (N, axis, xyz, B) are the axes of their frames after and before the
-    rotation of their joint; `omega` and `alpha` (N, xyz, B) their angular velocities and
-    accelerations. `beyond` and `moved_beyond` (N, xyz, B) are sums over a link and all beyond it:
-    of the first moments over g, and of their accelerations.
+    `beyond` and `moved_beyond` (N, xyz, B) are sums over a link and all beyond it: of the first
+    moments over g, and of their accelerations.
     """
 
-    links: FloatArray
-    frames: FloatArray
-    omega: FloatArray
-    alpha: FloatArray
     beyond: FloatArray
     moved_beyond: FloatArray
 
     @classmethod
     def of(cls, chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> ArmMotion:
-        kinematics = ForwardKinematics(chain.axes, q)
-        z = kinematics.frames[:, 2]
-        speeds = z * qd.T[:, None]
-        omega = np.cumsum(speeds, axis=0)
-        alpha = np.cumsum(z * qdd.T[:, None] + cross(omega - speeds, speeds), axis=0)
-        moments = combined(kinematics.rotated[:, :2], chain.moments / STANDARD_GRAVITY)
-        own = cls(kinematics.rotated, kinematics.frames, omega, alpha, moments, moments)
-        return replace(own, beyond=suffix_sums(moments),
-                       moved_beyond=suffix_sums(own.accelerated(moments)))
-
-    @property
-    def z(self) -> FloatArray:
-        """Return the axes of the joints, (N, xyz, B)."""
-        return self.frames[:, 2]
-
-    def accelerated(self, fixed: FloatArray) -> FloatArray:
-        """
-        Return the accelerations of vectors fixed in the first K links.
-
-        It is alpha x v + omega (omega . v) - omega^2 v.
-
-        :param fixed: (K, xyz, B), or several for each link, (K, L, xyz, B).
-        """
-        shape = (len(fixed), *[1] * (fixed.ndim - 3), *self.omega.shape[1:])
-        omega, alpha = (rate[:len(fixed)].reshape(shape) for rate in (self.omega, self.alpha))
-        square = dot(omega, omega)[..., None, :]
-        return np.asarray(cross(alpha, fixed) + omega * dot(omega, fixed)[..., None, :]
-                          - square * fixed)
+        links = cls.on_axes(chain.axes, q, qd, qdd)
+        moments = combined(links.links[:, :2], chain.moments / STANDARD_GRAVITY)
+        return cls(**vars(links), beyond=suffix_sums(moments),
+                   moved_beyond=suffix_sums(links.accelerated(moments)))
 
     def moments(self, arms: FloatArray, inertias: FloatArray) -> tuple[FloatArray, FloatArray]:
         """
@@ -197,39 +167,11 @@ class ArmMotion:
         :param arms: the lengths in the base, (N - 1, xyz, B).
         """
         accelerated = self.accelerated(arms)
-        own = _inertia_moment(self, inertias)
+        own = self.inertia_moment(matrices_of(inertias, _PAIRS))
         own[:-1] += cross(self.beyond[1:], accelerated) + cross(arms, self.moved_beyond[1:])
         before = np.zeros_like(own)
         np.cumsum(accelerated, axis=0, out=before[1:])
         return suffix_sums(own), before
-
-
-def _inertia_moment(motion: ArmMotion, inertias: FloatArray) -> FloatArray:
-    """Return I alpha + omega x I omega in the base, (N, xyz, B)."""
-    matrices = _matrices(inertias)
-    w = dot(motion.links, motion.omega[:, None])
-    a = dot(motion.links, motion.alpha[:, None])
-    moment = matrices @ a + cross(w, matrices @ w)
-    return np.asarray(sum(motion.links[:, k] * moment[:, k, None] for k in range(3)))
-
-
-def _matrices(inertias: FloatArray) -> FloatArray:
-    """Return the matrices (N, 3, 3) of inertias (N, 6), ordered as in `_PAIRS`."""
-    matrices = np.empty((len(inertias), 3, 3))
-    for k, (x, y) in enumerate(_PAIRS):
-        matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
-    return matrices
-
-
-def _inertia_columns(motion: ArmMotion) -> FloatArray:
-    """Return I alpha + omega x I omega in a link for each component of I, (N, 6, axis, B)."""
-    w = dot(motion.links, motion.omega[:, None])
-    a = dot(motion.links, motion.alpha[:, None])
-    first, second = np.zeros((2, len(w), len(_PAIRS), *w.shape[1:]))
-    for k, (x, y) in enumerate(_PAIRS):
-        first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
-        first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
-    return np.asarray(first + cross(w[:, None], second))
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,16 +151,15 @@ class ForwardKinematics:
             result[j, j:] = result[j:, j]
         return result
 
-    def moment_columns(self, along: int = 2, weights: FloatArray | None = None) -> FloatArray:
+    def moment_columns(self, along: int = 2) -> FloatArray:
         """
         Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a.
 
         :param along: the base axis of the vertical; 2 (z) for gravity.
-        :param weights: (N, M), multiply the torques.
         """
         n, _, _, m = self.frames.shape
         i, j = (along + 1) % 3, (along + 2) % 3
-        z, a = self._weighted(self.frames[:, 2], weights), self.rotated
+        z, a = self.frames[:, 2], self.rotated
         columns = np.zeros((n, 2, n, m))
         for k in range(n):
             # Link k rotates about its own joint and those before it.
@@ -169,18 +168,16 @@ class ForwardKinematics:
             part -= z[:k + 1, j] * a[k, :2, None, i]
         return columns.reshape(2 * n, n, m)
 
-    def axis_columns(self, moments: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    def axis_columns(self, moments: FloatArray) -> FloatArray:
         """
         Return d tau / d d, shape (2N, N, M), for rotations of A_j about its own x or y axis e.
 
         Joint j and all links beyond it rotate about e. So for n >= j the vertical rotates in the
         opposite direction, tau_n' = (e_z x e) . (z_n x S_n), and for n < j only the moments beyond
         j rotate, tau_n' = e_z . (z_n x (e x S_j)).
-
-        :param weights: (N, M), multiply the torques.
         """
         n, _, _, m = self.frames.shape
-        z, s = self._weighted(self.frames[:, 2], weights), self._carried(moments)
+        z, s = self.frames[:, 2], self._carried(moments)
         lever_x = z[:, 1] * s[:, 2] - z[:, 2] * s[:, 1]
         lever_y = z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2]
         columns = np.empty((n, 2, n, m))
@@ -201,10 +198,6 @@ class ForwardKinematics:
         z, s = self.frames[:, 2], self._carried(moments)
         return np.stack([z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2],
                          z[:, 2] * s[:, 1] - z[:, 1] * s[:, 2]])
-
-    @staticmethod
-    def _weighted(z: FloatArray, weights: FloatArray | None) -> FloatArray:
-        return z if weights is None else z * weights[:, None]
 
     def _carried(self, moments: FloatArray) -> FloatArray:
         """Return S_n (N, 3, M): the moments of link n and all beyond it, in the base."""

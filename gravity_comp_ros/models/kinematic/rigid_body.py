@@ -2,16 +2,17 @@
 Rigid-body dynamics of a serial arm, linear in the inertial parameters of its links.
 
 Frames are those of `Geometry`: frame i rotates with link i, its z is the axis of joint i. With
-omega, alpha and a the angular velocity, the angular acceleration and the acceleration of the
-origin of frame i, in coordinates of frame i, the wrench on the link at that origin is
+omega, alpha, p and a the angular velocity, the angular acceleration, the position and the
+acceleration of the origin of frame i, the wrench on the link about the base is
 
     force  = m a + (alpha^ + omega^ omega^) (m c)
-    moment = I alpha + omega^ I omega + (m c)^ a,
+    moment = I alpha + omega^ I omega + (m c)^ a + p^ force,
 
 I about the origin (recursive Newton-Euler; B. Siciliano, O. Khatib, Springer Handbook of
-Robotics, ch. 3 and 6). The torque of joint j is the z component of the moments of all links from
-j outwards, taken at its origin. Gravity is an acceleration of the base; without it the columns
-are those of the mass matrix and of the centrifugal and Coriolis torque.
+Robotics, ch. 3 and 6). The torque of joint j is that of the wrenches of all links from j outwards,
+about its axis. All vectors are in coordinates of the base, so that every recursion over the joints
+is a sum. Gravity is an acceleration of the base; without it the columns are those of the mass
+matrix and of the centrifugal and Coriolis torque.
 
 Not every parameter is identifiable, because a link rotates about one axis and carries the next.
 Base parameters (M. Gautier, W. Khalil, IEEE Transactions on Robotics and Automation 6, 1990) are
@@ -22,15 +23,102 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.chain import about_z, ForwardKinematics, skew
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.vectors import combined, cross, dot, suffix_sums
+from gravity_comp_ros.models.kinematic.vectors import (
+    combined, cross, dot, prefix_sums, suffix_sums)
 import numpy as np
 
 # Parameters of each link: mass, first moment and inertia about the origin of its frame.
 PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
-_INERTIAS = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+Pairs = tuple[tuple[int, int], ...]
+_PAIRS: Pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class LinkMotion:
+    """
+    The moving links of N joints, vectors in the base at B states.
+
+    `links` and `frames` (N, axis, xyz, B) are the axes of their frames after and before the
+    rotation of their joint; `omega` and `alpha` (N, xyz, B) their angular velocities and
+    accelerations.
+    """
+
+    links: FloatArray
+    frames: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+
+    @classmethod
+    def on_axes(cls, rotations: FloatArray, q: FloatArray, qd: FloatArray,
+                qdd: FloatArray) -> LinkMotion:
+        """Return the motion at q (B, N) in rad, qd in rad/s and qdd in rad/s^2."""
+        kinematics = ForwardKinematics(rotations, q)
+        z = kinematics.frames[:, 2]
+        speeds = z * qd.T[:, None]
+        omega = np.cumsum(speeds, axis=0)
+        alpha = np.cumsum(z * qdd.T[:, None] + cross(omega - speeds, speeds), axis=0)
+        return LinkMotion(kinematics.rotated, kinematics.frames, omega, alpha)
+
+    @property
+    def z(self) -> FloatArray:
+        """Return the axes of the joints, (N, xyz, B)."""
+        return self.frames[:, 2]
+
+    def accelerated(self, fixed: FloatArray) -> FloatArray:
+        """
+        Return the accelerations of vectors fixed in the first K links.
+
+        It is alpha x v + omega (omega . v) - omega^2 v.
+
+        :param fixed: (K, xyz, B), or several for each link, (K, L, xyz, B).
+        """
+        shape = (len(fixed), *[1] * (fixed.ndim - 3), *self.omega.shape[1:])
+        omega, alpha = (rate[:len(fixed)].reshape(shape) for rate in (self.omega, self.alpha))
+        square = dot(omega, omega)[..., None, :]
+        return np.asarray(cross(alpha, fixed) + omega * dot(omega, fixed)[..., None, :]
+                          - square * fixed)
+
+    def origins(self, arms: FloatArray, gravity: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """
+        Return positions and accelerations of the origins of all frames, (N, xyz, B).
+
+        :param arms: the vectors (N - 1, xyz, B) between them. :param gravity: m/s^2.
+        """
+        end = np.zeros_like(self.omega[:1])
+        position, a = (prefix_sums(np.concatenate([each, end]))
+                       for each in (arms, self.accelerated(arms)))
+        a[:, 2] += gravity
+        return position, a
+
+    def inertia_columns(self, pairs: Pairs) -> FloatArray:
+        """
+        Return I alpha + omega x I omega in each link by components of I, (N, 6, axis, B).
+
+        :param pairs: the rows and columns of the components.
+        """
+        w, a = (dot(self.links, rate[:, None]) for rate in (self.omega, self.alpha))
+        first, second = np.zeros((2, len(w), len(pairs), *w.shape[1:]))
+        for k, (x, y) in enumerate(pairs):
+            first[:, k, x], second[:, k, x] = a[:, y], w[:, y]
+            first[:, k, y], second[:, k, y] = a[:, x], w[:, x]
+        return np.asarray(first + cross(w[:, None], second))
+
+    def inertia_moment(self, inertias: FloatArray) -> FloatArray:
+        """Return I alpha + omega x I omega, (N, xyz, B), of matrices I (N, 3, 3)."""
+        w, a = (dot(self.links, rate[:, None]) for rate in (self.omega, self.alpha))
+        return combined(self.links, inertias @ a + cross(w, inertias @ w))
+
+
+def matrices_of(inertias: FloatArray, pairs: Pairs) -> FloatArray:
+    """Return the matrices (N, 3, 3) of inertias (N, 6)."""
+    matrices = np.empty((len(inertias), 3, 3))
+    for k, (x, y) in enumerate(pairs):
+        matrices[:, x, y] = matrices[:, y, x] = inertias[:, k]
+    return matrices
 
 
 def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
@@ -42,17 +130,21 @@ def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray
     :param gravity: downwards along the base's z, m/s^2; 0 for the dynamic torque alone.
     """
     m, n = q.shape
-    links = _links(geometry, q, qd, qdd, gravity)
-    columns = np.zeros((m, n, 10 * n))
-    for i, link in enumerate(links):
-        force, moment = link.wrench()
-        own = slice(10 * i, 10 * i + 10)
-        columns[:, i, own] = moment[:, 2]
-        for j in range(i, 0, -1):
-            # From the coordinates and origin of frame j to those of frame j - 1.
-            force, moment = links[j].before(force, moment, geometry.origins[j])
-            columns[:, j - 1, own] = moment[:, 2]
-    return columns
+    columns = np.zeros((n, n, 10, m))
+    for rows in batches(m):
+        motion = LinkMotion.on_axes(geometry.rotations, q[rows], qd[rows], qdd[rows])
+        position, a = motion.origins(combined(motion.links[:-1], geometry.origins[1:]), gravity)
+        # By mass and first moment; an inertia has no force.
+        force = np.concatenate([a[:, None], motion.accelerated(motion.links)], axis=1)
+        about = cross(position[:, None], force)
+        about[:, 1:] += cross(motion.links, a[:, None])
+        inertia, z = motion.inertia_columns(_PAIRS), motion.z
+        lever = cross(z, position)
+        for j in range(n):
+            own = columns[j, j:, :, rows]
+            own[:, :4] = dot(z[j], about[j:]) - dot(lever[j], force[j:])
+            own[:, 4:] = dot(dot(z[j], motion.links[j:])[:, None], inertia[j:])
+    return columns.reshape(n, 10 * n, m).transpose(2, 0, 1)
 
 
 def inverse_dynamics(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
@@ -60,94 +152,13 @@ def inverse_dynamics(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: Flo
     """
     Return the torque (M, N) in N·m of parameters (10 N,): `regressor` times these, but faster.
 
-    Vectors are in coordinates of the base, so that every recursion over the joints is a sum. The
-    other arguments are those of `regressor`.
+    The other arguments are those of `regressor`.
     """
     links = parameters.reshape(-1, len(PARAMETERS))
-    kinematics = ForwardKinematics(geometry.rotations, q)
-    axes, z = kinematics.rotated, kinematics.frames[:, 2]
-    speeds = z * qd.T[:, None]
-    omega = np.cumsum(speeds, axis=0)
-    alpha = np.cumsum(z * qdd.T[:, None] + cross(omega - speeds, speeds), axis=0)
-
-    def accelerated(v: FloatArray, k: slice = slice(None)) -> FloatArray:
-        """Return the acceleration of vectors v (K, xyz, B) fixed in links k."""
-        return cross(alpha[k], v) + cross(omega[k], cross(omega[k], v))
-
-    arms = combined(axes[:-1], geometry.origins[1:])
-    position, a = np.zeros_like(z), np.zeros_like(z)
-    a[0, 2] = gravity
-    position[1:], a[1:] = arms, accelerated(arms, slice(-1))
-    position, a = np.cumsum(position, axis=0), np.cumsum(a, axis=0)
-    moment = combined(axes, links[:, 1:4])
-    force = links[:, 0, None, None] * a + accelerated(moment)
-    inertia = links[:, _INERTIAS]                                        # (N, 3, 3)
-    momentum, change = (combined(axes, inertia @ dot(axes, rate[:, None]))
-                        for rate in (omega, alpha))
-    torque = cross(moment, a) + change + cross(omega, momentum) + cross(position, force)
-    torque = suffix_sums(torque) - cross(position, suffix_sums(force))
-    return np.asarray(dot(z, torque).T)
-
-
-@dataclass(frozen=True, eq=False)
-class _Link:
-    """Motion of a link (M, 3) in its own coordinates; `rotation` transforms them to link i-1."""
-
-    rotation: FloatArray
-    omega: FloatArray
-    alpha: FloatArray
-    a: FloatArray
-
-    def wrench(self) -> tuple[FloatArray, FloatArray]:
-        """Return force and moment at the origin by parameter, (M, 3, 10) each."""
-        m = len(self.omega)
-        spin = skew(self.omega)
-        force, moment = np.zeros((m, 3, 10)), np.zeros((m, 3, 10))
-        force[:, :, 0] = self.a
-        force[:, :, 1:4] = skew(self.alpha) + spin @ spin
-        moment[:, :, 1:4] = -skew(self.a)
-        moment[:, :, 4:] = _times(self.alpha) + spin @ _times(self.omega)
-        return force, moment
-
-    def before(self, force: FloatArray, moment: FloatArray,
-               origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return forces and moments (M, 3, K) in coordinates and at the origin of link i-1."""
-        force = self.rotation @ force
-        return force, self.rotation @ moment + skew(origin) @ force
-
-
-def _links(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray,
-           gravity: float) -> list[_Link]:
-    m, n = q.shape
-    omega, alpha = np.zeros((m, 3)), np.zeros((m, 3))
-    a = np.broadcast_to(np.array([0.0, 0.0, gravity]), (m, 3))
-    links = []
-    for i in range(n):
-        rotation = geometry.rotations[i] @ about_z(q[:, i])
-        back = rotation.transpose(0, 2, 1)
-        origin = geometry.origins[i]
-        a = a + _cross(alpha, origin) + _cross(omega, _cross(omega, origin))
-        a, omega, alpha = ((back @ part[:, :, None])[:, :, 0] for part in (a, omega, alpha))
-        joint_rate = np.zeros((m, 3))
-        joint_rate[:, 2] = qd[:, i]
-        alpha = alpha + _cross(omega, joint_rate)
-        alpha[:, 2] += qdd[:, i]
-        omega = omega + joint_rate
-        links.append(_Link(rotation, omega, alpha, a))
-    return links
-
-
-def _cross(v: FloatArray, w: FloatArray) -> FloatArray:
-    """Return v x w of v (M, 3) and w (3,) or (M, 3); `np.cross` takes several times as long."""
-    (a, b, c), (x, y, z) = v.T, w.T
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
-
-
-def _times(v: FloatArray) -> FloatArray:
-    """Return L (M, 3, 6) with I v = L (Ixx, Ixy, Ixz, Iyy, Iyz, Izz) for v (M, 3)."""
-    result = np.zeros((len(v), 3, 6))
-    x, y, z = v.T
-    result[:, 0, 0], result[:, 0, 1], result[:, 0, 2] = x, y, z
-    result[:, 1, 1], result[:, 1, 3], result[:, 1, 4] = x, y, z
-    result[:, 2, 2], result[:, 2, 4], result[:, 2, 5] = x, y, z
-    return result
+    motion = LinkMotion.on_axes(geometry.rotations, q, qd, qdd)
+    position, a = motion.origins(combined(motion.links[:-1], geometry.origins[1:]), gravity)
+    moment = combined(motion.links, links[:, 1:4])
+    force = links[:, 0, None, None] * a + motion.accelerated(moment)
+    about = suffix_sums(cross(moment, a) + motion.inertia_moment(matrices_of(links[:, 4:], _PAIRS))
+                        + cross(position, force)) - cross(position, suffix_sums(force))
+    return np.asarray(dot(motion.z, about).T)
