@@ -12,12 +12,12 @@ from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 # Maximum joint travel, in rad, of a joint that counts as at rest (encoder noise, control jitter).
-AT_REST = 2e-3
+_AT_REST = 2e-3
 
 
 def at_rest(q: FloatArray) -> BoolArray:
     """Return the mask (N,) of the joints of q (M, N) in rad that are at rest."""
-    return np.ptp(q, axis=0) < AT_REST if len(q) else np.ones(q.shape[1], dtype=bool)
+    return np.ptp(q, axis=0) < _AT_REST if len(q) else np.ones(q.shape[1], dtype=bool)
 
 
 def usable_for_torque(q: FloatArray) -> BoolArray:

@@ -25,15 +25,14 @@ from gravity_comp_ros.data.holdout import folds
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.models.sparse.identifiability import (
-    AT_REST, usable_for_energy, usable_for_torque)
+from gravity_comp_ros.models.sparse.identifiability import usable_for_energy, usable_for_torque
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import (
     finish, grow, prune, SparseFit, SparseOptions, SparseProblem, SupportFit, with_all_samples)
 import numpy as np
 
-# Number of evenly spread samples beyond which the support does not change.
-_MAX_SAMPLES = 1500
+# Number of evenly spread rows that select a support; more take longer and are as accurate.
+_MAX_ROWS = 1500
 # Variance inflation factors that are tried.
 _FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
@@ -69,19 +68,14 @@ def fit_per_joint(samples: JointSamples, options: SparseOptions
 
 def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     """
-    Return the sparse fit of `problem`: the support from thinned samples, coefficients from all.
+    Return the sparse fit of `problem`: the support from thinned rows, coefficients from all.
 
     :raises FitError: if there are no samples.
     """
-    problem = problem.merged(AT_REST)
-    few = problem.thinned(_MAX_SAMPLES)
-    if options.inflation is None:
-        grown = grow(few, options)
-        inflation = choose_inflation(few, grown, options).inflation
-        pruned = prune(few, grown, inflation)
-    else:
-        inflation = options.inflation
-        pruned = grow(few, options, inflation)
+    few = problem.thinned(_MAX_ROWS)
+    grown = grow(few, options)
+    inflation = choose_inflation(few, grown, options).inflation
+    pruned = prune(few, grown, inflation)
     if few is problem:
         return finish(problem, pruned, inflation, options)
     full = with_all_samples(problem, pruned)

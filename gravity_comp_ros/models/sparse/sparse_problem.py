@@ -40,22 +40,17 @@ class SparseOptions:
     """
     Options of a sparse fit.
 
-    `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
-    `inflation` is the variance inflation factor, at least 1, or None to select it by
-    cross-validation if the residual is autocorrelated.
+    `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N).
 
     :raises OptionError: if a value is out of range.
     """
 
     lam: float | None = None
-    inflation: float | None = None
     admm: admm.AdmmOptions = admm.AdmmOptions()
 
     def __post_init__(self) -> None:
         if self.lam is not None and not 0.0 < self.lam < np.inf:
             raise OptionError(f'lambda is {self.lam}; it must be positive')
-        if self.inflation is not None and not 1.0 <= self.inflation < np.inf:
-            raise OptionError(f'inflation is {self.inflation}; it must be at least 1')
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,24 +92,6 @@ class SparseProblem:
         step = -(-len(self.q) // limit)
         return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
 
-    def merged(self, travel: float) -> SparseProblem:
-        """
-        Return the problem with each stretch of `travel` rad (of every joint) merged to its mean.
-
-        An arm at rest repeats one pose with one error, such as the friction at which it stopped,
-        so its samples count once.
-        """
-        group = _stretches(self.q, self.runs, travel)
-        if group.size == 0 or group[-1] + 1 == len(group):
-            return self
-        count = np.bincount(group)
-        first = np.concatenate([[0], np.cumsum(count)[:-1]])
-
-        def mean(values: FloatArray) -> FloatArray:
-            return np.asarray(np.add.reduceat(values, first, axis=0) / count[:, None])
-
-        return replace(self, q=mean(self.q), tau=mean(self.tau), runs=self.runs[first])
-
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
         return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
@@ -154,11 +131,10 @@ class SparseFit:
     n_equivalent: int
 
 
-def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0) -> SupportFit:
+def grow(problem: SparseProblem, options: SparseOptions) -> SupportFit:
     """
-    Return the selected support, grown from nothing.
+    Return the selected support, grown from nothing, as for independent samples.
 
-    :param inflation: variance inflation factor; 1 for independent samples.
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
@@ -167,8 +143,7 @@ def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0)
                        np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
     proposal = propose(design, b, problem, options).indices
-    return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)),
-                      inflation)
+    return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)), 1.0)
 
 
 def prune(problem: SparseProblem, grown: SupportFit, inflation: float) -> SupportFit:
@@ -233,19 +208,6 @@ def _with_noise(problem: SparseProblem, refit: support.Refit, rounds: int) -> Su
     model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
                            _spent(columns, problem))
     return SupportFit(refit, model, predicted, rounds)
-
-
-def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
-    """Return the stretch index (M,) of each pose; a stretch ends `travel` rad from its start."""
-    group = np.zeros(len(q), dtype=np.int64)
-    rows, labels = q.tolist(), runs.tolist()
-    number = first = 0
-    for k in range(1, len(rows)):
-        if labels[k] != labels[first] or any(
-                abs(a - b) > travel for a, b in zip(rows[k], rows[first])):
-            number, first = number + 1, k
-        group[k] = number
-    return group
 
 
 def _spent(columns: FloatArray, problem: SparseProblem) -> FloatArray:
