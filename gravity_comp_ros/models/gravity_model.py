@@ -83,18 +83,18 @@ class GravityModel:
     The gravity torque of an arm of N joints, learned from motion.
 
     `torques` are one expansion per joint in N·m; `energy` is the potential energy U in J with
-    tau_n = dU/dq_n, None for `per_joint`. `noise` (N,) is the residual's standard deviation in
-    training, N·m; `provenance` contains data, options and solver, ready for JSON. `chain` is the
-    chain from which the energy was expanded, None in other formulations. `covariance` is that of a
-    step of the chain (`Chain.moved`), (4N, 4N), or of the weights of the energy, (K, K); None for
-    `per_joint`. `applied` are effects in addition to gravity; `predict` returns gravity alone, and
-    `effects.predict` adds them. `history` lists the changes of the model, the latest last.
-    `fitted` are effects that were found in the fitted data and are not predicted: adding one moves
-    it to `applied`. `residual_std` (N,) in N·m is the residual's standard deviation with all of
-    them, None if it is that of the prediction. `payload_path` is the
-    energy in J that a payload added; it determines how a load acts on the joints of an arm of
-    unknown lengths (`estimation.payload_path`). `geometry` are the axes of the arm, if the chain
-    was fitted on those of a description.
+    tau_n = dU/dq_n, None for `per_joint`. With an energy and no torques they are its gradient.
+    `noise` (N,) is the residual's standard deviation in training, N·m; `provenance` contains data,
+    options and solver, ready for JSON. `chain` is the chain from which the energy was expanded,
+    None in other formulations. `covariance` is that of a step of the chain (`Chain.moved`), (4N,
+    4N), or of the weights of the energy, (K, K); None for `per_joint`. `applied` are effects in
+    addition to gravity; `predict` returns gravity alone, and `effects.predict` adds them.
+    `history` lists the changes of the model, the latest last. `fitted` are effects that were found
+    in the fitted data and are not predicted: adding one moves it to `applied`. `residual_std` (N,)
+    in N·m is the residual's standard deviation with all of them, None if it is that of the
+    prediction. `payload_path` is the energy in J that a payload added; it determines how a load
+    acts on the joints of an arm of unknown lengths (`estimation.payload_path`). `geometry` are the
+    axes of the arm, if the chain was fitted on those of a description.
 
     :raises DataError: if the parts disagree in their number of joints or parameters, an effect is
         on an unknown joint, or a covariance is not finite.
@@ -118,12 +118,20 @@ class GravityModel:
 
     def __post_init__(self) -> None:
         n = len(self.joints)
+        if self.formulation not in FORMULATIONS:
+            raise DataError(f'model: unknown formulation {self.formulation!r}; '
+                            f'known: {", ".join(FORMULATIONS)}')
         object.__setattr__(self, 'joints', tuple(self.joints))
         object.__setattr__(self, 'noise', np.asarray(self.noise, dtype=np.float64))
         limit = dictionary.n_features(n)
-        sizes = {len(self.torques), len(self.noise), len(self.coverage.q_min),
-                 len(self.coverage.q_max), *([self.chain.n_joints] if self.chain else [])}
-        if sizes != {n} or len(set(self.joints)) != n:
+        if self.energy is not None and not self.torques:
+            object.__setattr__(self, 'torques', tuple(
+                self.energy.gradient(n, joint) for joint in range(n)))
+        by_joint = [self.noise, self.coverage.q_min, self.coverage.q_max,
+                    *([] if self.residual_std is None else [self.residual_std])]
+        sizes = {len(self.torques), *(len(values) for values in by_joint),
+                 *([self.chain.n_joints] if self.chain else [])}
+        if sizes != {n} or len(set(self.joints)) != n or any(each.ndim > 1 for each in by_joint):
             raise DataError(f'model: parts for {sorted(sizes)} joints, but {n} joint names')
         for part in (*self.torques, *(x for x in (self.energy, self.payload_path) if x)):
             if part.indices.size and part.indices[-1] >= limit:
@@ -142,6 +150,8 @@ class GravityModel:
         array = np.asarray(covariance, dtype=np.float64)
         size = (4 * self.chain.n_joints if self.chain
                 else 0 if self.energy is None else len(self.energy.indices))
+        # JSON does not store the shape of an empty array.
+        array = array if array.size else array.reshape(0, 0)
         if array.shape != (size, size):
             raise DataError(f'model: a covariance of {array.shape} for {size} parameters')
         if not np.isfinite(array).all():
@@ -154,9 +164,7 @@ class GravityModel:
                     chain: Chain | None = None,
                     covariance: FloatArray | None = None) -> GravityModel:
         """Return the model whose torque is the gradient of `energy`."""
-        n = len(joints)
-        torques = tuple(energy.gradient(n, joint) for joint in range(n))
-        return cls(joints, formulation, torques, energy, noise, coverage, provenance, chain,
+        return cls(joints, formulation, (), energy, noise, coverage, provenance, chain,
                    covariance)
 
     @property

@@ -8,10 +8,8 @@ of two moments of every link.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
-from typing import Any
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
@@ -87,27 +85,6 @@ class Geometry:
             raise DataError('geometry: an axis is not given by a rotation')
         if not set(self.base) <= set(range(10 * n)):
             raise DataError('geometry: a base parameter is none of the links')
-
-    @classmethod
-    def from_json(cls, parts: Mapping[str, Any]) -> Geometry:
-        """
-        Return the geometry from the output of `to_json`.
-
-        :raises DataError: as the constructor.
-        """
-        held = tuple(HeldJoint(str(h['name']), float(h['value']), str(h['by']))
-                     for h in parts['held'])
-        return cls(tuple(map(str, parts['joints'])), parts['rotations'], parts['origins'],
-                   str(parts['link']), parts['link_rotation'], held, str(parts['source']),
-                   parts['inertials'], tuple(map(int, parts['base'])))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the geometry as plain lists, for a model file."""
-        return {'joints': list(self.joints), 'rotations': self.rotations.tolist(),
-                'origins': self.origins.tolist(), 'link': self.link,
-                'link_rotation': self.link_rotation.tolist(), 'source': self.source,
-                'inertials': self.inertials.tolist(), 'base': list(self.base),
-                'held': [{'name': h.name, 'value': h.value, 'by': h.by} for h in self.held]}
 
     @property
     def n_joints(self) -> int:

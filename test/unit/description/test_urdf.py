@@ -8,6 +8,7 @@ from gravity_comp_ros.description.links import described_arm, frame_parameters
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms
@@ -138,7 +139,7 @@ def test_the_geometry_has_the_inertials_of_links_that_are_possible():
     arm = described_arm(slim, joints)
     np.testing.assert_allclose(arm.geometry.inertials, frame_parameters(arm, arm.inertials()))
     np.testing.assert_allclose(arm.geometry.inertials[:, 0], [2.0, 1.5, 1.0])
-    again = Geometry.from_json(arm.geometry.to_json())
+    again = decode(Geometry, encode(arm.geometry))
     np.testing.assert_array_equal(again.inertials, arm.geometry.inertials)
 
     wrong = slim.replace('mass value="1.5"', 'mass value="heavy"')

@@ -129,10 +129,10 @@ def test_a_flipped_bit_does_not_change_the_model_silently(saved):
     assert outcomes['refused'] > 300
 
 
-@pytest.mark.parametrize('version', [0, 2, 4, None, '3', [3]])
+@pytest.mark.parametrize('version', [0, 2, 3, None, '4', [4]])
 def test_another_version_is_refused(saved, version):
     saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
-    refused(saved, 'this program reads version 3')
+    refused(saved, 'this program reads version 4')
 
 
 @pytest.mark.parametrize('data', [
@@ -153,7 +153,7 @@ def test_a_body_that_is_not_an_object_is_refused(saved, body):
 @pytest.mark.parametrize('depth', [100, 900, 5000, 100000])
 def test_deep_nesting_is_refused(saved, depth):
     nested = '[' * depth + ']' * depth
-    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 3, "sha256": "0", '
+    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 4, "sha256": "0", '
                      f'"model": {{"joints": {nested}}}}}')
     refused(saved, 'damaged|not a model file')
 
@@ -179,15 +179,15 @@ def replacing(**changes):
     replacing(noise=[0.1]), replacing(noise='loud'), replacing(noise=[[0.1], [0.1]]),
     replacing(coverage={}), replacing(coverage=None),
     replacing(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
-    replacing(energy={'features': [1, 1], 'weights': [1.0, 1.0]}),
-    replacing(energy={'features': [9], 'weights': [1.0]}),
-    replacing(energy={'features': [-1], 'weights': [1.0]}),
-    replacing(energy={'features': [1], 'weights': []}),
-    replacing(energy={'features': [10 ** 30], 'weights': [1.0]}),
-    replacing(energy={'features': [1], 'weights': ['x']}),
-    replacing(energy={'features': [1], 'weights': [None]}),
-    replacing(energy={'features': [1.5], 'weights': [1.0]}),
-    replacing(energy=None), replacing(energy={}),
+    replacing(energy={'indices': [1, 1], 'weights': [1.0, 1.0]}),
+    replacing(energy={'indices': [9], 'weights': [1.0]}),
+    replacing(energy={'indices': [-1], 'weights': [1.0]}),
+    replacing(energy={'indices': [1], 'weights': []}),
+    replacing(energy={'indices': [10 ** 30], 'weights': [1.0]}),
+    replacing(energy={'indices': [1], 'weights': ['x']}),
+    replacing(energy={'indices': [1], 'weights': [None]}),
+    replacing(energy={'indices': [1.5], 'weights': [1.0]}),
+    replacing(energy=None), replacing(energy={}), replacing(surprise=1),
     replacing(provenance=3), replacing(joints='ab'), replacing(noise=['0.1', '0.1']),
     lambda body: body.pop('energy'), lambda body: body.pop('noise'),
 ])

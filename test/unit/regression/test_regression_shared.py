@@ -10,6 +10,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -361,7 +362,7 @@ def test_base_parameters_are_those_of_the_description_at_any_angle():
     known = KnownAxes.of(geometry_of(arms.iiwa7()))
     turned = known.moved(known.point + 0.3)
     assert known.geometry.base == turned.geometry.base == tuple(basis_of(known.described).kept)
-    stored = Geometry.from_json(turned.geometry.to_json())
+    stored = decode(Geometry, encode(turned.geometry))
     few = replace(stored, base=stored.base[1:])
     state = state_of(7)
     for geometry in (stored, few):
