@@ -167,11 +167,10 @@ def drawn_case(name: str, seed: int) -> tuple[Case, list[Motion]]:
     rng = np.random.default_rng([seed, crc32(name.encode())])
     scale, largest = scales(arm)
     noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
-    low, high = _box(arm, rng)
-    motions = [_motion(arm, low, high, rng) for _ in range(3)]
-    sites = [Site(j, float(scale[j]), float(low[j]), float(high[j]), float(arm.lower[j]),
-                  float(arm.upper[j])) for j in range(arm.n_joints)]
-    friction = tuple(gear_friction(site, rng) for site in sites) if rng.random() < 2 / 3 else ()
+    low, high = box_of(arm, rng)
+    motions = [motion_in(arm, low, high, rng) for _ in range(3)]
+    sites = sites_in(arm, scale, low, high)
+    friction = drawn_friction(sites, rng)
     hidden, visible = _hidden(arm, motions[:2], sites, noise, bool(friction), rng)
     # Friction of a hidden law replaces that of the gear.
     replaced = {one.joint for one in hidden if isinstance(one.law, Friction)}
@@ -193,14 +192,26 @@ def scales(arm: Arm) -> tuple[FloatArray, float]:
     return np.maximum(size, 0.1 * size.max()), float(size.max())
 
 
-def _box(arm: Arm, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def sites_in(arm: Arm, scale: FloatArray, low: FloatArray, high: FloatArray) -> list[Site]:
+    """Return the joints of an arm with their scales (N,), N·m, and boxes of poses (N,), rad."""
+    return [Site(j, float(scale[j]), float(low[j]), float(high[j]), float(arm.lower[j]),
+                 float(arm.upper[j])) for j in range(arm.n_joints)]
+
+
+def drawn_friction(sites: list[Site], rng: np.random.Generator) -> tuple[Friction, ...]:
+    """Return LuGre friction on every joint in two of three cases."""
+    return tuple(gear_friction(site, rng) for site in sites) if rng.random() < 2 / 3 else ()
+
+
+def box_of(arm: Arm, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return the limits (N,) in rad of the poses of a case."""
     width = np.minimum(rng.uniform(*_WIDTH, arm.n_joints), 0.95 * (arm.upper - arm.lower))
     low = rng.uniform(arm.lower, arm.upper - width)
     return low, low + width
 
 
-def _motion(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generator) -> Motion:
+def motion_in(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generator) -> Motion:
+    """Return slow motion of one run within the limits (N,) in rad."""
     options = MultisineOptions(MAX_SPEED, DURATION, _BAND, _SINES)
     return multisine(low, high, arm.max_speed, int(rng.integers(2 ** 31)), options, DURATION, RATE)
 

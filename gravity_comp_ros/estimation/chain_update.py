@@ -133,13 +133,12 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
     q = random_poses(chain.n_joints, *box)
     torques = np.array([each.moved.torque(q) for each in hypotheses])
     probabilities = softmax([each.log_evidence for each in hypotheses])
-    central = _central(torques, probabilities)
-    best = hypotheses[central].averaged()
+    probable = int(np.argmax(probabilities))
+    best = hypotheses[probable].averaged()
     # The covariance of the average over supports has that hypothesis already.
-    torques[central] = best.chain.torque(q)
-    best = replace(best, trials=tuple(each.trial for each in hypotheses),
+    torques[probable] = best.chain.torque(q)
+    return replace(best, trials=tuple(each.trial for each in hypotheses),
                    covariance=best.covariance + _spread(best.chain, q, torques, probabilities))
-    return _dense_or_sparse(chain, covariance, new, best)
 
 
 def _most_probable(trials: list[Trial], new: NewSamples, count: int) -> list[Trial]:
@@ -165,19 +164,6 @@ def _probable(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
             if each.log_evidence > best + np.log(CHANGE.probable)]
 
 
-def _central(torques: FloatArray, probabilities: FloatArray) -> int:
-    """
-    Return the index of the hypothesis nearest to the mean prediction.
-
-    With few samples several directions of an axis are often nearly equally probable. The
-    central one has a smaller expected error than the most probable one.
-
-    :param torques: of the H hypotheses, (H, M, N), and their probabilities (H,).
-    """
-    mean = np.tensordot(probabilities, torques, axes=1)
-    return int(np.argmin(((torques - mean) ** 2).sum(axis=(1, 2))))
-
-
 def _spread(chain: Chain, q: FloatArray, torques: FloatArray,
             probabilities: FloatArray) -> FloatArray:
     """
@@ -192,32 +178,6 @@ def _spread(chain: Chain, q: FloatArray, torques: FloatArray,
     differences = (torques - chain.torque(q)).transpose(2, 1, 0).reshape(-1, len(torques))
     steps = lstsq(jacobian.reshape(len(jacobian), -1).T, differences, rcond=_MIN_RELATIVE_NORM)
     return np.asarray((steps * probabilities) @ steps.T)
-
-
-def _dense_or_sparse(chain: Chain, covariance: FloatArray, new: NewSamples,
-                     best: ChainChange) -> ChainChange:
-    """
-    Return the sparse change, or one of all moments on the same axes if that fits much better.
-
-    The moments are a ridge regression about the old ones; the prior is as wide as the change of
-    the torques. Each of the 2N moments costs ln(M) of chi^2, as in BIC.
-    """
-    n = chain.n_joints
-    columns, residual = new.columns(chain)[2 * n:], new.residual(chain)
-    size = max(new.max_residual(chain), 1e-9)
-    precision = columns @ columns.T + np.diag(np.full(2 * n, size ** -2))
-    inverse = np.asarray(np.linalg.inv(precision))
-    step = np.concatenate([np.zeros(2 * n), inverse @ (columns @ residual)])
-    dense = chain.moved(step)
-    dense_residual, sparse_residual = new.residual(dense), new.residual(best.chain)
-    price = 2 * n * np.log(max(len(new.q), 2)) + CHANGE.dense
-    if float(dense_residual @ dense_residual) + price >= float(sparse_residual @ sparse_residual):
-        return best
-    spread = covariance.copy()
-    spread[2 * n:], spread[:, 2 * n:] = 0.0, 0.0
-    spread[2 * n:, 2 * n:] = inverse
-    support = 2 * n + np.flatnonzero(np.abs(step[2 * n:]) > 0.0)
-    return ChainChange(dense, spread, replace(best.change, support=support), best.trials)
 
 
 def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
@@ -333,14 +293,24 @@ class _Hypothesis:
                              2 * n + may_change, self.size, self.along)
 
     def _move(self, target: FloatArray, problem: ChangeProblem) -> bool:
-        """Move to a step, or towards it if it is far; return whether the search converged."""
+        """
+        Move to a step, or towards it; return whether the search converged.
+
+        An axis moves by a limited angle, and half as far while the residual is larger than before
+        and than what the average over supports may lose.
+        """
         n = self.moved.n_joints
-        move = target - self.step
+        start, move = self.step, target - self.step
+        limit = float(self.residual @ self.residual) + CHANGE.max_loss
         share = min(1.0, CHANGE.max_rotation / max(float(np.abs(move[:2 * n]).max()), 1e-300))
-        self.step = self.step + share * move
-        self.moved = self.trial.chain.moved(self.step)
-        self.residual = self.new.residual(self.moved)
-        return share == 1.0 and bool(np.abs(move @ problem.columns).max() < CHANGE.converged)
+        for halvings in range(CHANGE.rounds):
+            self.step = start + 0.5 ** halvings * share * move
+            self.moved = self.trial.chain.moved(self.step)
+            self.residual = self.new.residual(self.moved)
+            if float(self.residual @ self.residual) <= limit:
+                break
+        return share == 1.0 and halvings == 0 and bool(
+            np.abs(move @ problem.columns).max() < CHANGE.converged)
 
 
 def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:

@@ -12,6 +12,10 @@ class ChangeOptions:
     """
     Constants of the change of a model by new samples.
 
+    - `min_samples`: of an update.
+    - `old_noise`: effective sample size of the old model's noise when it is averaged with that of
+      the new samples.
+
     Payload:
 
     - `mass`, kg, and `distance`, m: prior standard deviations of a payload and of each coordinate
@@ -26,8 +30,6 @@ class ChangeOptions:
 
     - `free`: gain in chi^2 of a free change of moments over a payload. Of 102 updates with a
       payload in MuJoCo three exceeded it: no model of friction is exact.
-    - `dense`: gain in chi^2, in addition to the price of its coefficients (BIC), of a change of
-      all moments over a sparse one.
 
     Axes that the old model does not identify:
 
@@ -51,13 +53,14 @@ class ChangeOptions:
     :raises OptionError: if a value is not positive.
     """
 
+    min_samples: int = 10
+    old_noise: float = 50.0
     mass: float = 30.0
     distance: float = 0.5
     significant: float = 4.0
     min_path: float = 10.0
     max_misfit: float = 0.5
     free: float = 60.0
-    dense: float = 40.0
     unidentified: float = 0.3
     axes: int = 2
     uncertain: float = 0.04

@@ -16,9 +16,9 @@ from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import law_of
 from gravity_comp_ros.effects.offset import offset_std
-from gravity_comp_ros.effects.predict import fitted_torque, motion_of
+from gravity_comp_ros.effects.predict import fitted_torque, torque_of
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
-from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import on_axes
 from gravity_comp_ros.estimation.chain_update import NewSamples
@@ -36,29 +36,6 @@ from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
-COULOMB = 'coulomb_friction'
-
-
-@dataclass(frozen=True)
-class UpdateOptions:
-    """
-    Options of an update.
-
-    `min_samples` is the minimum number of samples; `old_noise` is the effective sample size of
-    the old model's noise when it is averaged with the noise of the new samples.
-
-    :raises OptionError: if a value is out of range.
-    """
-
-    min_samples: int = 10
-    old_noise: float = 50.0
-
-    def __post_init__(self) -> None:
-        if self.min_samples < 2:
-            raise OptionError(f'update: min_samples is {self.min_samples}; it must be 2 or more')
-        if not 0.0 < self.old_noise < np.inf:
-            raise OptionError(f'update: old_noise is {self.old_noise}; it must be positive')
-
 
 @dataclass(frozen=True)
 class UpdateResult:
@@ -69,7 +46,6 @@ class UpdateResult:
 
 
 def update(model: GravityModel, samples: JointSamples,
-           options: UpdateOptions = UpdateOptions(),
            geometry: Geometry | None = None) -> UpdateResult:
     """
     Update a model to samples recorded after a payload change, by a sparse change.
@@ -86,19 +62,19 @@ def update(model: GravityModel, samples: JointSamples,
     :raises FitError: if there are too few samples.
     """
     samples = samples.joints(model.joints)
-    if samples.n_samples < options.min_samples:
+    if samples.n_samples < CHANGE.min_samples:
         raise FitError(f'{samples.n_samples} slow samples since the payload changed; an update '
-                       f'needs {options.min_samples}. Keep the arm moving slowly')
+                       f'needs {CHANGE.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
-        return _with_payload(model, samples, options, geometry)
+        return _with_payload(model, samples, geometry)
     if model.energy is None:
         raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
                                  'fit it again, or keep a chain or potential model')
-    return _update(model, samples, options, None)[0]
+    return _update(model, samples, None)[0]
 
 
-def _with_payload(model: GravityModel, samples: JointSamples, options: UpdateOptions,
-                  geometry: Geometry) -> UpdateResult:
+def _with_payload(model: GravityModel, samples: JointSamples, geometry: Geometry
+                  ) -> UpdateResult:
     """
     Return the update on known axes, with the vertical and the zero angles of the model.
 
@@ -107,19 +83,19 @@ def _with_payload(model: GravityModel, samples: JointSamples, options: UpdateOpt
     """
     base = on_axes(model, geometry)
     samples = samples.joints(geometry.joints)
-    result, step = _update(base, samples, options, base.geometry)
+    result, step = _update(base, samples, base.geometry)
     if step.is_payload:
         return result
     try:
         described = on_axes(model, geometry, as_described=True)
     except ModelMismatchError:
         return result
-    other, other_step = _update(described, samples, options, geometry)
+    other, other_step = _update(described, samples, geometry)
     return other if other_step.misfit < step.misfit else result
 
 
-def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
-            geometry: Geometry | None) -> tuple[UpdateResult, UpdateStep]:
+def _update(model: GravityModel, measured: JointSamples, geometry: Geometry | None
+            ) -> tuple[UpdateResult, UpdateStep]:
     """Return the update, and the change with the noise of the model."""
     # Friction and offsets identified before the change are kept.
     with_dynamics = any(effects.has(DYNAMICS, None) for effects in (model.applied, model.fitted))
@@ -132,7 +108,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
         samples = _without_motion(model, samples, new, nominal)
         new = _new_samples(model, samples, sigma, reversal)
     step = first = changed_model(model, new, geometry)
-    sigma = _noise(step.model, samples, new, options)
+    sigma = _noise(step.model, samples, new)
     if not np.allclose(sigma, new.sigma, rtol=CHANGE.noise):
         step = changed_model(model, replace(new, sigma=sigma), geometry, step.trials)
     # Errors are those of the model's own prediction; friction that it excludes counts as error.
@@ -189,29 +165,26 @@ def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatA
 
 def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
     """
-    Return the standard deviation (M, N) in N·m of Coulomb friction near reversals.
+    Return the standard deviation (M, N) in N·m of friction near reversals.
 
     The speed over which friction reverses depends on load and lubrication. In samples other than
     those of the fit it is uncertain by a factor (`ChangeOptions`).
     """
-    motion, std = motion_of(model, samples), np.zeros(samples.q.shape)
-    for effect in (*model.applied.effects, *model.fitted.effects):
-        if effect.name == COULOMB and effect.joint is not None:
-            n, (size,) = model.joints.index(effect.joint), effect.coefficients.values()
-            wide, narrow = (motion.direction(n, {name: factor * value for name, value in
-                                                 law_of(effect.setting).items()})
-                            for factor in (CHANGE.reversal, 1.0 / CHANGE.reversal))
-            std[:, n] = 0.5 * np.abs(size.value * (wide - narrow))
-    return std
+    def torque(factor: float) -> FloatArray:
+        return torque_of(model, (replace(effect, setting={
+            **effect.setting, **{name: factor * value for name, value in law.items()}})
+            for effect in (*model.applied.effects, *model.fitted.effects)
+            if (law := law_of(effect.setting))), samples)
+    return np.asarray(0.5 * np.abs(torque(CHANGE.reversal) - torque(1.0 / CHANGE.reversal)))
 
 
-def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
-           options: UpdateOptions) -> FloatArray:
+def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples
+           ) -> FloatArray:
     """Return the noise std (N,) of each joint, from training and the new residual together."""
     residual = new.sigma * new.in_noise((new.tau - fitted.predict(new.q)).T).T
     squares = noise.inflation(residual, samples.runs) * (residual ** 2).sum(axis=0)
-    return np.asarray(np.sqrt((options.old_noise * new.sigma ** 2 + squares)
-                              / (options.old_noise + new.robust_weights.sum(axis=0))))
+    return np.asarray(np.sqrt((CHANGE.old_noise * new.sigma ** 2 + squares)
+                              / (CHANGE.old_noise + new.robust_weights.sum(axis=0))))
 
 
 def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:
