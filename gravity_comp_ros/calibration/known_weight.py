@@ -29,7 +29,7 @@ from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial
+from gravity_comp_ros.description.links import DescribedArm, Inertial
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.friction import without
@@ -121,7 +121,7 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
         if part.n_samples < FactOptions().min_slow_samples:
             raise DataError(f'the recording {name} weight has {part.n_samples} slow samples; at '
                             f'least {FactOptions().min_slow_samples} are needed')
-    problem = _Problem(parts[0], parts[1], arm, weight, options, inertials)
+    problem = _Problem(parts[0], parts[1], arm, weight, options)
     parameters, covariance = problem.fitted()
     result = _result(problem, joints, parameters, covariance, options)
     ratio = _arm_ratio(problem.q, arm, inertials, parameters[len(joints) + 3:])
@@ -149,8 +149,7 @@ class _Problem:
     """Efforts and columns of both recordings without offset and friction, by joint."""
 
     def __init__(self, empty: JointSamples, loaded: JointSamples, arm: DescribedArm,
-                 weight: Weight, options: CalibrationOptions,
-                 inertials: Mapping[str, Inertial]) -> None:
+                 weight: Weight, options: CalibrationOptions) -> None:
         samples, geometry = concatenate([empty, loaded]), arm.geometry
         self.engine = EngineOptions()
         self.rows = rows = rows_of(samples, self.engine)
@@ -161,7 +160,7 @@ class _Problem:
         self._loads = columns[is_loaded > 0.0]
         # The dynamic torque is that of the described arm without the weight.
         dynamic = inverse_dynamics(geometry, self.q, qd, rows.mean(accelerations(samples)),
-                                   frame_parameters(arm, inertials).ravel())
+                                   geometry.inertials.ravel())
         columns = np.concatenate([
             rows.mean(samples.tau)[:, :, None],
             ForwardKinematics(geometry.rotations, self.q).moment_columns().transpose(2, 1, 0),

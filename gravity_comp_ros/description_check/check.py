@@ -55,19 +55,19 @@ def check_description(samples: JointSamples, arm: DescribedArm,
                         f'at least {FactOptions().min_slow_samples} are needed')
     links = {name: (arm.place(name).joint, on_frame(arm, name, inertial))
              for name, inertial in inertials.items()}
-    parameters = frame_parameters(arm, inertials)
-    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, parameters[:, :4])
+    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins,
+                               frame_parameters(arm, inertials)[:, :4])
     faults = possible_faults(state, joints, {
         name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0}, options)
     fits: list[FaultFit] = []
     noise = of_second_differences(samples.tau, np.ones(samples.n_samples - 2, dtype=bool))
-    evidence = _evidence(samples, arm.geometry, state, parameters, noise, options)
+    evidence = _evidence(samples, arm.geometry, state, noise, options)
     for _ in range(EngineOptions().passes):
         fits, following = search(evidence, state, faults)
         noise = np.minimum(noise, _rms(evidence, corrected(
             state, [*fits, *([] if fits else [following])])))
         earlier, evidence = evidence, _evidence(samples, arm.geometry, corrected(state, fits),
-                                                parameters, noise, options)
+                                                noise, options)
         # The residual of a wrong description looks like friction, which hides smaller faults.
         if (options.smaller * evidence.weight < earlier.weight).all():
             break
@@ -83,15 +83,15 @@ def _rms(evidence: Evidence, arm: ArmState) -> FloatArray:
     return np.asarray(np.sqrt((residual ** 2).mean(axis=0)))
 
 
-def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, parameters: FloatArray,
-              noise: FloatArray, options: CheckOptions) -> Evidence:
+def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, noise: FloatArray,
+              options: CheckOptions) -> Evidence:
     """Return the evidence of gravity, with the dynamic torque of an arm subtracted."""
     q, qd = samples.q, samples.qd
     qdd = accelerations(samples)
     turned = replace(geometry, rotations=arm.rotations, origins=arm.origins)
     torque = inverse_dynamics(turned, arm.angles(q), arm.signs * qd[:, arm.order],
                               arm.signs * qdd[:, arm.order],
-                              np.column_stack([arm.bodies, parameters[:, 4:]]).ravel())
+                              np.column_stack([arm.bodies, geometry.inertials[:, 4:]]).ravel())
     return Evidence(replace(samples, tau=samples.tau - arm.recorded(torque)), noise, arm, options)
 
 

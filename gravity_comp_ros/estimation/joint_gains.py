@@ -91,7 +91,7 @@ class JointGains:
 
         Joints without an identified gain have that of their friction and inertia in the model.
         """
-        known = (self.std < np.log(GainOptions.min_ratio)) & (self.residual < options.max_residual)
+        known = (self.std < np.log(options.min_ratio)) & (self.residual < options.max_residual)
         change, rest = friction_gains(model, samples)
         agrees = known & (rest < options.max_residual)
         best = int(np.argmin(np.where(agrees, np.abs(change), np.inf))

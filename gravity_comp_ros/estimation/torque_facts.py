@@ -52,8 +52,12 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
     facts = facts or (_order_facts(fit, samples) if by_name else [])
     if facts:
         return facts
-    gains = joint_gains(fit)
-    facts = (gains if model is None else gains.relative_to(model, samples)).facts(limits)
+
+    def gain_facts(fit: ArmFit, part: JointSamples) -> list[Fact]:
+        gains = joint_gains(fit)
+        return (gains if model is None else gains.relative_to(model, part)).facts(limits)
+
+    facts = gain_facts(fit, samples)
     if facts:
         return facts
     facts = [] if model is None else common_gain(model, samples)
@@ -65,13 +69,15 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
     if every is not None and every.n_joints > samples.n_joints and moves_enough(every):
         base = moved_base(ArmFit(every))
         facts = [] if base is None else base.facts()
-    return facts or ([] if fit.is_white(fit.plain) else _facts_of_one(samples))
+    return facts or ([] if fit.is_white(fit.plain) else _facts_of_one(
+        samples, lambda alone: gain_facts(ArmFit(alone, rotations), alone)))
 
 
-def _facts_of_one(samples: JointSamples) -> list[Fact]:
-    """Return the facts that gains differ in one of several recordings, the first that has any."""
+def _facts_of_one(samples: JointSamples,
+                  facts_of: Callable[[JointSamples], list[Fact]]) -> list[Fact]:
+    """Return the facts of one of several recordings, the first that has any."""
     for alone in samples.each_run() if samples.n_runs > 1 else ():
-        facts = joint_gains(ArmFit(alone)).facts() if moves_enough(alone) else []
+        facts = facts_of(alone) if moves_enough(alone) else []
         if facts:
             return [replace(fact, evidence=f'in {alone.run_labels[0]}: {fact.evidence}',
                             otherwise=f'without this recording the others can be learned; of it '
