@@ -11,6 +11,7 @@ from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
@@ -79,7 +80,7 @@ def _learned(samples: JointSamples, options: FitOptions, friction: bool) -> Grav
     """Return a fit from the cache, since several methods and figures use the same one."""
     key = samples.tau.tobytes(), options.formulation, options.geometry is not None, friction
     if key not in _CACHE:
-        effects = [f'coulomb_friction:{name}' for name in samples.names] if friction else []
+        effects = requests(['coulomb_friction'] if friction else [], samples.names)
         _CACHE[key] = fit(samples, options, effects=effects).model
     return _CACHE[key]
 

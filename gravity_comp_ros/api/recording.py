@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.data.differentiation import differentiate
+from gravity_comp_ros.data.differentiation import differentiate, is_inconsistent, slope_ratios
 from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
 from gravity_comp_ros.data.holdout import blocks_to_hold_out, within
 from gravity_comp_ros.data.runs import rows_of
@@ -65,6 +65,14 @@ def _names(names: Sequence[str] | None, q: list[FloatArray]) -> tuple[str, ...]:
     if names is not None and len(names) != n:
         raise DataError(f'{len(names)} names for {n} joints')
     return tuple(names or (f'joint_{k + 1}' for k in range(n)))
+
+
+def _check_velocity(run: int, joints: tuple[str, ...], t: FloatArray, q: FloatArray,
+                    qd: FloatArray) -> None:
+    ratio, likeness = slope_ratios(t, q, qd)
+    for n in np.flatnonzero(is_inconsistent(ratio, likeness)):
+        raise DataError(f'run {run}: qd of {joints[n]} contradicts q: it is {ratio[n]:.2g} times '
+                        f'its slope. Check the unit, or omit qd to differentiate q')
 
 
 def _scale(effort_scale: float | Mapping[str, float], joints: tuple[str, ...]) -> FloatArray:
@@ -129,7 +137,8 @@ class Recording(Displayable):
         :param effort_scale: torque per unit of `tau`, N·m, sign included, for all joints or by
             name. Use it for motor currents and inverted signs.
         :param gate: limits for slow samples; None uses all samples.
-        :raises DataError: if shapes disagree, a value is not finite, or time does not increase.
+        :raises DataError: if shapes disagree, a value is not finite, time does not increase, or
+            qd contradicts the slope of q.
         :raises ModelMismatchError: if `effort_scale` names an unknown joint.
         :raises OptionError: if not exactly one of `t` and `rate` is given, or a scale is invalid.
         """
@@ -146,6 +155,8 @@ class Recording(Displayable):
             if torque.shape != position.shape or speed.shape != position.shape:
                 raise DataError(f'run {k}: q has shape {position.shape}, tau {torque.shape}, '
                                 f'qd {speed.shape}; they must be the same')
+            if runs_qd is not None:
+                _check_velocity(k, joints, time, position, speed)
             # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
             keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
             parts.append(JointSamples.single_run(joints, time[keep], position[keep], speed[keep],

@@ -169,27 +169,6 @@ def is_inconsistent(ratio: FloatArray, likeness: FloatArray) -> BoolArray:
     return np.asarray((ratio < _MIN_RATIO) | (ratio > _MAX_RATIO) | (likeness < _MIN_LIKENESS))
 
 
-def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
-    """
-    Return the samples with velocities consistent with positions, and a warning or ''.
-
-    Inconsistent velocities are replaced by the slope of the positions.
-    """
-    ratio, likeness = slope_ratios(samples.t, samples.q, samples.qd, samples.runs)
-    inconsistent = np.flatnonzero(is_inconsistent(ratio, likeness))
-    if not inconsistent.size:
-        return samples, ''
-    qd = samples.qd.copy()
-    for run in run_slices(samples):
-        slope = np.nan_to_num(differentiate(samples.t[run], samples.q[run]), nan=0.0)
-        for n in inconsistent:
-            qd[run, n] = slope[:, n]
-    names = ', '.join(f'{samples.names[n]} ({ratio[n]:.2g} times)' for n in inconsistent)
-    return replace(samples, qd=qd), (
-        f'velocity contradicts position on {names}: the slope of the positions is used instead. '
-        f'Check the units of velocity in the driver')
-
-
 # Maximum sample interval, in s, of a recording that resolves starts and stops; static poses are
 # recorded less often.
 MAX_INTERVAL = 0.06
@@ -221,7 +200,7 @@ def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSample
     if part.qdd is not None or not is_resolved(samples):
         return part
     rows = np.arange(len(samples)) if part is samples else rows_of(samples, part)
-    return replace(part, qdd=_slopes(checked_velocity(samples)[0], rows))
+    return replace(part, qdd=_slopes(samples, rows))
 
 
 def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:

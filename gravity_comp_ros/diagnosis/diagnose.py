@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport
 from gravity_comp_ros.diagnosis.unexplained import unexplained
@@ -41,7 +40,6 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     report = progress or (lambda word, share: None)
     if model is not None:
         samples = samples.joints(model.joints)
-    samples = checked_velocity(samples)[0]
     report('estimate', 0.0)
     known = all_effects()
     effects = None if options.effects is None else [

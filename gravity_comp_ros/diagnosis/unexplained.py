@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, Verdict
-from gravity_comp_ros.diagnosis.verdict import Evidence, p_of
+from gravity_comp_ros.diagnosis.verdict import Evidence
 from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.regression.gains import gain, score_of
+from gravity_comp_ros.regression.gains import gain, p_of, score_of
 from gravity_comp_ros.regression.term import Term
 import numpy as np
 

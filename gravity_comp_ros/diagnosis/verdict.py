@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
@@ -12,17 +12,15 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, has_dynamics, is_absorbed, motion_parameters, target_of, values_of)
+    alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, motion_parameters, target_of,
+    values_of)
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.regression.engine import Regression
-from gravity_comp_ros.regression.linear import Linear
+from gravity_comp_ros.regression.gains import p_of
 from gravity_comp_ros.regression.noise import correlation_times
-from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
-from scipy import special
 
 
 @dataclass(frozen=True)
@@ -207,7 +205,7 @@ def finding_of_dynamics(evidence: Evidence) -> Finding | None:
     if DYNAMICS in evidence.in_model or DYNAMICS not in evidence.torques.effects \
             or not has_dynamics(shared):
         return None
-    gain = _gain_of_dynamics(regression)
+    gain = gain_of_dynamics(regression)
     if gain < regression.problem.options.min_gain:
         return None
     held_out = _HeldOut.of(evidence, DYNAMICS, None)
@@ -226,31 +224,8 @@ def finding_of_dynamics(evidence: Evidence) -> Finding | None:
                    why, '', gain, p_of(gain), to_add=(DYNAMICS,))
 
 
-def _gain_of_dynamics(regression: Regression) -> float:
-    """
-    Return the log evidence of dynamics: that of the same terms on the motion and on still states.
-
-    Gravity is estimated again without dynamics. In slow motion the accelerations are nearly
-    collinear with it, so that a model from which dynamics are only omitted is always worse.
-    """
-    problem, posterior = regression.problem, regression.posterior
-    state = problem.states.state
-    still = State(state.q, np.zeros_like(state.qd), np.zeros_like(state.qdd))
-    without = replace(problem, states=replace(problem.states, state=still))
-    evidences = [Linear.at(each, regression.shared, each.factory(regression.shared),
-                           posterior.terms, posterior.design.root.T ** 2,
-                           posterior.precision).posterior.log_evidence
-                 for each in (problem, without)]
-    return evidences[0] - evidences[1]
-
-
 def _little_evidence(gain: float, required: float) -> str:
     return f'its evidence is {gain:.1f} nats; {required:.0f} are required'
-
-
-def p_of(gain: float) -> float:
-    """Return the p-value of a likelihood ratio of `gain` nats with one degree of freedom."""
-    return float(special.erfc(np.sqrt(max(gain, 0.0))))
 
 
 def _next_step(term: Term, verdict: Verdict, joint: str | None) -> str:

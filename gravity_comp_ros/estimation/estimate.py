@@ -302,7 +302,8 @@ class _Work:
         """
         terms, is_selected = tuple(start), False
         if not terms and self.old is not None:
-            terms = self._terms_of(shared, (*self.old.applied.effects, *self.old.fitted.effects))
+            terms = (*self._terms_of(shared, self.old.applied.effects, self.forced),
+                     *self._terms_of(shared, self.old.fitted.effects, frozenset()))
             is_selected = bool(terms)
         present = self.forced & {term.key for term in terms}
         first = regress(self.problem, shared, self.effects, terms, present, is_selected)
@@ -312,8 +313,9 @@ class _Work:
         return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
                        self.forced, is_selected=True)
 
-    def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect]) -> tuple[Term, ...]:
-        """Return terms of the effects of a model that are tested and testable here."""
+    def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect],
+                  kept: frozenset[Key]) -> tuple[Term, ...]:
+        """Return terms of the effects of a model that are tested, and testable here or kept."""
         factory, names, terms = self.problem.factory(shared), self.problem.samples.names, []
         tested = {effect.name: effect for effect in self.effects}
         for one in applied:
@@ -321,9 +323,9 @@ class _Work:
             if effect is None or effect.is_shared:
                 continue
             joint = None if one.joint is None else names.index(one.joint)
-            if effect.untestable(factory.motion, joint or 0) is None:
-                count = max(len(effect.settings(factory.motion, joint or 0)), 1)
-                terms.append(factory.term(effect, joint, one.setting, count))
+            settings, _ = factory.settings(effect, joint)
+            if settings or (one.name, joint) in kept:
+                terms.append(factory.term(effect, joint, one.setting, max(len(settings), 1)))
         return tuple(terms)
 
     def regress_terms(self, shared: Shared, terms: Iterable[Term]) -> Regression:
@@ -334,20 +336,20 @@ class _Work:
         """
         factory = self.problem.factory(shared)
         own = [factory.term(term.effect, term.joint, term.setting) for term in terms
-               if term.effect.untestable(factory.motion, term.joint_number) is None]
+               if not factory.settings(term.effect, term.joint)[1]]
         keys = frozenset(term.key for term in own)
         own = [term for term in own if not term.parents or term.parents & keys]
         return regress(self.problem, shared, (), own, frozenset(term.key for term in own),
                        is_selected=True)
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
-        """Return terms of forced effects at the settings with the largest gains."""
+        """Return terms of forced effects, where testable, at the settings of largest gain."""
         factory, known = self.problem.factory(first.shared), all_effects()
         terms: list[Term] = []
         for name, joint in sorted(keys, key=str):
             effect = known[name]
-            if not effect.is_shared:
-                settings = effect.settings(factory.motion, joint or 0)
+            settings, _ = factory.settings(effect, joint)
+            if settings and not effect.is_shared:
                 common = common_of((*first.terms, *terms), joint)
                 terms.append(max((with_common(factory, factory.term(
                     effect, joint, setting, len(settings)), common) for setting in settings),

@@ -19,8 +19,9 @@ from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes
+from gravity_comp_ros.regression.linear import Linear
 from gravity_comp_ros.regression.posterior import Posterior
-from gravity_comp_ros.regression.shared import Shared
+from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
@@ -31,6 +32,24 @@ def is_absorbed(estimate: Estimate, term: Term) -> bool:
     regression = estimate.regression
     limit = regression.problem.options.min_separate
     return term.effect.is_static and bool(regression.identified[term.key].max() < limit)
+
+
+def gain_of_dynamics(regression: Regression) -> float:
+    """
+    Return the log evidence of dynamics: that of the same terms on the motion and on still states.
+
+    Gravity is estimated again without dynamics. In slow motion the accelerations are nearly
+    collinear with it, so that a model from which dynamics are only omitted is always worse.
+    """
+    problem, posterior = regression.problem, regression.posterior
+    state = problem.states.state
+    still = State(state.q, np.zeros_like(state.qd), np.zeros_like(state.qdd))
+    without = replace(problem, states=replace(problem.states, state=still))
+    evidences = [Linear.at(each, regression.shared, each.factory(regression.shared),
+                           posterior.terms, posterior.design.root.T ** 2,
+                           posterior.precision).posterior.log_evidence
+                 for each in (problem, without)]
+    return evidences[0] - evidences[1]
 
 
 def target_of(term: Term, joints: tuple[str, ...]) -> str:

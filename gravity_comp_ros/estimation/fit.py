@@ -7,13 +7,15 @@ gravity (`regression`). The model stores them and does not predict them; `add` s
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.estimate import (
     Estimate, estimate, estimate_again, FitOptions, Progress)
 from gravity_comp_ros.estimation.estimated_model import model_of
@@ -52,7 +54,8 @@ class FitResult:
 
 def fit(samples: JointSamples, options: FitOptions = FitOptions(),
         progress: Progress | None = None, old: GravityModel | None = None,
-        use: BoolArray | None = None, effects: Collection[str] = ()) -> FitResult:
+        use: BoolArray | None = None, effects: Sequence[Request] = (),
+        tested: Sequence[Effect] | None = None) -> FitResult:
     """
     Learn the gravity torque from samples of any speed.
 
@@ -60,14 +63,15 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     :param old: a model of the same joints as the start of the search; it is no constraint.
     :param use: mask (M,) of the samples to fit; None for all. The others are the motion between
         them, on which accelerations and friction with memory depend.
-    :param effects: targets (`NAME:JOINT`) that the model predicts.
+    :param effects: those that the model predicts.
+    :param tested: the effects that may be in the model; all by default.
     :raises FitError: if there are too few samples, or no joint moves.
+    :raises DataError: if the samples do not excite an effect that was requested on a joint.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
-    samples, warning = checked_velocity(samples)
-    forced = frozenset(key_of(name, samples.names) for name in effects if name != DYNAMICS)
-    return result_of(estimate(samples, options, use, old, forced, progress=progress), options,
-                     effects, warning)
+    forced = keys_of([request.target for request in effects], samples.names)
+    estimated = estimate(samples, options, use, old, forced, tested, progress)
+    return result_of(estimated, options, excited(estimated, effects)[0])
 
 
 def fit_again(earlier: FitResult, options: FitOptions, samples: JointSamples | None = None,
@@ -81,15 +85,41 @@ def fit_again(earlier: FitResult, options: FitOptions, samples: JointSamples | N
     return result_of(again, options, [effect.target for effect in earlier.model.applied.effects])
 
 
-def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str] = (),
-              warning: str = '') -> FitResult:
+def result_of(estimated: Estimate, options: FitOptions, effects: Collection[str] = ()
+              ) -> FitResult:
     """Return the model of an estimate, which predicts some effects, with its report."""
     model = model_of(estimated, effects)
-    report = build_report(model, estimated, options, warning)
+    report = build_report(model, estimated, options)
     model = replace(model, provenance={'options': options.to_json(), 'report': report.to_json()})
     converged = estimated.regression.converged and all(
         each.lasso.converged for each in estimated.fits)
     return FitResult(model, report, converged, estimated)
+
+
+def excited(estimated: Estimate, effects: Sequence[Request]) -> tuple[list[str], dict[str, str]]:
+    """
+    Return the targets of the effects that the samples excite, and why the others are left out.
+
+    :raises DataError: if an effect that was requested on a joint is not excited.
+    """
+    regression = estimated.regression
+    terms = {term.key for term in regression.terms}
+    targets, left_out = [], {}
+    for request in effects:
+        key = key_of(request.target, regression.problem.samples.names)
+        reason = None if key in terms else regression.candidates.untestable.get(key)
+        if reason is None:
+            targets.append(request.target)
+        elif request.named:
+            raise DataError(f'{request.target} cannot be estimated: {reason}')
+        else:
+            left_out[request.target] = reason
+    return targets, left_out
+
+
+def keys_of(targets: Iterable[str], joints: tuple[str, ...]) -> frozenset[Key]:
+    """Return the keys of the terms of targets; dynamics are in every estimate."""
+    return frozenset(key_of(name, joints) for name in targets if name != DYNAMICS)
 
 
 def key_of(name: str, joints: tuple[str, ...]) -> Key:

@@ -85,13 +85,12 @@ class FitDetails:
             'outliers': {name: asdict(each) for name, each in self.outliers.items()}}
 
 
-def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
-                 warning: str = '') -> FitDetails:
+def build_report(model: GravityModel, estimate: Estimate, options: FitOptions
+                 ) -> FitDetails:
     """
     Return the report of a fit.
 
     :param options: of the fit, with the axes of the description on its own vertical.
-    :param warning: the first of the warnings.
     """
     regression = estimate.regression
     problem = regression.problem
@@ -112,7 +111,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions,
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(model.joints, values.tolist()))
 
-    lines = [warning, estimate.warning, *_tilt_warning(tilt), *_zero_angle_warning(zeros),
+    lines = [estimate.warning, *_tilt_warning(tilt), *_zero_angle_warning(zeros),
              *_outlier_warnings(spoilt), *_warnings(model, estimate, dropped),
              *uncertainty_warning(model, anywhere, problem.scale.largest)]
     return FitDetails(

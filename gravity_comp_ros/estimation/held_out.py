@@ -45,14 +45,12 @@ class HeldOutTorques:
     """
     Torques of held-out samples by part: `gravity` (U, N) and `effects` by target, in N·m.
 
-    `tau` (U, N) is the measured torque of the U fitted samples; `block` (U,) numbers blocks of
-    time, `run` (U,) the runs.
+    `tau` (U, N) is the measured torque of the U fitted samples; `run` (U,) numbers the runs.
     """
 
     tau: FloatArray
     gravity: FloatArray
     effects: Mapping[str, FloatArray]
-    block: IntArray
     run: IntArray
 
     def residual(self, predicted: Collection[str]) -> FloatArray:
@@ -61,11 +59,6 @@ class HeldOutTorques:
         for name in predicted:
             residual = residual - self.effects.get(name, 0.0)
         return np.asarray(residual)
-
-    def block_sums(self, residual: FloatArray) -> FloatArray:
-        """Return the sums of squares of a residual (U, N) over each block, (B, N) in (N·m)^2."""
-        sums = [np.bincount(self.block, column) for column in (residual ** 2).T]
-        return np.asarray(np.stack(sums, axis=1) + 1e-300)
 
     def rmse(self, predicted: Collection[str]) -> FloatArray:
         """Return the RMSE (N,) in N·m of gravity with some effects."""
@@ -108,4 +101,4 @@ def held_out_torques(estimate: Estimate,
             effects.setdefault(applied.target, np.zeros_like(gravity))[here, joints] = (
                 torque if is_state else torque[numbers])
     return HeldOutTorques(samples.tau[problem.used], gravity, effects,
-                          rows.block[problem.row_of], samples.runs[problem.used])
+                          samples.runs[problem.used])

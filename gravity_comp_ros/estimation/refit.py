@@ -11,21 +11,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.data.differentiation import checked_velocity
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
-    alternatives_of, is_absorbed, model_of, target_of)
-from gravity_comp_ros.estimation.fit import key_of
+    alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, model_of, target_of)
+from gravity_comp_ros.estimation.fit import excited, keys_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
-from gravity_comp_ros.evaluation.compare import p_of_decrease
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.regression.gains import p_of
 import numpy as np
+
+
+_PRESENT = 'it is in the model already'
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,13 @@ class RefitOptions:
 
     `slow` is the largest speed in rad/s of the samples, None for all; with `force` it applies
     even if few samples are slow, else at least `min_slow` of them must be. `max_increase` is the
-    largest share by which an added effect may increase a joint's held-out error, `max_p` the
-    largest p-value of a significant decrease.
+    largest share by which an added effect may increase a joint's held-out error.
     """
 
     slow: float | None = 0.15
     force: bool = False
     min_slow: float = 0.2
     max_increase: float = 0.05
-    max_p: float = 0.05
 
     @classmethod
     def chosen(cls, all_samples: bool, max_speed: float | None = None) -> RefitOptions:
@@ -90,8 +89,9 @@ class Refit:
     """
     A model with effects, and its errors on held-out samples.
 
-    `added` are targets; `errors` the held-out errors by joint; `p` is the p-value of their
-    decrease and `helps` whether it is significant. `n_samples` were fitted, fast ones too if
+    `added` are targets; `errors` the held-out errors by joint; `p` is the
+    p-value of the new effect with the largest gain, and `helps` whether that is enough for a
+    finding. `n_samples` were fitted, fast ones too if
     `all_speeds`. `skipped` are omitted effects with the reason, `implausible` those in the model
     with coefficients that are not physical, `ties` those that others explain as well.
     """
@@ -111,8 +111,8 @@ class Refit:
         """Return warnings about the new effects."""
         lines = [f'{name} is not physical: {why}' for name, why in self.implausible.items()]
         if not self.helps:
-            lines.append('the held-out error does not decrease significantly: these recordings '
-                         'do not require the new effects, or gravity has absorbed them already')
+            lines.append('the evidence for the new effects is too small for a finding: these '
+                         'recordings do not require them, or gravity has absorbed them already')
         return lines
 
     def by_joint(self) -> tuple[dict[str, float], dict[str, float]]:
@@ -147,18 +147,20 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect
         of the model is not installed.
     """
-    samples = checked_velocity(samples.joints(model.joints))[0]
-    new, skipped = _new_targets(samples, model, effects)
-    if effects and not new:
-        raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
+    samples = samples.joints(model.joints)
+    missing, present = _missing(model, effects)
     usable = options.usable(samples, use)
     old = [effect.target for effect in model.applied.effects]
 
     def with_forced(targets: Sequence[str]) -> Estimate:
-        forced = frozenset(key_of(name, model.joints) for name in targets if name != DYNAMICS)
-        return estimate(samples, fit_options_of(model), usable, model, forced, None, progress)
+        return estimate(samples, fit_options_of(model), usable, model,
+                        keys_of(targets, model.joints), None, progress)
 
-    estimated = with_forced((*old, *new))
+    estimated = with_forced((*old, *(request.target for request in missing)))
+    new, skipped = excited(estimated, missing)
+    skipped |= dict.fromkeys(present, _PRESENT)
+    if effects and not new:
+        raise DataError('; '.join(f'{name}: {why}' for name, why in skipped.items()))
     torques = held_out_torques(estimated)
     after = torques.residual(_predicted(estimated, (*old, *new)))
     before = torques.residual(_predicted(estimated, old))
@@ -172,9 +174,10 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
         _check_not_worse(errors, options)
     fitted = model_of(estimated, (*old, *new))
     provenance = dict(model.provenance)
-    p = _p_value(torques, before, after) if new else 1.0
-    return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new),
-                 errors, p, p < options.max_p, int(usable.sum()),
+    gain, evidence = _gain(estimated, new)
+    return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new), errors,
+                 p_of(evidence), gain >= estimated.regression.problem.options.min_gain,
+                 int(usable.sum()),
                  bool(usable.sum() == (len(samples) if use is None else use.sum())), skipped,
                  _implausible(fitted, new), _ties(estimated, new))
 
@@ -188,26 +191,19 @@ def fit_options_of(model: GravityModel) -> FitOptions:
     return FitOptions(model.formulation if formulation == 'auto' else formulation)
 
 
-def _new_targets(samples: JointSamples, model: GravityModel,
-                 effects: Sequence[Request]) -> tuple[list[str], dict[str, str]]:
-    """Return the identifiable wanted effects, and the reasons for omitting the others."""
-    motion, known = motion_of(model, samples), all_effects()
-    targets, skipped = [], {}
-    for request in effects:
-        joint = 0 if request.joint is None else model.joints.index(request.joint)
-        present = model.applied.has(request.effect.name, request.joint)
-        reason = ('it is in the model already' if present
-                  else known[request.effect.name].untestable(motion, joint))
-        if reason is None and not request.effect.settings(motion, joint):
-            reason = 'this motion does not reach it'
-        if reason is None:
-            targets.append(request.target)
-        elif request.named:
-            raise DataError(f'{request.target} cannot be added: {reason}',
-                            Hint.IN_MODEL if present else None)
-        else:
-            skipped[request.target] = reason
-    return targets, skipped
+def _missing(model: GravityModel, effects: Sequence[Request]) -> tuple[list[Request], list[str]]:
+    """
+    Return the requested effects that the model does not have, and the targets of the others.
+
+    :raises DataError: if an effect of the model was requested on a joint.
+    """
+    present = [request for request in effects
+               if model.applied.has(request.effect.name, request.joint)]
+    named = [request.target for request in present if request.named]
+    if named:
+        raise DataError(f'{named[0]} cannot be added: {_PRESENT}', Hint.IN_MODEL)
+    return ([request for request in effects if request not in present],
+            [request.target for request in present])
 
 
 def _predicted(estimated: Estimate, targets: Sequence[str]) -> set[str]:
@@ -234,20 +230,14 @@ def _check_not_worse(errors: Mapping[str, HeldOut], options: RefitOptions) -> No
                        f'fewer effects, or record more motion')
 
 
-def _p_value(torques: HeldOutTorques, before: FloatArray, after: FloatArray) -> float:
-    """
-    Return the p-value of the decrease of the error, over blocks.
-
-    The smaller one of the whole arm and of single joints, with a Bonferroni correction for both
-    and for all joints: the noise of other joints would hide an effect on one joint.
-    """
-    old, new = torques.block_sums(before), torques.block_sums(after)
-    changed = np.flatnonzero((old != new).any(axis=0))
-    if not len(changed) or len(old) < 3:
-        return 1.0
-    scale = old.mean(axis=0)
-    whole = p_of_decrease((old / scale).sum(axis=1), (new / scale).sum(axis=1), 2)
-    return min(whole, *(p_of_decrease(old[:, n], new[:, n], 2 * old.shape[1]) for n in changed))
+def _gain(estimated: Estimate, targets: Sequence[str]) -> tuple[float, float]:
+    """Return the largest gain of new effects in nats, with and without its prior odds."""
+    regression, joints = estimated.regression, estimated.regression.problem.samples.names
+    gains = [(gain := regression.gains[term.key], gain - term.log_odds)
+             for term in regression.terms if target_of(term, joints) in targets]
+    if DYNAMICS in targets and has_dynamics(regression.shared):
+        gains.append((gain := gain_of_dynamics(regression), gain))
+    return max(gains, default=(-np.inf, -np.inf))
 
 
 def _ties(estimated: Estimate, targets: Sequence[str]) -> dict[str, tuple[str, ...]]:

@@ -15,7 +15,6 @@ from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
-from scipy import special
 
 
 @dataclass(frozen=True)
@@ -130,22 +129,6 @@ def _bins(axis: str, values: FloatArray, text: str) -> Iterator[_Candidate]:
     for k in range(count):
         low, high = float(edges[k]), float(edges[k + 1])
         yield axis, low, high, text.format(low, high), number == k
-
-
-def p_of_decrease(before: FloatArray, after: FloatArray, tests: float) -> float:
-    """
-    Return the p-value of Student's one-sided test for a mean gain above 0, block by block.
-
-    The gain of a block is log(error before / error after). The logarithm limits the weight of a
-    single block with a wrong fit or a disturbance.
-
-    :param before: errors (B,) of the blocks; likewise `after`.
-    :param tests: number of tests, by which p is corrected.
-    """
-    floor = 1e-6 * before.mean()
-    gains = np.log((before + floor) / (after + floor))
-    error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
-    return min(1.0, tests * float(special.stdtr(len(gains) - 1, -gains.mean() / error)))
 
 
 @dataclass(frozen=True)

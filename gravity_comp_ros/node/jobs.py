@@ -21,10 +21,9 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
-from gravity_comp_ros.estimation.fit import fit_again, FitResult as FullFit
+from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult as FullFit
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.refit import fit_options_of
-from gravity_comp_ros.estimation.requested_fit import requested_fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
@@ -308,8 +307,8 @@ def _full_fits(job: Job) -> Iterator[Candidate]:
     if job.settings.formulation == 'auto':
         with suppress(FitError, DataError):
             fits.append(fit_again(fits[0], options_of(job), formulation='potential'))
-    for fit in fits:
-        yield candidate(fit.model, job, f'full fit, {fit.model.formulation}', fit)
+    for each in fits:
+        yield candidate(each.model, job, f'full fit, {each.model.formulation}', each)
 
 
 def options_of(job: Job) -> FitOptions:
@@ -337,7 +336,7 @@ def full_fit(job: Job) -> FullFit:
     names = {request.effect.name for request in requested}
     tested = [effect for effect in all_effects().values()
               if not effect.resembles_gravity or effect.name in names]
-    result = requested_fit(samples, requested, options_of(job), tested)
+    result = fit(samples, options_of(job), effects=requested, tested=tested)
     if job.base is None:
         return result
     # Distances learned from earlier payloads stay valid.

@@ -58,6 +58,13 @@ class TermFactory:
         return Term(effect, joint, dict(setting), self.rows.mean(columns), np.asarray(std),
                     effect.expectation.log_odds - float(np.log(n_settings)))
 
+    def settings(self, effect: Effect, joint: int | None) -> tuple[list[Setting], str]:
+        """Return the settings of an effect to compare, and the reason why there are none."""
+        number = 0 if joint is None else joint
+        reason = effect.untestable(self.motion, number)
+        settings: list[Setting] = [] if reason else [*effect.settings(self.motion, number)]
+        return settings, '' if settings else reason or 'this motion does not reach it'
+
     def again(self, term: Term) -> Term:
         """Return a term with its columns computed from this motion."""
         if not term.effect.uses_gravity:
@@ -98,10 +105,9 @@ def candidates_of(factory: TermFactory, effects: Sequence[Effect]) -> Candidates
             continue
         for joint in range(n) if effect.per_joint else (None,):
             number = 0 if joint is None else joint
-            reason = effect.untestable(factory.motion, number)
-            settings = [] if reason else effect.settings(factory.motion, number)
-            if not settings:
-                untestable[effect.name, joint] = reason or 'this motion does not reach it'
+            settings, reason = factory.settings(effect, joint)
+            if reason:
+                untestable[effect.name, joint] = reason
             if reason and effect.scope == 'joint':
                 excluded += [factory.term(effect, joint, setting)
                              for setting in effect.settings(factory.motion, number)[:1]]
@@ -124,8 +130,8 @@ def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term,
                 or effect.is_static):
             continue
         for joint in range(factory.motion.samples.n_joints):
-            if effect.untestable(factory.motion, joint) is None:
-                settings = effect.settings(factory.motion, joint)
+            settings, _ = factory.settings(effect, joint)
+            if settings:
                 terms.append(factory.term(effect, joint, settings[len(settings) // 2],
                                           len(settings)))
     return tuple(terms)

@@ -23,7 +23,7 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.term import (
     Term, total_std, uncorrected, with_children_of)
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import erfc, log_ndtr
 
 # Share of a column below which the others explain it already, whatever its coefficient.
 _EXPLAINED = 3e-3
@@ -350,3 +350,8 @@ def _bounds(posterior: Posterior, pool: Pool) -> FloatArray:
                  + pool.most_share_allowed[group])
         bounds[group] = np.where(independent, value, -np.inf)
     return bounds
+
+
+def p_of(gain: float) -> float:
+    """Return the p-value of a likelihood ratio of `gain` nats with one degree of freedom."""
+    return float(erfc(np.sqrt(max(gain, 0.0))))

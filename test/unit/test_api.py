@@ -170,6 +170,7 @@ def test_runs_units_and_scales_of_arrays():
     ({'q': np.zeros(60)}, DataError, r'expected \(samples, joints\)'),
     ({'t': np.arange(59.0)}, DataError, '59 values'),
     ({'names': ['a']}, DataError, '1 names for 2 joints'),
+    ({'qd': np.full((60, 2), 5.0)}, DataError, 'contradicts q'),
     ({'tau': np.full((60, 2), np.nan)}, DataError, 'not finite'),
     ({'effort_scale': 0.0}, OptionError, 'not 0'),
     ({'effort_scale': {'wrist': 1.0}}, ModelMismatchError, 'wrist')])

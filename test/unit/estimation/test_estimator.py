@@ -145,14 +145,6 @@ def test_outliers_of_two_runs_are_reported_with_both(samples):
     assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
 
 
-def test_velocities_that_contradict_positions_are_replaced():
-    data, frictionless = two_links(1), two_links(2, rough=0.0)
-    fitted = fit(replace(data, qd=20.0 * data.qd))
-    error = frictionless.tau - fitted.model.predict(frictionless.q)
-    assert rms(error).max() < 2.0 * ROUGH_NOISE
-    assert 'velocity contradicts position' in fitted.report.warnings[0]
-
-
 def test_long_recordings_cost_no_more_than_short_ones():
     short = two_links(1)
     t = np.linspace(0.0, short.t[-1], 20000)

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import motion_of
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -160,7 +160,7 @@ def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
     tau += FRICTION * np.tanh(motion.qd / 0.002)
     tau += NOISE * np.random.default_rng([seed, 7]).normal(size=tau.shape)
     samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    friction = [f'coulomb_friction:{name}' for name in samples.names]
+    friction = requests(['coulomb_friction'], samples.names)
     model = fit(samples, FitOptions('chain'), effects=friction).model
     values = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
     assert len(values) == 7 and values == pytest.approx([FRICTION] * 7, abs=0.08)

@@ -305,7 +305,7 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     assert not session.error
     ineffective, = session.stage.warnings
     assert ineffective in html.unescape(status_html(results))
-    assert 'does not decrease significantly' in ineffective
+    assert 'too small for a finding' in ineffective
     session.select_stage(0)
     output = html.unescape(status_html(results))
     assert uncertainty in output and ineffective not in output
