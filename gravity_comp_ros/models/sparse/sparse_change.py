@@ -158,16 +158,24 @@ def _sample(problem: ChangeProblem, support: BoolArray, start: _Evidence,
     """Return mean and covariance over supports and sizes, by Gibbs sampling."""
     sizes = [_Evidence(problem, share) for share in _SIZES]
     at = next(k for k, each in enumerate(sizes) if each.share == start.share)
+    # Most draws return to a few supports, whose probabilities are computed once.
+    joins: dict[tuple[int, bytes], FloatArray] = {}
+    sized: dict[bytes, FloatArray] = {}
     counts: dict[tuple[int, bytes], int] = {}
     for draw in range(_BURN_IN + _DRAWS):
         k = int(rng.integers(len(support) + 1)) if len(support) else 0
+        key = at, support.tobytes()
         if k == len(support):
-            scores = np.array([each.score(support) for each in sizes])
-            at = int(rng.choice(len(sizes), p=special.softmax(scores)))
-        elif rng.random() < special.expit(sizes[at].gains(support)[k]):
-            support = _toggled(support, k)
+            if key[1] not in sized:
+                sized[key[1]] = special.softmax([each.score(support) for each in sizes])
+            at = int(rng.choice(len(sizes), p=sized[key[1]]))
+        else:
+            if key not in joins:
+                joins[key] = special.expit(sizes[at].gains(support))
+            if rng.random() < joins[key][k]:
+                support = _toggled(support, k)
         if draw >= _BURN_IN:
-            key = (at, support.tobytes())
+            key = at, support.tobytes()
             counts[key] = counts.get(key, 0) + 1
     posteriors = [sizes[k].posterior(np.frombuffer(mask, dtype=bool)) for k, mask in counts]
     weights = np.array(list(counts.values())) / _DRAWS
