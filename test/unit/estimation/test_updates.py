@@ -66,7 +66,7 @@ def test_intervals_cover_the_truth(old):
     truth = np.array([2.0, *COM])
     # The trials share the error of the old model, so they are not independent.
     inside = []
-    for seed in range(12):
+    for seed in range(10):
         payload = update(old['chain'], recorded(loaded, LATER[:50], seed),
                          geometry=IIWA).report.payload
         limits = np.array([payload.mass.ci95, *(payload.centre[axis].ci95 for axis in 'xyz')])
@@ -109,7 +109,7 @@ def test_axes_of_another_arm_are_rejected(old):
     wrong = Geometry(IIWA.joints, np.concatenate([IIWA.rotations[:3], IIWA.rotations[4:],
                                                   IIWA.rotations[3:4]]),
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
-    samples = recorded(ARM, motions.eq17().q[::5], 0)
+    samples = recorded(ARM, motions.eq17().q[::10], 0)
     result = fit(samples, FitOptions('chain', geometry=wrong))
     assert not result.report.known_axes and result.report.warnings
     with pytest.raises(ModelMismatchError, match='do not reproduce the model'):

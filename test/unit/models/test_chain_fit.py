@@ -167,7 +167,7 @@ def test_auto_selects_the_chain_if_its_residual_is_white_and_else_the_potential(
     assert 'is white' in result.report.why
     # No serial arm has this combination of features.
     samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
-    result = fit(samples, FitOptions('auto'))
+    result = fit(samples.select(np.arange(0, 300, 3)), FitOptions('auto'))
     assert result.model.formulation == 'potential'
     errors = result.report.held_out
     assert errors['potential'] < errors['chain']

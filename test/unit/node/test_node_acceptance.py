@@ -124,7 +124,7 @@ LIGHT, HEAVY = {1: 10.0, 3: 9.0}, {1: 60.0, 3: 50.0}
 FAR = Payload(3.0, (0.0, 0.0, 0.4))
 
 
-CARRIED = [{'payload': Payload(mass, (0.1, -0.05, 0.1))} for mass in (0.3, 2.0, 5.0)]
+CARRIED = [{'payload': Payload(mass, (0.1, -0.05, 0.1))} for mass in (0.3, 5.0)]
 
 
 @pytest.mark.parametrize('known, case, limits, reason', [
@@ -146,9 +146,13 @@ def test_a_change_is_a_body_within_the_limits_or_refused(base, geometry, known, 
     assert not reasons if reason is None else reason[1] in reasons[reason[0]]
 
 
-@pytest.mark.parametrize('joint', [1, 3, 5])
-@pytest.mark.parametrize('gain', [0.0, -1.0, 0.5])
-@pytest.mark.parametrize('known', [False, True])
+# Each joint, gain and kind of axes once with each other; `make bench` has all.
+@pytest.mark.parametrize('known, joint, gain', [
+    (False, 1, 0.0), (False, 3, -1.0), (False, 5, 0.5),
+    (True, 1, -1.0), (True, 3, 0.5), (True, 5, 0.0), *campaign(
+        (False, 1, -1.0), (False, 1, 0.5), (False, 3, 0.0), (False, 3, 0.5), (False, 5, 0.0),
+        (False, 5, -1.0), (True, 1, 0.0), (True, 1, 0.5), (True, 3, 0.0), (True, 3, -1.0),
+        (True, 5, -1.0), (True, 5, 0.5))])
 def test_the_faulty_joint_is_named(base, geometry, joint, gain, known):
     axes = geometry if known else None
     reasons = refusals(tables_of(as_chain(base, axes), scaled=[(joint, gain)], geometry=axes))
