@@ -11,8 +11,8 @@ RATE, STANDARD_DEVIATIONS = 100.0, 5.0
     ('seven', 38), pytest.param('six', 39, marks=pytest.mark.campaign)])
 def test_pushes_are_found_within_50_ms_and_free_motion_is_no_push(build, seed):
     model = fitted(build, seed, is_plain=False)
-    alarms, hours, ratio = free(model, build, seed, RATE, minutes=2.0)
-    assert alarms == 0 and hours > 0.9 * 2.0 / 60.0
+    alarms, hours, ratio = free(model, build, seed, RATE, minutes=1.0)
+    assert alarms == 0 and hours > 0.9 * 1.0 / 60.0
     rms, largest = ratio
     assert (rms > 0.2).all() and (rms < 0.7).all() and (largest < 3.0).all()
     judged = pushes(model, build, seed, RATE, 12, STANDARD_DEVIATIONS)

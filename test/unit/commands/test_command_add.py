@@ -135,8 +135,11 @@ def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
 
 def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
-    run_json(capsys, 'fit', *both, '--holdout', '-o', path)
-    before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
+    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
+    compared = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
+    before = compared['joints']
+    # As in the fit, all samples are compared.
+    assert compared['gate']['all_samples'] and before['shoulder']['n'] == 1200
     result = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
     # The second bag was held out, and stays so.
     assert result['n_samples'] == 1200
@@ -150,13 +153,6 @@ def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     diagnosed = run_json(capsys, 'diagnose', *both, '--model', path, '--holdout', '--effects',
                          'viscous_friction')
     assert diagnosed['data']['n_samples'] == 1200
-
-
-def test_holdout_of_a_fit_of_all_samples_compares_all_samples(bags, tmp_path, capsys):
-    path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
-    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
-    result = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
-    assert result['gate']['all_samples'] and result['joints']['shoulder']['n'] == 1200
 
 
 def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, capsys):

@@ -127,11 +127,11 @@ def test_coarse_counts_of_some_joints():
 
 @pytest.mark.parametrize('name, more', [
     ('spring', lambda q, qd, t: np.array([0, 0, 15.0, 0, 0, 0]) * (q - 0.5)),
-    ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
     ('body from 50 s on', lambda q, qd, t: (t > 50)[:, None] * (gravity_torque(
         HEAVY, q) - gravity_torque(ARM, q))),
     ('contact', lambda q, qd, t: 20.0 * ((t > 50) & (t < 53))[:, None] + 0 * q),
     *campaign(
+        ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
         ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
         ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2)),
 ])

@@ -57,7 +57,7 @@ def worst(model, arm=ARM, zero=0.0):
 
 @pytest.mark.parametrize('seed', [0, *campaign(2, 3)])
 def test_inertia_does_not_appear_as_a_tilt(seed):
-    result = fitted(moved(seed, 0.15, 0.3)[1])
+    result = fitted(moved(seed, 0.15, 0.3, rate=20.0)[1])
     assert result.report.base_tilt == 0.0
     assert worst(result.model) < 0.3
 
@@ -65,7 +65,7 @@ def test_inertia_does_not_appear_as_a_tilt(seed):
 @pytest.mark.parametrize('tilt', [5.0, *campaign(1.0, 3.0)])
 def test_a_tilt_is_identified(tilt):
     arm = with_base_tilt(ARM, 0.8 * np.radians(tilt), 0.6 * np.radians(tilt))
-    result = fitted(moved(3, 0.15, 0.3, arm, rate=20.0)[1])
+    result = fit(following(arm), FitOptions('chain', geometry=AXES))
     assert np.degrees(result.report.base_tilt) == pytest.approx(tilt, abs=0.15)
     assert worst(result.model, arm) < 0.3
 
@@ -92,7 +92,7 @@ def test_uneven_motion_uses_accelerations_of_the_whole_recording():
 
 
 def test_the_nominal_arm_models_most_of_the_torque_of_motion():
-    motion, samples = moved(4, 0.15, 0.3, noise=0.0)
+    motion, samples = moved(4, 0.15, 0.3, rate=20.0, noise=0.0)
     chain = fit(samples, FitOptions('chain', geometry=AXES)).model.chain
     nominal = torque_of(AXES, samples.q, samples.qd, motion.qdd,
                         nominal_parameters(AXES, chain.moments / STANDARD_GRAVITY))

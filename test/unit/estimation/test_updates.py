@@ -144,7 +144,7 @@ def test_axes_of_other_joints_are_refused(old):
 
 
 @pytest.mark.parametrize('kind, share', [
-    ('chain', 0.03), ('known axes', 0.0), ('potential', 0.03)])
+    ('chain', 0.03), ('known axes', 0.0), *campaign(('potential', 0.03))])
 def test_a_payload_where_the_drive_subtracts_its_own_gravity(kind, share):
     """The share is the error of the drive's model; inertia remains in the effort."""
     bare, names = ARM, ARM.joints

@@ -1,10 +1,14 @@
-"""Nodes without ROS, and a model of two joints, for all tests of the node."""
+"""Nodes without ROS, a model of two joints, and the axes of the iiwa, for tests of the node."""
+
+from pathlib import Path
 
 from bench.shared.node_messages import motion, Nodes, torque
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.simulation.arms import iiwa7
 import numpy as np
 import pytest
 
@@ -35,3 +39,10 @@ def model_file(tmp_path_factory):
     save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau),
                          FitOptions(formulation='potential')).model)
     return path
+
+
+@pytest.fixture(scope='session')
+def geometry():
+    """Return the axes of the iiwa in its description."""
+    urdf = Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf'
+    return parse_urdf(urdf.read_bytes(), iiwa7().joints)

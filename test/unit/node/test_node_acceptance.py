@@ -1,14 +1,12 @@
 """Plausibility tests of a new model: broken effort is refused, real payloads are accepted."""
 
 from dataclasses import replace
-from pathlib import Path
 import re
 
 from bench.shared.broken_effort import intermittent_brake, KINDS
 from bench.shared.campaign import campaign
-from bench.shared.payload_samples import ARM, job_of, recorded
+from bench.shared.payload_samples import job_of, recorded
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.chain_of_model import as_chain
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -30,18 +28,11 @@ from gravity_comp_ros.simulation.motions import multisine
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 @pytest.fixture(scope='module')
 def base():
     bare = recorded('eq17', 0, 100.0, 0.0, None, 'bare', np.random.default_rng(5))
     return fit(bare.samples, FitOptions(formulation='chain')).model
-
-
-@pytest.fixture(scope='module')
-def geometry():
-    return parse_urdf((ROOT / 'bags' / 'iiwa7.urdf').read_bytes(), ARM.joints)
 
 
 def corrupted(name, n=100, seed=1):
