@@ -57,7 +57,7 @@ def worst(model, arm=ARM, zero=0.0):
 
 @pytest.mark.parametrize('seed', [0, *campaign(2, 3)])
 def test_inertia_does_not_appear_as_a_tilt(seed):
-    result = fitted(moved(seed, 0.15, 0.3, rate=20.0)[1])
+    result = fitted(moved(seed, 0.15, 0.3)[1])
     assert result.report.base_tilt == 0.0
     assert worst(result.model) < 0.3
 
@@ -92,7 +92,7 @@ def test_uneven_motion_uses_accelerations_of_the_whole_recording():
 
 
 def test_the_nominal_arm_models_most_of_the_torque_of_motion():
-    motion, samples = moved(4, 0.15, 0.3, rate=20.0, noise=0.0)
+    motion, samples = moved(4, 0.15, 0.3, noise=0.0)
     chain = fit(samples, FitOptions('chain', geometry=AXES)).model.chain
     nominal = torque_of(AXES, samples.q, samples.qd, motion.qdd,
                         nominal_parameters(AXES, chain.moments / STANDARD_GRAVITY))

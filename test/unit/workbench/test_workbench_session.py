@@ -34,16 +34,11 @@ PATIENCE = 240.0
 BOTH = ('coulomb_friction:shoulder', 'viscous_friction:shoulder')
 
 
-def thinned(samples):
-    """Return one sample of four, at 5 Hz."""
-    return samples.select(np.arange(0, len(samples), 4))
-
-
 @pytest.fixture(scope='module')
 def paths(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     for number in (1, 2):
-        write_bag(folder / f'run{number}.mcap', [joint_states(thinned(two_links(number)))])
+        write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
     return tuple(folder / f'run{number}.mcap' for number in (1, 2))
 
 
