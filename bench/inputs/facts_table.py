@@ -17,9 +17,9 @@ from pathlib import Path
 import sys
 import tempfile
 
+from gravity_comp_ros.api.arm import known_arm
 from gravity_comp_ros.api.read import arm_facts
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import known_arm
 from gravity_comp_ros.cli import main as gravity_comp
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.facts.fact import Fact

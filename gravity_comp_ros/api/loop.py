@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
 from gravity_comp_ros.api.axes import AxesOptions, known_axes
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import (
-    add_to_model, compare_model, learn, LearnOptions, order_by_torques, update_model)
+    add_to_model, compare_model, diagnose_recording, learn, order_by_torques, update_model)
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
-from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
@@ -50,17 +50,25 @@ def fit(recording: Recording, *, formulation: str | None = None,
     :raises OptionError: if a formulation, effect or joint is unknown.
     """
     options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
-    learned = learn(recording, options, tuple(effects), progress=progress)
-    result, axes, order = learned.result, learned.arm.axes, None
-    if recording.reports and axes.geometry is None \
+    learned = learn(recording, options, tuple(effects), progress=progress,
+                    arm=_arm(recording, options))
+    result, order = learned.result, None
+    if recording.reports and learned.arm.axes.geometry is None \
             and joint_order(recording.joints).source == AS_RECORDED:
         order = order_by_torques(learned.recording, result)
-    wrong = '' if order is None else (
-        f'the joint order {", ".join(order.joints)} explains the torques much better: read the '
-        f'recording with `joints` in the order of the arm')
-    for warning in filter(None, (axes.problem, wrong)):
-        result = result.with_warning(warning)
+    if order is not None:
+        result = result.with_warning(
+            f'the joint order {", ".join(order.joints)} explains the torques much better: read '
+            f'the recording with `joints` in the order of the arm')
     return Model(result.model)
+
+
+def _arm(recording: Recording, options: LearnOptions) -> KnownArm:
+    """Return axes and order of the joints; the order of `read` is that of their names."""
+    arm, order = known_arm(recording, options), joint_order(recording.joints)
+    by_name = (recording.reports and recording.reports[0].options.joints is None
+               and order.joints == recording.joints and order.source != AS_RECORDED)
+    return replace(arm, order=order) if by_name and arm.axes.geometry is None else arm
 
 
 def compare(model: Model, recording: Recording) -> Comparison:
@@ -88,7 +96,7 @@ def diagnose(recording: Recording, model: Model | None = None, *,
 
     All samples are used, including fast motion, because inertia is one of the effects.
 
-    :param model: the model to diagnose; by default `fit(recording)`.
+    :param model: the model to diagnose; by default one of gravity alone.
     :param effects: names of the effects to test; by default all that are registered.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if there are too few samples.
@@ -98,8 +106,9 @@ def diagnose(recording: Recording, model: Model | None = None, *,
     for name in effects or ():
         known_effect(name)
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
-    gravity = (model or fit(recording, progress=progress)).gravity
-    return diagnose_samples(recording.used, gravity, options, progress)
+    learning = LearnOptions(ordered=True)
+    gravity, arm = (model.gravity, None) if model else (None, _arm(recording, learning))
+    return diagnose_recording(recording, gravity, options, learning, progress, arm).diagnosis
 
 
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.api.arm import known_arm, KnownArm
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.steps import known_arm, KnownArm
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
@@ -34,7 +34,7 @@ def _silent(step: str, fraction: float) -> None:
 def read(paths: str | Path | Sequence[str | Path], *, topic: str | None = None,
          joints: Sequence[str] | None = None, effort_scale: Mapping[str, float] | None = None,
          differentiate: bool = False, gate: GateOptions | None = GateOptions(),
-         progress: Progress = _silent) -> Recording:
+         accept: Sequence[str] = (), progress: Progress = _silent) -> Recording:
     """
     Read joint states from MCAP files, rosbag2 folders or .db3 files; each path is one run.
 
@@ -49,6 +49,8 @@ def read(paths: str | Path | Sequence[str | Path], *, topic: str | None = None,
     :param effort_scale: torque per unit of effort, N·m, sign included, by joint; default 1.
     :param differentiate: compute velocities from positions even if velocities are recorded.
     :param gate: limits for slow samples; None uses all samples.
+    :param accept: kinds of facts, such as `effort_gain`, for which the recording is neither
+        corrected nor refused, by any step.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises BagError: if a file cannot be read.
     :raises ModelMismatchError: if the recordings have different joints.
@@ -56,7 +58,7 @@ def read(paths: str | Path | Sequence[str | Path], *, topic: str | None = None,
     from gravity_comp_ros.recordings.bag import ReadOptions
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     options = ReadOptions(topic, None if joints is None else tuple(joints), effort_scale or {},
-                          differentiate)
+                          differentiate, accept=tuple(accept))
     recording = read_recording(files, options, gate, progress)
     return recording if joints is not None else known_arm(recording).of(recording)
 
@@ -122,12 +124,14 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
               model: GravityModel | None = None,
               limits: GainOptions = GainOptions()) -> list[Fact]:
     """
-    Return the facts on the order of the names, axes, gains, and the vertical, of files.
+    Return the facts on the order of the names, axes, gains, and the vertical; none of arrays.
 
     :param arm: axes and joint order; None for those of the model.
     :param model: see `torque_facts`.
     :param limits: of gains.
     """
+    if not recording.reports:
+        return []
     rotations, by_name = None, False
     if arm is not None:
         recording, geometry = arm.of(recording), arm.axes.geometry
@@ -145,15 +149,15 @@ def judged(run: BagRecording, arm: KnownArm) -> ReadReport:
     return replace(run.report, facts=(*run.report.facts, *facts))
 
 
-def check_facts(facts: Sequence[Fact], where: str = '', why: str = '') -> None:
+def check_facts(facts: Sequence[Fact], where: str = '') -> None:
     """
     Check that no fact is refused.
 
-    :param where: the recording, before the refusal; `why`: a sentence after it.
+    :param where: the recording, before the refusal.
     :raises DataError: if one is.
     """
     for fact in refused(facts):
-        raise DataError(f'{where}: ' * bool(where) + fact.sentence + f'. {why}' * bool(why))
+        raise DataError(f'{where}: ' * bool(where) + fact.sentence)
 
 
 def _whole_arm(recording: Recording) -> WholeArm:

@@ -11,24 +11,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.api.axes import AxesOptions, known_axes, KnownAxes
+from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
+from gravity_comp_ros.api.axes import KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
+from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.holdout import GUARD, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
-from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder, TORQUES
+from gravity_comp_ros.description.joint_order import AS_RECORDED, JointOrder, TORQUES
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
+from gravity_comp_ros.estimation.joint_gains import GainOptions, OF_UPDATE
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import with_step
@@ -39,61 +46,17 @@ PAYLOAD = 'payload'
 MIN_SLOW_SAMPLES = int(FactOptions().min_samples)
 # Maximum recorded time, in s, for which the convergence of the model is tested.
 _MAX_TESTED_TIME = 90.0
-# Formulations that use known axes.
-WITH_AXES = (None, 'auto', 'chain')
-ASKED = 'as asked'
-
-
-@dataclass(frozen=True)
-class LearnOptions:
-    """
-    Options of a fit.
-
-    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
-    the user names a description. `ordered` is True if the joints are given in the order of the
-    arm; otherwise the order is taken from names or torques.
-
-    :raises OptionError: if a description is named and the formulation does not use axes.
-    """
-
-    formulation: str | None = None
-    axes: AxesOptions = AxesOptions()
-    ordered: bool = False
-
-    def __post_init__(self) -> None:
-        if self.axes.file is not None and self.formulation not in WITH_AXES:
-            raise OptionError(f'formulation {self.formulation} does not use a robot description; '
-                              f'choose chain or auto')
-
-    def to_fit(self, axes: KnownAxes) -> FitOptions:
-        """Return the options of the estimator for these axes."""
-        default = FitOptions().formulation
-        if axes.geometry is not None and axes.from_user:
-            # With a description from the recordings, which may be wrong, the data select it.
-            default = 'chain'
-        return FitOptions(formulation=self.formulation or default, geometry=axes.geometry)
-
-
-@dataclass(frozen=True)
-class KnownArm:
-    """Joint axes and joint order of an arm, as known before the fit."""
-
-    axes: KnownAxes
-    order: JointOrder
-
-    def of(self, recording: Recording) -> Recording:
-        """Return the recording with the joints of the arm, in their order."""
-        return recording.select_joints(self.order.joints)
 
 
 @dataclass(frozen=True)
 class Learned:
-    """A fit, with the `refit` of its effects (None without effects), and its arm and samples."""
+    """A fit, the `refit` of its effects (None without effects), arm, samples, and `arm_facts`."""
 
     result: FitResult
     refit: Refit | None
     arm: KnownArm
     recording: Recording
+    facts: tuple[Fact, ...]
 
     @property
     def model(self) -> GravityModel:
@@ -101,16 +64,27 @@ class Learned:
         return self.result.model
 
 
-def known_arm(recording: Recording, options: LearnOptions = LearnOptions()) -> KnownArm:
-    """Return axes and joint order, from a description or the names; errors as `known_axes`."""
-    axes = KnownAxes()
-    if options.formulation in WITH_AXES:
-        axes = known_axes(recording.reports, recording.joints, options.axes, not options.ordered)
-    if axes.geometry is not None:
-        return KnownArm(axes, JointOrder(axes.geometry.joints, 'description'))
-    if options.ordered:
-        return KnownArm(axes, JointOrder(recording.joints, ASKED))
-    return KnownArm(axes, joint_order(recording.joints))
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis, the model (None if none was needed), samples, and `arm_facts`."""
+
+    diagnosis: Diagnosis
+    model: GravityModel | None
+    recording: Recording
+    facts: tuple[Fact, ...]
+
+
+def checked_facts(recording: Recording, arm: KnownArm | None = None,
+                  model: GravityModel | None = None,
+                  limits: GainOptions = GainOptions()) -> tuple[Fact, ...]:
+    """
+    Return `arm_facts`.
+
+    :raises DataError: if one is refused.
+    """
+    facts = arm_facts(recording, arm, model, limits)
+    check_facts(facts)
+    return tuple(facts)
 
 
 def learn(recording: Recording, options: LearnOptions = LearnOptions(),
@@ -123,9 +97,11 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
 
     :param speeds: selection of the samples that the effects are fitted to.
     :param arm: axes and joint order; None takes them from the recording.
+    :raises DataError: if a fact on the joints is refused.
     """
     arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
+    facts = checked_facts(recording, arm)
     fit_options = options.to_fit(arm.axes)
     result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
     order = None
@@ -137,8 +113,10 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
         result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
     provenance = {**result.model.provenance, 'description': arm.axes.to_json(),
                   'joint_order': arm.order.source}
-    return Learned(replace(result, model=replace(result.model, provenance=provenance)), refitted,
-                   arm, recording)
+    result = replace(result, model=replace(result.model, provenance=provenance))
+    if arm.axes.problem:
+        result = result.with_warning(arm.axes.problem)
+    return Learned(result, refitted, arm, recording, facts)
 
 
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
@@ -230,6 +208,34 @@ def slow_mask(recording: Recording) -> BoolArray:
     return mask & recording.usable
 
 
+def diagnose_recording(recording: Recording, model: GravityModel | None = None,
+                       options: DiagnosisOptions = DiagnosisOptions(),
+                       learning: LearnOptions = LearnOptions(), progress: Progress | None = None,
+                       arm: KnownArm | None = None, fits: bool = False) -> Diagnosed:
+    """
+    Identify the effects that a model does not include, from slow and fast samples.
+
+    The diagnosis fits its own gravity. A model provides its effects, the joint axes, the joint
+    order and the formulation; it is fitted if one of them is required, or if `fits`.
+
+    :param learning: options of that fit.
+    :param arm: axes and joint order without a model; None takes them from the recording.
+    :raises DataError: if a fact on the joints is refused.
+    """
+    if model is not None:
+        facts = checked_facts(recording, model=model)
+    else:
+        arm = arm or known_arm(recording, learning)
+        if (fits or arm.axes.geometry is not None or arm.order.source == AS_RECORDED
+                or learning.formulation not in (None, FitOptions().formulation)):
+            learned = learn(recording, learning, progress=progress, arm=arm)
+            model, facts = learned.model, learned.facts
+        else:
+            recording = arm.of(recording)
+            facts = checked_facts(recording, arm)
+    return Diagnosed(diagnose(recording.used, model, options, progress), model, recording, facts)
+
+
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
                  speeds: RefitOptions = RefitOptions(),
                  progress: Progress | None = None) -> Refit:
@@ -238,8 +244,11 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
 
     Samples held out of the original fit are not fitted. Without effects only the held-out error
     is computed.
+
+    :raises DataError: if a fact on the joints is refused.
     """
     recording = recording.select_joints(model.joints)
+    checked_facts(recording, model=model)
     result = refit(recording.samples, model, requests(effects, model.joints), speeds,
                    not_held_out(model, recording), progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
@@ -259,8 +268,14 @@ def update_model(model: GravityModel, recording: Recording,
     Update the gravity model after a payload change; its effects stay unchanged.
 
     Returns the update and the axes used; axes from a recording are used only if they match.
+
+    :raises DataError: if a fact on the joints is refused.
     """
     recording = recording.select_joints(model.joints)
+    try:
+        checked_facts(recording, model=model, limits=OF_UPDATE)
+    except DataError as problem:
+        raise DataError(f'{problem}. A payload changes no axis, no gain and no vertical') from None
     gravity = _gravity_alone(model, recording)
     try:
         result = update(model, gravity, geometry=axes.geometry)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 import shlex
 
-from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
@@ -52,7 +51,6 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
-        check_facts(arm_facts(recording, model=model))
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
     reports = recording.reports
     holdout = refitting.held_out_errors(

@@ -9,17 +9,14 @@ from pathlib import Path
 import time
 from typing import Any
 
+from gravity_comp_ros.api.arm import LearnOptions
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.read import arm_facts, check_facts
-from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import known_arm, KnownArm, learn, LearnOptions
+from gravity_comp_ros.api.steps import diagnose_recording
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
@@ -60,15 +57,14 @@ def run(args: argparse.Namespace) -> Answer:
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
-        recording = reading.load(args, report, is_gated=False)
+        recording = replace(reading.load(args, report, is_gated=False), gate=GateOptions())
         if model is not None:
             recording = refitting.without_held_out(model, recording)
-        arm = known_arm(recording, _options(args))
-        facts = arm_facts(recording, arm, model)
-        check_facts(facts)
-        base, recording = (model, recording) if model else _fitted(args, recording, arm, report)
-        reports, samples = recording.reports, recording.used
-        diagnosis = diagnose(samples, base, DiagnosisOptions(effects=args.effects), report)
+        learning = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
+        diagnosed = diagnose_recording(recording, model, DiagnosisOptions(effects=args.effects),
+                                       learning, report, fits=bool(args.html))
+    diagnosis, facts, recording = diagnosed.diagnosis, diagnosed.facts, diagnosed.recording
+    reports, samples = recording.reports, recording.used
     seconds = time.perf_counter() - started
     findings = tuple(replace(f, next_step=f.next_step or (
         _add(args, [target(f.effect, f.joint)], args.model or 'MODEL.json') if f.effect else ''))
@@ -78,7 +74,7 @@ def run(args: argparse.Namespace) -> Answer:
     motion, rest = describe(samples), _rest(samples)
     planned = None if expected is None else [Outcome.of(one, diagnosis) for one in expected]
     if args.html:
-        _write_page(args, samples, base, diagnosis, reports, fitted=model is None)
+        _write_page(args, samples, diagnosed.model, diagnosis, reports, fitted=model is None)
     if args.json != '-':
         # Faults of the recording precede its findings.
         terminal.warn(*(fact.sentence for fact in facts))
@@ -98,24 +94,6 @@ def run(args: argparse.Namespace) -> Answer:
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
     return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
                                     *broken_plug_ins()])
-
-
-def _options(args: argparse.Namespace) -> LearnOptions:
-    return LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
-
-
-def _fitted(args: argparse.Namespace, recording: Recording, arm: KnownArm,
-            report: terminal.ProgressCallback) -> tuple[GravityModel | None, Recording]:
-    """
-    Return a model of gravity and the recording with its joints in order.
-
-    The diagnosis fits its own gravity; a model only provides the joint axes, the joint order and
-    the predictions of a report. The model is None where none of them is required.
-    """
-    if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
-        return None, arm.of(recording)
-    slow = replace(recording, gate=GateOptions())
-    return learn(slow, _options(args), progress=report, arm=arm).model, recording
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,

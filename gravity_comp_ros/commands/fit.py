@@ -7,11 +7,10 @@ from dataclasses import asdict, replace
 from math import degrees
 import time
 
+from gravity_comp_ros.api.arm import known_arm, LearnOptions
 from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import (
-    compare_model, known_arm, learn, Learned, LearnOptions, with_enough_motion)
+from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.display import percent, shortened
@@ -35,15 +34,13 @@ def run(args: argparse.Namespace) -> Answer:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
         whole = arm.of(whole)
-        facts = arm_facts(whole, arm)
-        check_facts(facts)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
         learned = learn(fitted, options, effects, speeds, report, arm)
         seconds = time.perf_counter() - started
-    result, model, refit, axes = learned.result, learned.model, learned.refit, learned.arm.axes
+    result, model, refit = learned.result, learned.model, learned.refit
     held_out = compare_model(model, held) if held else None
     if args.output:
         save_model(args.output, model)
@@ -51,7 +48,8 @@ def run(args: argparse.Namespace) -> Answer:
     document = {
         'model': str(args.output) if args.output else None, **result.to_json(),
         'seconds': seconds, 'holdout': model.provenance['holdout'],
-        'facts': [each.to_json() for each in facts], 'description': axes.to_json(),
+        'facts': [each.to_json() for each in learned.facts],
+        'description': learned.arm.axes.to_json(),
         'joint_order': learned.arm.order.source, **whole.to_json()}
     if refit:
         document |= {**refit.to_json(), 'warnings': warnings}
@@ -60,8 +58,7 @@ def run(args: argparse.Namespace) -> Answer:
     # In the document they are part of the report.
     return Answer(document, _lines(args, learned, held_out, seconds),
                   [*(result.report.warnings if args.json != '-' else ()),
-                   *([axes.problem] if axes.problem else []),
-                   *(each.sentence for each in facts), *warnings])
+                   *(each.sentence for each in learned.facts), *warnings])
 
 
 def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,

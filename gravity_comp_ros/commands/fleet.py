@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.steps import LearnOptions
+from gravity_comp_ros.api.arm import LearnOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect
@@ -19,8 +19,7 @@ from gravity_comp_ros.printable import counted
 
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Fit or diagnose every robot and report the result of each."""
-    for name in args.effects or ():
-        known_effect(name)
+    _check_usage(args)
     cluster = ClusterOptions(args.workers, args.scheduler)
     robots = find_robots(args.folder)
     _check_json([robot.name for robot in robots], args)
@@ -37,6 +36,18 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         answer.give(args.json)
         raise BagError(f'no robot of {args.folder} has a result')
     return answer
+
+
+def _check_usage(args: argparse.Namespace) -> None:
+    """Refuse options of the other step, and unknown effects."""
+    diagnoses = args.what == 'diagnose'
+    other = ('max_speed', 'rate', 'all_samples') if diagnoses else ('models', 'effects')
+    given = [f'--{name.replace("_", "-")}' for name in other if getattr(args, name)]
+    if given:
+        args.parser.error(f'{", ".join(given)}: `diagnose` uses all samples' if diagnoses
+                          else f'{", ".join(given)}: `fit` fits gravity alone')
+    for name in args.effects or ():
+        known_effect(name)
 
 
 def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:

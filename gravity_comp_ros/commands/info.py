@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
+from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import known_arm, KnownArm, LearnOptions, MIN_SLOW_SAMPLES
+from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.data.gate import GateOptions

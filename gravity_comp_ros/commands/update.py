@@ -7,13 +7,11 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.api.axes import known_axes, NO_DESCRIPTION
-from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.joint_gains import OF_UPDATE
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.export.payload_lines import in_frame, millimetres, payload_of
@@ -55,8 +53,6 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answ
         if args.flange is not None:
             arm = reading.arm_of_model(args, model)
             arm.place(args.flange)  # a missing flange is reported before the update
-        check_facts(arm_facts(recording, model=model, limits=OF_UPDATE),
-                    why='A payload changes no axis, no gain and no vertical')
         result, axes = update_model(model, recording, axes)
         estimate = result.report.payload
         flange = in_frame(payload_of(result.model), arm, args.flange) \

@@ -24,12 +24,13 @@ from typing import Any, TypeVar
 
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
 from gravity_comp_ros import __version__
+from gravity_comp_ros.api.arm import LearnOptions
 from gravity_comp_ros.api.read import bounded, joined
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.steps import learn, LearnOptions, with_enough_motion
+from gravity_comp_ros.api.steps import diagnose_recording, learn
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.errors import BagError, DataError, FitError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -297,22 +298,20 @@ def _result(robot: Robot, options: FleetOptions) -> RobotResult:
     """
     if options.step == 'fit':
         recording, failed = _read(robot, options.reading, options.gate)
-        learned = learn(with_enough_motion(recording), options.learning)
-        problem = learned.arm.axes.problem
-        result = learned.result.with_warning(problem) if problem else learned.result
+        learned = learn(recording, options.learning)
+        result, facts = learned.result, [fact.sentence for fact in learned.facts]
         return RobotResult({
             'model': f'{robot.name}.json', 'bags': recording.n_runs,
             'samples': result.model.coverage.n_samples, 'converged': result.converged,
-            'rmse': result.report.rmse, 'warnings': list(result.report.warnings)},
+            'rmse': result.report.rmse, 'warnings': [*result.report.warnings, *facts]},
             failed, result.model)
     model = load_model(options.models / f'{robot.name}.json') if options.models else None
     reading = options.reading
     if model is not None and reading.joints is None:
         reading = replace(reading, joints=model.joints)
-    recording, failed = _read(robot, reading, None)
-    model = model or learn(replace(recording, gate=GateOptions()), options.learning).model
-    document = diagnose(recording.samples, model,
-                        DiagnosisOptions(effects=options.effects)).to_json()
+    recording, failed = _read(robot, reading, options.gate)
+    document = diagnose_recording(recording, model, DiagnosisOptions(effects=options.effects),
+                                  options.learning).diagnosis.to_json()
     return RobotResult({'diagnosis': f'{robot.name}.diagnosis.json',
                         'findings': document['findings']}, failed, document)
 

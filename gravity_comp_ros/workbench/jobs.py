@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from gravity_comp_ros.api.arm import ASKED, known_arm, LearnOptions
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.read import arm_facts, check_facts, judged, read_each
+from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import (
-    add_to_model, ASKED, known_arm, learn, Learned, LearnOptions)
+from gravity_comp_ros.api.steps import add_to_model, diagnose_recording, learn, Learned
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
@@ -36,13 +36,14 @@ import numpy as np
 @dataclass(frozen=True)
 class ReadResult:
     """
-    All samples, and a report on each recording.
+    All samples, a report on each recording, and the `arm_facts` of all together.
 
     Without selected joints they are those of the arm, in its order; others are `left_out`.
     """
 
     samples: JointSamples
     reports: tuple[ReadReport, ...]
+    facts: tuple[Fact, ...] = ()
     left_out: tuple[str, ...] = ()
 
 
@@ -117,9 +118,8 @@ class JobRunner:
             targets = None if job.effects is None else named_targets(job.effects, model.joints)
             return plan(recording.samples, model, targets, diagnosis=job.diagnosis,
                         progress=progress)
-        check_facts(arm_facts(recording, model=model))
         if job.step is Step.DIAGNOSE:
-            return diagnose(recording.samples, model, progress=progress)
+            return diagnose_recording(recording, model, progress=progress).diagnosis
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(model, recording, job.effects or (), speeds, progress)
 
@@ -141,14 +141,15 @@ def _read(job: Job, progress: ProgressCallback) -> ReadResult:
     recordings = read_each(job.paths, job.choice.options(), progress)
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
-    arm = known_arm(Recording(samples, None, reports),
-                    LearnOptions(axes=AxesOptions(job.choice.urdf), ordered=job.ordered))
+    recording = Recording(samples, None, reports)
+    arm = known_arm(recording, LearnOptions(axes=AxesOptions(job.choice.urdf),
+                                            ordered=job.ordered))
     left_out = () if job.choice.joints else arm.axes.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
     return ReadResult(samples if job.choice.joints else samples.joints(arm.order.joints),
-                      tuple(judged(each, arm) for each in recordings))
+                      reports, tuple(arm_facts(recording, arm)))
 
 
 def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Learned:

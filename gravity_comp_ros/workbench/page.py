@@ -12,13 +12,13 @@ from bokeh.layouts import column, row
 from bokeh.models import CustomJS, UIElement
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.facts.fact import Action
-from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import SECTIONS
 from gravity_comp_ros.report.style import THEME
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import panels, widgets
 from gravity_comp_ros.workbench.access import ARGUMENT
+from gravity_comp_ros.workbench.jobs import ReadResult
 from gravity_comp_ros.workbench.panels import Sidebar
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session, Sessions
@@ -141,7 +141,7 @@ class Page:
         """Show a new state of the session."""
         session = results.session
         self._version = session.version
-        self.facts.text = facts_html(session.read.reports if session.read else ())
+        self.facts.text = facts_html(session.read) if session.read else ''
         self._make_views(results)
         self._show_verdict(session)
         self.missing.children = panels.findings(results, self._add, self.browser)
@@ -229,14 +229,15 @@ def status_html(results: Results) -> str:
     return f'<p id="idle" class="quiet">{markup.text(session.done or "Ready")}</p>{below}'
 
 
-def facts_html(reports: Sequence[ReadReport]) -> str:
-    """Return the facts of each recording, a line each; '' if there are none."""
-    lines = [(report.path.name, fact) for report in reports for fact in report.facts]
+def facts_html(read: ReadResult) -> str:
+    """Return the facts of each recording, and of all together, a line each; '' without facts."""
+    lines = [(f'{report.path.name}:', fact) for report in read.reports for fact in report.facts]
+    lines += [('', fact) for fact in read.facts]
     if not lines:
         return ''
     listed = ''.join(
         f'<li class="{"warning" if fact.action is Action.REFUSED else "quiet"}">'
-        f'{markup.text(name)}: {"refused: " * (fact.action is Action.REFUSED)}'
+        f'{markup.text(name)} {"refused: " * (fact.action is Action.REFUSED)}'
         f'{markup.text(fact.sentence)}</li>' for name, fact in lines)
     return f'<details id="facts" open><summary>Facts of the recordings ({len(lines)})</summary>' \
            f'<ul>{listed}</ul></details>'

@@ -222,6 +222,7 @@ class Sidebar:
         self._results, self._browser, session = results, browser, results.session
         choice, read = session.choice, session.read
         reports = read.reports if read else ()
+        facts = [*(read.facts if read else ()), *(fact for r in reports for fact in r.facts)]
         self.shows, self._joints = choice, session.joints
         self.runs: CheckboxGroup = widgets.boxes([r.path.name for r in reports], choice.runs,
                                                  'runs')
@@ -243,7 +244,7 @@ class Sidebar:
         self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
                                                   choice.formulation, name='formulation')
         # Kinds of facts that are refused, or were accepted.
-        kinds = dict.fromkeys(fact.kind.value for r in reports for fact in refused(r.facts))
+        kinds = dict.fromkeys(fact.kind.value for fact in refused(facts))
         self._kinds = tuple(dict.fromkeys((*choice.reading.accept, *kinds)))
         self.accept: CheckboxGroup = widgets.boxes(
             [f'accept {kind}' for kind in self._kinds],

@@ -255,8 +255,6 @@ class Session(State):
         self.joints = (*joints, *(name for name in self.joints if name not in joints))
         axes = answer.arm.axes
         warnings = [*answer.result.report.warnings]
-        if axes.problem:
-            warnings.append(f'{axes.problem}.')
         if axes.left_out:
             warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
         self._append(Stage('gravity', answer.model, self.choice, warnings=tuple(warnings)))

@@ -19,10 +19,10 @@ import shutil
 import tempfile
 from typing import Any
 
+from gravity_comp_ros.api.arm import LearnOptions, WITH_AXES
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import LearnOptions, WITH_AXES
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples

@@ -11,7 +11,7 @@ import sys
 from bench.shared.serial_arms import poses, samples_of, serial_arm
 import dask
 from gravity_comp_ros import cli
-from gravity_comp_ros.api.steps import LearnOptions
+from gravity_comp_ros.api.arm import LearnOptions
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet import run as fleet_run
 from gravity_comp_ros.fleet.run import (
@@ -207,6 +207,12 @@ def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1']) == 0
     assert 'anna.diagnosis.json' in capsys.readouterr().out
+    for what, *other in (('diagnose', '--max-speed', '0.3'), ('diagnose', '--all-samples'),
+                         ('diagnose', '--rate', '2'), ('fit', '--effects', 'joint_spring'),
+                         ('fit', '--models', str(models))):
+        assert cli.main(['fleet', what, str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
+                         *other]) == 2
+        assert other[0] in capsys.readouterr().err
     results = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
     assert {'findings', 'joints'} <= set(results)
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),

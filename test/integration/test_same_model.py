@@ -3,11 +3,14 @@
 from dataclasses import replace
 import json
 
+from bench.shared.rough_links import two_links
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAISTED
 from bench.shared.workbench_session import session_of, worked
 import gravity_comp_ros as gc
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.workbench.results import Results
 import numpy as np
@@ -30,6 +33,16 @@ def folder(tmp_path_factory):
 def on_the_bench(path):
     """Return the workbench's session once it has learned a model."""
     return worked(session_of(path), until='DIAGNOSE')
+
+
+def in_this_process(cluster, task, robots):
+    """Yield the results of tasks of a fleet; test_fleet.py has a cluster."""
+    from gravity_comp_ros.fleet.run import Failure
+    for number, robot in enumerate(robots):
+        try:
+            yield number, task(robot)
+        except DataError as problem:
+            yield number, Failure(str(problem))
 
 
 def poses():
@@ -59,9 +72,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
 
 def test_a_fleet_learns_the_same(folder, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed')
-    # In this process; test_fleet.py has a cluster.
-    monkeypatch.setattr('gravity_comp_ros.fleet.run.run_tasks',
-                        lambda cluster, task, robots: enumerate(map(task, robots)))
+    monkeypatch.setattr('gravity_comp_ros.fleet.run.run_tasks', in_this_process)
     assert main(['fleet', 'fit', str(folder / 'robots'), '-o', str(tmp_path)]) == 0
     assert main(['fit', str(folder / 'robots' / 'one' / 'run'), '-o',
                  str(tmp_path / 'single.json')]) == 0
@@ -69,6 +80,33 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys, monkeypatch):
     model, single = (load_model(tmp_path / name) for name in ('one.json', 'single.json'))
     assert model.joints == JOINTS and model.geometry is not None
     np.testing.assert_array_equal(model.predict(poses()), single.predict(poses()))
+
+
+def test_the_same_recording_is_refused_with_the_same_error(tmp_path, capsys, monkeypatch):
+    pytest.importorskip('distributed')
+    monkeypatch.setattr('gravity_comp_ros.fleet.run.run_tasks', in_this_process)
+    (tmp_path / 'robots' / 'one').mkdir(parents=True)
+    bag, samples = tmp_path / 'robots' / 'one' / 'run.mcap', two_links(2)
+    write_bag(bag, [joint_states(replace(samples, tau=samples.tau * [1, 4]))])
+    assert main(['fit', str(bag)]) == 1
+    error = capsys.readouterr().err
+    assert 'gains disagree: ' in error
+    with pytest.raises(DataError) as refusal:
+        gc.fit(gc.read(bag))
+    assert str(refusal.value) in error
+    with pytest.raises(DataError) as refusal:
+        gc.diagnose(gc.read(bag))
+    assert str(refusal.value) in error
+    assert worked(session_of(bag), until='LEARN').error in error
+    assert main(['fleet', 'fit', str(bag.parents[1]), '-o', str(tmp_path / 'out')]) == 1
+    assert str(refusal.value) in capsys.readouterr().err
+    # A model of another driver, and a recording that is accepted.
+    model = gc.fit(gc.read(bag, effort_scale={samples.names[1]: 0.25}))
+    with pytest.raises(DataError, match='gains disagree'):
+        gc.add_effects(model, gc.read(bag), ['coulomb_friction'])
+    with pytest.raises(DataError, match='gains disagree.* A payload changes no axis'):
+        gc.update(model, gc.read(bag))
+    assert gc.fit(gc.read(bag, accept=['effort_gain'])).joints == samples.names
 
 
 def test_the_workbench_can_ignore_the_description(folder):

@@ -121,7 +121,7 @@ After an interruption the same command resumes; after new bags it processes only
 A Dask cluster requires the bags under the same path and this package of the same version. A
 program that reaches a scheduler tcp://... can run code on its workers and here; docs/fleet.md
 describes TLS.
-""", arguments.add_gate, arguments.add_reading, arguments.add_json)
+""", arguments.add_reading, arguments.add_json)
 def fleet(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fleet`."""
     parser.add_argument('what', choices=('fit', 'diagnose'), help='operation for each robot')
@@ -141,6 +141,7 @@ def fleet(parser: argparse.ArgumentParser) -> None:
                         help='`diagnose` uses FOLDER/ROBOT.json (default: models are fitted)')
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
                         help='`diagnose` tests these effects only (default: all)')
+    arguments.add_gate(parser, 'slow-motion gate of `fit`')
     parser.set_defaults(output_is_folder=True)
 
 

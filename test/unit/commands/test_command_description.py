@@ -5,9 +5,9 @@ import json
 from bench.shared import urdf_snippets as robots
 from bench.shared.command_line import refused, run_json
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAIST, WAISTED
+from gravity_comp_ros.api.arm import known_arm, LearnOptions
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.read import read_recording
-from gravity_comp_ros.api.steps import known_arm, LearnOptions
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.joint_order import JointOrder
 from gravity_comp_ros.errors import ModelMismatchError

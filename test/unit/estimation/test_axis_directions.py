@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from bench.shared.campaign import campaign
+import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation import axis_directions
 from gravity_comp_ros.estimation.arm_fit import ArmFit
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
@@ -88,7 +89,7 @@ def test_the_options_correct_the_recording(tmp_path):
     *campaign((NAMES, ('elbow', 'lift', 'pan', 'wrist_1', 'wrist_2', 'wrist_3')),
               (('base', 'shoulder', 'fore', 'elbow', 'wrist_1', 'wrist_2'),
                ('base', 'elbow', 'fore', 'shoulder', 'wrist_1', 'wrist_2')))])
-def test_values_in_another_order_than_the_names_are_refused(names, labels):
+def test_values_in_another_order_than_the_names_are_refused(names, labels, tmp_path):
     samples = replace(arm(), names=names)
     recorded = replace(samples.joints(labels), names=names)
     (fact,) = torque_facts(recorded, by_name=True)
@@ -97,6 +98,10 @@ def test_values_in_another_order_than_the_names_are_refused(names, labels):
     assert [renames.get(name, name) for name in names] == list(labels)
     # Names that give no order are not judged by it.
     assert all(fact.kind is not Kind.ORDER for fact in torque_facts(recorded))
+    write_bag(tmp_path / 'x.mcap', [joint_states(recorded)])
+    with pytest.raises(DataError, match='in another order than the names'):
+        gc.fit(gc.read(tmp_path / 'x.mcap'))
+    assert gc.fit(gc.read(tmp_path / 'x.mcap', joints=names)).joints == names
 
 
 @pytest.mark.parametrize('seed', range(2))

@@ -176,8 +176,8 @@ def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, t
         (tmp_path / 'new.mcap').read_bytes(), Origin=f'http://{served.host}')
     worked(session)
     assert status == 204 and session.choice.runs == (0, 1) and session.stage is None
-    (line,) = re.findall('new.mcap: refused: [^<]*', facts_html(session.read.reports))
-    assert 'gains disagree' in line and line.replace('refused: ', '') in session.error
+    (line,) = re.findall('refused: [^<]*', facts_html(session.read))
+    assert 'new.mcap: gains disagree' in line and line.replace('refused: ', '') in session.error
     session.learn(replace(session.choice, runs=(0,)))
     worked(session, until='DIAGNOSE')
     assert not session.error and session.stage is not None

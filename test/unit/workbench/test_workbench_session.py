@@ -186,12 +186,12 @@ def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_
     session = worked(session_of(path))
     assert session.error.startswith('small.mcap: no effort reaches 0.1 N·m')
     assert session.stage is None and '--effort-scale' in session.error
-    assert 'class="warning">small.mcap: refused: no effort' in facts_html(session.read.reports)
+    assert 'class="warning">small.mcap: refused: no effort' in facts_html(session.read)
     read = session.choice.reading
     for change in ({'effort_scale': dict.fromkeys(JOINTS, 1e4)}, {'accept': ('effort_unit',)}):
         session.learn(replace(session.choice, reading=replace(read, **change)))
         worked(session, until='DIAGNOSE')
-        assert not session.error and 'refused' not in facts_html(session.read.reports)
+        assert not session.error and 'refused' not in facts_html(session.read)
     assert '--accept effort_unit' in session.commands()[0]
 
 
