@@ -19,7 +19,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.refit import refit, RefitOptions
+from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
@@ -86,7 +86,7 @@ def evaluate(path: Path, name: str,
                 method += ' + effects'
                 model = refit(
                     samples, fit(samples, options, use=use).model,
-                    requests(list(EFFECTS), samples.names), RefitOptions(slow=None), use).model
+                    requests(list(EFFECTS), samples.names), use=use).model
             else:
                 model = fit(samples.select(use), options).model
         except GravityCompError as problem:

@@ -16,7 +16,6 @@ from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -112,9 +111,9 @@ def diagnose(recording: Recording, model: Model | None = None, *,
 
 
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
-                all_samples: bool = False, progress: Progress | None = None) -> Model:
+                progress: Progress | None = None) -> Model:
     """
-    Add effects to a model and refit gravity and effects jointly.
+    Add effects to a model and refit gravity and effects jointly, to the samples of `fit`.
 
         model = gc.add_effects(model, train, ['coulomb_friction:elbow'])
         print(model.report.held_out['elbow'])    # RMSE before and after, N·m
@@ -124,7 +123,6 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
     :param effects: effects on every joint (`NAME`), on one joint
         (`NAME:JOINT`), or findings of a diagnosis. Established and likely effects are added, and
         ambiguous ones with their alternatives; without any, the model is returned unchanged.
-    :param all_samples: fit to fast motion also; some effects, such as inertia, always do.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if an effect is in the model already or is not identifiable, or if there
         are too few samples.
@@ -134,8 +132,7 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
         (effect,) if isinstance(effect, str) else effect.to_add))
     if not targets:
         return model
-    return Model(add_to_model(model.gravity, recording, list(targets),
-                              RefitOptions.chosen(all_samples), progress).model)
+    return Model(add_to_model(model.gravity, recording, list(targets), progress).model)
 
 
 def update(model: Model, recording: Recording, *, urdf: str | Path | None = None) -> Model:

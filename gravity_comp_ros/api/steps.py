@@ -31,7 +31,7 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
 from gravity_comp_ros.estimation.joint_gains import GainOptions, OF_UPDATE
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
-from gravity_comp_ros.estimation.refit import Refit, refit, RefitOptions
+from gravity_comp_ros.estimation.refit import Refit, refit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
@@ -88,14 +88,13 @@ def checked_facts(recording: Recording, arm: KnownArm | None = None,
 
 
 def learn(recording: Recording, options: LearnOptions = LearnOptions(),
-          effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
-          progress: Progress | None = None, arm: KnownArm | None = None) -> Learned:
+          effects: Sequence[str] = (), progress: Progress | None = None,
+          arm: KnownArm | None = None) -> Learned:
     """
     Fit gravity, jointly with the named effects.
 
     If neither description nor names give the joint order, it is identified from the torques.
 
-    :param speeds: selection of the samples that the effects are fitted to.
     :param arm: axes and joint order; None takes them from the recording.
     :raises DataError: if a fact on the joints is refused.
     """
@@ -103,14 +102,14 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
     recording = arm.of(recording)
     facts = checked_facts(recording, arm)
     fit_options = options.to_fit(arm.axes)
-    result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
+    result, refitted = fit_model(recording, fit_options, effects, progress)
     order = None
     if arm.order.source == AS_RECORDED:
         order = order_by_torques(recording, result)
     if order is not None:
         arm = replace(arm, order=order)
         recording = arm.of(recording)
-        result, refitted = fit_model(recording, fit_options, effects, speeds, progress)
+        result, refitted = fit_model(recording, fit_options, effects, progress)
     provenance = {**result.model.provenance, 'description': arm.axes.to_json(),
                   'joint_order': arm.order.source}
     result = replace(result, model=replace(result.model, provenance=provenance))
@@ -120,7 +119,7 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
 
 
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
-              effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
+              effects: Sequence[str] = (),
               progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
     Fit gravity to the slow samples, jointly with the named effects, on known axes and joints.
@@ -130,11 +129,12 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
     recording = with_enough_motion(recording)
-    result, joint = fit(recording.samples, options, progress, use=slow_mask(recording)), None
+    use = slow_mask(recording)
+    result, joint = fit(recording.samples, options, progress, use=use), None
     missing = [request for request in requests(effects, recording.joints)
                if not result.model.applied.has(request.effect.name, request.joint)]
     if missing:
-        joint = refit(recording.samples, result.model, missing, speeds, recording.use, progress)
+        joint = refit(recording.samples, result.model, missing, use=use, progress=progress)
         model = with_step(joint.model, result.model, joint.added, now(), *joint.by_joint())
         report = replace(result.report, rmse=dict(zip(model.joints, model.noise.tolist())))
         result = replace(result, model=model, report=report)
@@ -237,20 +237,20 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
 
 
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
-                 speeds: RefitOptions = RefitOptions(),
                  progress: Progress | None = None) -> Refit:
     """
     Add effects to a model and refit gravity and effects; the history keeps the old model.
 
-    Samples held out of the original fit are not fitted. Without effects only the held-out error
-    is computed.
+    The slow samples are fitted, as in `fit_model`, without those held out of the original fit.
+    Without effects only the held-out error is computed.
 
     :raises DataError: if a fact on the joints is refused.
     """
     recording = recording.select_joints(model.joints)
     checked_facts(recording, model=model)
-    result = refit(recording.samples, model, requests(effects, model.joints), speeds,
-                   not_held_out(model, recording), progress)
+    fitted = with_enough_motion(replace(recording, use=not_held_out(model, recording)))
+    result = refit(recording.samples, model, requests(effects, model.joints),
+                   use=slow_mask(fitted), progress=progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
     provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
     return replace(result, model=replace(changed, provenance=provenance))

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import replace
 import shlex
 
-from gravity_comp_ros.api.steps import add_to_model
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import add_to_model, with_enough_motion
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
-from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.refit import HeldOut, Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.recordings.bag import ReadReport
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -50,11 +48,11 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     refitting.check_holdout(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
-        recording = reading.load(args, report, is_gated=False)
-        result = add_to_model(model, recording, effects, refitting.speeds(args), report)
+        recording = reading.load(args, report)
+        fitted = with_enough_motion(recording)
+        result = add_to_model(model, fitted, effects, report)
     reports = recording.reports
-    holdout = refitting.held_out_errors(
-        model, result.model, replace(recording, gate=GateOptions())) if args.holdout else {}
+    holdout = refitting.held_out_errors(model, result.model, recording) if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, result.model)
     warnings = refitting.warnings(result)
@@ -65,9 +63,9 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
         'on_holdout': {name: {'rmse_before': error.before, 'rmse_after': error.after,
                               'torque_std': error.torque_range}
                        for name, error in holdout.items()} if args.holdout else None,
-        'bags': [r.to_json() for r in reports]}
-    return Answer(document, _lines(args, result, reports, holdout),
-                  [*reading.scale_warnings(model, reports), *warnings])
+        **fitted.to_json()}
+    return Answer(document, _lines(args, result, fitted, holdout), [
+        *filter(None, [fitted.ungated]), *reading.scale_warnings(model, reports), *warnings])
 
 
 def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
@@ -77,9 +75,9 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
     return {'effect': effect, 'joint': joint or None, 'rivals': others, 'settled_by': experiment}
 
 
-def _lines(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
+def _lines(args: argparse.Namespace, result: Refit, recording: Recording,
            holdout: Mapping[str, HeldOut]) -> list[terminal.Line]:
-    lines = [*reading.bag_lines(reports), *refitting.lines(result)]
+    lines = [*reading.lines(recording, thinned=False), *refitting.lines(result)]
     if holdout:
         lines += ['', refitting.errors_table(
             'error on the data held out by `fit --holdout`: N·m, and share of the standard '

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import degrees
 import time
 
@@ -16,7 +16,6 @@ from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import fitted_sentence
-from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
@@ -36,9 +35,8 @@ def run(args: argparse.Namespace) -> Answer:
         whole = arm.of(whole)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
-        speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        learned = learn(fitted, options, effects, speeds, report, arm)
+        learned = learn(fitted, options, effects, report, arm)
         seconds = time.perf_counter() - started
     result, model, refit = learned.result, learned.model, learned.refit
     held_out = compare_model(model, held) if held else None
@@ -64,13 +62,10 @@ def run(args: argparse.Namespace) -> Answer:
 def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
            seconds: float) -> list[terminal.Line]:
     fitted, arm, result = learned.recording, learned.arm, learned.result
-    # Slow samples at any rate, as they are fitted.
-    unthinned = fitted if fitted.gate is None else replace(
-        fitted, gate=replace(fitted.gate, rate_hz=None))
     effects, report = fitted_sentence(result.model), result.report
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     return [
-        *reading.lines(unthinned), *arm.axes.notes, f'joint order: {arm.order.source}',
+        *reading.lines(fitted, thinned=False), *arm.axes.notes, f'joint order: {arm.order.source}',
         *([_holdout_sentence(fitted, fitted.holdout, result.report.n_samples)]
           if fitted.holdout else []),
         '', _joint_table(result, held_out), _solver_sentence(result),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
@@ -32,8 +33,14 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
 
 
-def lines(recording: Recording) -> list[str]:
-    """Return plain lines on the bags and the gate; they may contain text from the bags."""
+def lines(recording: Recording, thinned: bool = True) -> list[str]:
+    """
+    Return plain lines on the bags and the gate; they may contain text from the bags.
+
+    :param thinned: whether the rate of the gate applies; a fit uses slow samples at any rate.
+    """
+    if recording.gate is not None and not thinned:
+        recording = replace(recording, gate=replace(recording.gate, rate_hz=None))
     return [*bag_lines(recording.reports), recording.gated.sentence()]
 
 

@@ -15,7 +15,7 @@ from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.refit import HeldOut, Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import HeldOut, Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import save_model
@@ -72,17 +72,6 @@ def errors_table(title: str, errors: Mapping[str, HeldOut]) -> Table:
     return terminal.table(title, ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
 
 
-def speeds(args: argparse.Namespace) -> RefitOptions:
-    """
-    Return the refit options of --all-samples and --max-speed.
-
-    :raises OptionError: if both are given.
-    """
-    if args.all_samples and args.max_speed is not None:
-        raise OptionError('give --all-samples or --max-speed, not both')
-    return RefitOptions.chosen(args.all_samples, args.max_speed)
-
-
 def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
     """
     Return the model before its last change; write it unless this is a dry run.
@@ -100,13 +89,11 @@ def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Gravity
 
 def lines(result: Refit) -> list[terminal.Line]:
     """Return the size of the fit, the held-out errors, and added and omitted effects."""
-    kind = '' if result.all_speeds else 'slow '
-    hint = '' if result.all_speeds else ' (--all-samples includes fast samples)'
     added = {effect.target: ', '.join(filter(None, (
         wording.coefficients(effect.coefficients, 6), wording.settings(effect))))
         for effect in result.model.applied.effects if effect.target in result.added}
     return [
-        f'gravity and effects are fitted to {counted(result.n_samples, kind + "sample")}{hint}',
+        f'gravity and effects are fitted to {counted(result.n_samples, "sample")}',
         '', errors_table('held-out error: N·m, and share of the torque range', result.errors),
         *(terminal.styled('bold', f'added {name}', f': {numbers}')
           for name, numbers in added.items()),

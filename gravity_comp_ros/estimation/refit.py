@@ -32,33 +32,13 @@ _PRESENT = 'it is in the model already'
 @dataclass(frozen=True)
 class RefitOptions:
     """
-    Which samples are fitted, and when a result is refused.
+    When a result is refused.
 
-    `slow` is the largest speed in rad/s of the samples, None for all; with `force` it applies
-    even if few samples are slow, else at least `min_slow` of them must be. `max_increase` is the
-    largest share by which an added effect may increase a joint's held-out error.
+    `max_increase` is the largest share by which an added effect may increase a joint's held-out
+    error.
     """
 
-    slow: float | None = 0.15
-    force: bool = False
-    min_slow: float = 0.2
     max_increase: float = 0.05
-
-    @classmethod
-    def chosen(cls, all_samples: bool, max_speed: float | None = None) -> RefitOptions:
-        """Return the options for all samples, or for those below a limit in rad/s."""
-        if all_samples:
-            return cls(slow=None)
-        return cls() if max_speed is None else cls(max_speed, force=True)
-
-    def usable(self, samples: JointSamples, use: BoolArray | None) -> BoolArray:
-        """Return the mask (M,) of the samples to fit."""
-        allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
-        if self.slow is None:
-            return allowed
-        slow = allowed & (np.abs(samples.qd) <= self.slow).all(axis=1)
-        enough = self.force or slow.sum() >= self.min_slow * max(int(allowed.sum()), 1)
-        return slow if enough else allowed
 
 
 @dataclass(frozen=True)
@@ -91,9 +71,9 @@ class Refit:
 
     `added` are targets; `errors` the held-out errors by joint; `p` is the
     p-value of the new effect with the largest gain, and `helps` whether that is enough for a
-    finding. `n_samples` were fitted, fast ones too if
-    `all_speeds`. `skipped` are omitted effects with the reason, `implausible` those in the model
-    with coefficients that are not physical, `ties` those that others explain as well.
+    finding. `n_samples` were fitted. `skipped` are omitted effects with the reason, `implausible`
+    those in the model with coefficients that are not physical, `ties` those that others explain
+    as well.
     """
 
     model: GravityModel
@@ -102,7 +82,6 @@ class Refit:
     p: float
     helps: bool
     n_samples: int
-    all_speeds: bool
     skipped: Mapping[str, str]
     implausible: Mapping[str, str]
     ties: Mapping[str, tuple[str, ...]]
@@ -128,7 +107,7 @@ class Refit:
                                 'nrmse_before': e.nrmse_before, 'nrmse_after': e.nrmse_after}
                          for name, e in self.errors.items()},
             'effects': [{'target': e.target, **asdict(e)} for e in self.model.applied.effects],
-            'p': self.p, 'n_samples': self.n_samples, 'all_speeds': self.all_speeds,
+            'p': self.p, 'n_samples': self.n_samples,
             'left_out': dict(self.skipped), 'implausible': dict(self.implausible)}
 
 
@@ -149,11 +128,10 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     """
     samples = samples.joints(model.joints)
     missing, present = _missing(model, effects)
-    usable = options.usable(samples, use)
     old = [effect.target for effect in model.applied.effects]
 
     def with_forced(targets: Sequence[str]) -> Estimate:
-        return estimate(samples, fit_options_of(model), usable, model,
+        return estimate(samples, fit_options_of(model), use, model,
                         keys_of(targets, model.joints), None, progress)
 
     estimated = with_forced((*old, *(request.target for request in missing)))
@@ -177,8 +155,7 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
     gain, evidence = _gain(estimated, new)
     return Refit(replace(fitted, provenance=provenance, history=model.history), tuple(new), errors,
                  p_of(evidence), gain >= estimated.regression.problem.options.min_gain,
-                 int(usable.sum()),
-                 bool(usable.sum() == (len(samples) if use is None else use.sum())), skipped,
+                 len(samples) if use is None else int(use.sum()), skipped,
                  _implausible(fitted, new), _ties(estimated, new))
 
 

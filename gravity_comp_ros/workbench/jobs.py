@@ -19,7 +19,7 @@ from gravity_comp_ros.api.steps import add_to_model, diagnose_recording, learn, 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import ModelMismatchError
-from gravity_comp_ros.estimation.refit import Refit, RefitOptions
+from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -120,8 +120,7 @@ class JobRunner:
                         progress=progress)
         if job.step is Step.DIAGNOSE:
             return diagnose_recording(recording, model, progress=progress).diagnosis
-        speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
-        return add_to_model(model, recording, job.effects or (), speeds, progress)
+        return add_to_model(model, recording, job.effects or (), progress)
 
     def _samples(self, job: Job, progress: ProgressCallback) -> ReadResult:
         if self._known is not None and job.samples_key == self._known[0]:

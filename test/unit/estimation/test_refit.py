@@ -5,7 +5,9 @@ from functools import cache
 import json
 
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
-from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import add_to_model, fit_model
+from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
@@ -13,7 +15,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.refit import refit, RefitOptions
+from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Step
 from gravity_comp_ros.models.history import with_step
@@ -111,16 +113,17 @@ def test_unused_samples_have_no_influence():
     np.testing.assert_allclose(a.energy.weights, b.energy.weights, rtol=1e-6, atol=1e-9)
 
 
-def test_slow_samples_are_fitted_by_default():
+def test_the_samples_of_the_fit_are_fitted():
     fast = two_links(3, 300)
     fast = JointSamples.single_run(JOINTS, fast.t / 3, fast.q, 3 * fast.qd, fast.tau, 'fast')
-    samples = thinned(two_links(1, 300), fast)
-    slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
-    assert added(fitted(), FRICTION[0], samples=samples).n_samples == slow < len(samples)
-    assert added(fitted(), FRICTION[0], samples=samples,
-                 options=RefitOptions(slow=None, max_increase=9.0)).n_samples == len(samples)
-    few = added(fitted(), FRICTION[0], samples=samples, options=RefitOptions(0.1, force=True))
-    assert few.n_samples == int((np.abs(samples.qd) <= 0.1).all(axis=1).sum())
+    samples = concatenate([two_links(1, 600), fast])
+    for gate in (GateOptions(), GateOptions(0.1), None):
+        recording = Recording(samples, gate)
+        joint = fit_model(recording, effects=[FRICTION[0]])[1]
+        limit = np.inf if gate is None else gate.max_speed
+        n_slow = int((np.abs(samples.qd) <= limit).all(axis=1).sum())
+        again = add_to_model(fitted(), recording, [FRICTION[0]])
+        assert joint.n_samples == again.n_samples == n_slow
 
 
 def test_an_effect_that_a_recording_does_not_excite_is_kept():
