@@ -33,7 +33,7 @@ print(data)
 # %% Fit gravity to two runs, and compare on the third.
 train, test = data.split(0.2)
 model = gc.fit(train)
-print(model.report)
+print(model)
 before = gc.compare(model, test)
 print(before)
 
@@ -43,7 +43,7 @@ print(diagnosis)
 
 # %% Add the effect, and compare on the held-out run.
 model = gc.add_effects(model, train, diagnosis.findings)
-print(model.report)
+print(model)
 after = gc.compare(model, test)
 print(after)
 
@@ -52,7 +52,7 @@ t, q, tau = motion(4, payload=1.5)
 tool = gc.Recording.from_arrays(q[:200], tau[:200], t[:200], names=NAMES)
 stale = gc.compare(model, tool)
 model = gc.update(model, tool)
-print(model.report)
+print(model)
 
 # %% Predict the gravity torque, and save the model for the node and the commands.
 print('gravity torque at q = (0.5, -0.2):', model.predict([0.5, -0.2]).round(2), 'N·m')

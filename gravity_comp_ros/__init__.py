@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.loop import fit as fit
     from gravity_comp_ros.api.loop import plan as plan
     from gravity_comp_ros.api.loop import update as update
-    from gravity_comp_ros.api.model import FitReport as FitReport
     from gravity_comp_ros.api.model import load as load
     from gravity_comp_ros.api.model import Model as Model
     from gravity_comp_ros.api.read import read as read
@@ -50,14 +49,14 @@ _MODULES = {
     'read': 'api.read', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
-    'load': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
+    'load': 'api.model', 'Model': 'api.model',
     'Comparison': 'evaluation.compare', 'Diagnosis': 'diagnosis.findings',
     'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.options',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
     'GravityCompError': 'errors', 'Hint': 'errors',
 }
 __all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Finding', 'fit',
-           'FitReport', 'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'MotionPlan',
+           'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'MotionPlan',
            'plan', 'PlanOptions', 'read', 'Recording', 'update', 'Verdict']
 
 

@@ -52,7 +52,7 @@ def trial(train: gc.Recording, held_out: gc.Recording) -> int:
         show(f'fit, torque at rest {where}',
              static_part(model, arm.joints, poses) - held_up(arm, poses))
     errors('fit, held-out', model, held_out)
-    for warning in model.report.warnings:
+    for warning in model.warnings:
         print(f'warning: {warning}')
     diagnosis = gc.diagnose(train, model)
     print(diagnosis)

@@ -31,7 +31,7 @@ def fit(recording: Recording, *, formulation: str | None = None,
     Fit the gravity torque of an arm to slow motion.
 
         model = gc.fit(train, effects=['coulomb_friction', 'torque_offset:wrist'])
-        print(model.report)
+        print(model)
 
     With a robot description the joints of the model are in its order (`Model.joints`).
 
@@ -116,7 +116,7 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
     Add effects to a model and refit gravity and effects jointly, to the samples of `fit`.
 
         model = gc.add_effects(model, train, ['coulomb_friction:elbow'])
-        print(model.report.held_out['elbow'])    # RMSE before and after, N·m
+        print(model.held_out['elbow'])    # RMSE before and after, N·m
 
     `Model.undo` removes the effects again.
 
@@ -140,7 +140,7 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
     Update the gravity model after a payload change, from about ten seconds of slow motion.
 
         model = gc.update(model, gc.read('tool.mcap'))
-        print(model.report.payload)    # {'mass': kg, 'x': m, ...}, with known axes
+        print(model.payload)    # {'mass': kg, 'x': m, ...}, with known axes
 
     The effects of the model stay unchanged. With known axes the change is identified as a mass
     and a centre of mass.

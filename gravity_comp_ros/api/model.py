@@ -1,18 +1,18 @@
-"""`Model`, the public result of a fit: prediction, report, model file, undo."""
+"""`Model`, the public result of a fit: prediction, errors, model file, undo."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.display import Displayable, shortened, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, UPDATED
+from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, Step, UPDATED
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.printable import counted
@@ -22,74 +22,6 @@ from numpy.typing import ArrayLike
 _MAX_TERMS = 6
 
 
-@dataclass(frozen=True)
-class JointFit:
-    """
-    Fit of one joint.
-
-    `terms`: number of terms of the gravity equation. `q_min`, `q_max`: trained range, rad.
-    `rmse`: root mean square of the training residual, N·m. `equation`: largest terms, in N·m.
-    """
-
-    terms: int
-    q_min: float
-    q_max: float
-    rmse: float
-    equation: str
-
-
-@dataclass(frozen=True, repr=False)
-class FitReport(Displayable):
-    """
-    Summary of a fit and of the last step.
-
-        print(model.report)
-        model.report.joints['elbow'].rmse       # N·m
-
-    - `formulation`: `chain`, `potential` or `per_joint`.
-    - `n_samples`, `n_runs`: size of the training data.
-    - `joints`: the fit of each joint, by name.
-    - `effects`: the effects of the model, as `NAME:JOINT`.
-    - `last_step`: the effects of the last step, or `payload`; '' after a fit.
-    - `held_out`: RMSE in N·m, by joint, on samples that were not fitted, before and after the
-      last step; empty after a fit.
-    - `payload`: `mass` (kg) and centre of mass (m, by axis) of the last update with known axes.
-    - `warnings`: one line each.
-    """
-
-    formulation: str
-    n_samples: int
-    n_runs: int
-    joints: Mapping[str, JointFit]
-    effects: tuple[str, ...]
-    last_step: str
-    held_out: Mapping[str, tuple[float, float]]
-    payload: Mapping[str, float]
-    warnings: tuple[str, ...]
-
-    def summary(self) -> str:
-        """Return one line: formulation, samples, effects."""
-        effects = f', with {", ".join(self.effects)}' if self.effects else ''
-        return (f'gravity model, {self.formulation}: {counted(self.n_samples, "sample")} of '
-                f'{counted(self.n_runs, "run")}{effects}')
-
-    def details(self) -> Iterable[str | TextTable]:
-        """Return a table of the joints, the payload and the warnings."""
-        columns = ['joint', 'terms', 'from rad', 'to rad', 'RMSE N·m']
-        rows = []
-        for name, joint in self.joints.items():
-            row = [name, str(joint.terms), f'{joint.q_min:.2f}', f'{joint.q_max:.2f}',
-                   f'{joint.rmse:.4f}']
-            rows.append((*row, *(f'{x:.4f}' for x in self.held_out.get(name, ()))))
-        if self.held_out:
-            columns += [f'before {self.last_step}', 'after']
-        yield TextTable(tuple(columns), tuple(rows))
-        if 'mass' in self.payload:
-            yield 'payload: ' + ', '.join(f'{name} {value:+.3f} {"kg" if name == "mass" else "m"}'
-                                          for name, value in self.payload.items())
-        yield from (f'warning: {warning}' for warning in self.warnings)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Displayable):
     """
@@ -97,6 +29,7 @@ class Model(Displayable):
 
         model = gc.load('arm.json')
         tau = model.predict(q)                  # gravity torque, N·m, same shape as q in rad
+        print(model)                            # range and error of each joint, equations
 
     A model is immutable. Each step of the loop returns a new model, whose history contains the
     previous one (`undo`). `gravity` is the model in the form used by the node and the model file.
@@ -114,25 +47,48 @@ class Model(Displayable):
         """Return the effects of the model as `NAME:JOINT`."""
         return tuple(effect.target for effect in self.gravity.applied.effects)
 
-    @cached_property
-    def report(self) -> FitReport:
-        """Return the summary of the fit and of the last step, from provenance and history."""
-        model = self.gravity
-        joints = {name: JointFit(int(model.n_features()[n]), float(model.coverage.q_min[n]),
-                                 float(model.coverage.q_max[n]), float(model.noise[n]),
-                                 shortened(model.equation(name), _MAX_TERMS))
-                  for n, name in enumerate(model.joints)}
-        step = model.history[-1] if model.history else None
-        record = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
+    @property
+    def held_out(self) -> dict[str, tuple[float, float]]:
+        """
+        Return the RMSE in N·m by joint on samples that were not fitted, before and after a step.
+
+        The step is the last addition or update; without one, the result is empty.
+        """
+        step = self._last_step
+        return {} if step is None else {
+            name: (step.before[name], step.after[name]) for name in step.before}
+
+    @property
+    def payload(self) -> dict[str, float]:
+        """
+        Return `mass` in kg and centre of mass (`x`, `y`, `z`, m), if the last step is an update.
+
+        Without known axes it is empty; without a significant mass it has no centre.
+        """
+        payload = self._record.get('payload')
+        if not isinstance(payload, dict):
+            return {}
+        centre = payload['centre'] or {}
+        return {'mass': payload['mass']['value'],
+                **{axis: x['value'] for axis, x in centre.items()}}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return the warnings about the fit, or the update if it is the last step."""
+        return tuple(self._record.get('warnings', ()))
+
+    @property
+    def _last_step(self) -> Step | None:
+        step = self.gravity.history[-1] if self.gravity.history else None
+        return step if step is not None and step.action in (ADDED, UPDATED) else None
+
+    @property
+    def _record(self) -> Mapping[str, Any]:
+        """Return the entry of the provenance about the last update, or about the fit."""
+        step, provenance = self._last_step, self.gravity.provenance
         if step is not None and step.action == UPDATED:
-            record = model.provenance['updates'][-1]
-        return FitReport(
-            model.formulation, model.coverage.n_samples, model.coverage.n_runs, joints,
-            tuple(effect.target for effect in model.applied.effects),
-            '' if step is None else ', '.join(step.effects),
-            {} if step is None or step.action not in (ADDED, UPDATED) else
-            {name: (step.before[name], step.after[name]) for name in step.before},
-            _payload(record), tuple(record['warnings']))
+            return provenance['updates'][-1]  # type: ignore[no-any-return]
+        return provenance.get('report') or {}
 
     def predict(self, q: ArrayLike) -> FloatArray:
         """
@@ -189,14 +145,31 @@ class Model(Displayable):
 
     def summary(self) -> str:
         """Return one line: formulation, samples, effects."""
-        return self.report.summary()
+        model = self.gravity
+        effects = f', with {", ".join(self.effects)}' if self.effects else ''
+        return (f'gravity model, {model.formulation}: '
+                f'{counted(model.coverage.n_samples, "sample")} of '
+                f'{counted(model.coverage.n_runs, "run")}{effects}')
 
     def details(self) -> Iterable[str | TextTable]:
-        """Return the report and the equations."""
-        yield from self.report.details()
+        """Return a table of the joints, the payload, the warnings and the equations."""
+        model, step, held_out = self.gravity, self._last_step, self.held_out
+        columns = ['joint', 'terms', 'from rad', 'to rad', 'RMSE N·m']
+        if step is not None and held_out:
+            columns += [f'before {", ".join(step.effects)}', 'after']
+        yield TextTable(tuple(columns), tuple(
+            (name, str(terms), f'{low:.2f}', f'{high:.2f}', f'{rmse:.4f}',
+             *(f'{x:.4f}' for x in held_out.get(name, ())))
+            for name, terms, low, high, rmse in zip(
+                self.joints, model.n_features(), model.coverage.q_min, model.coverage.q_max,
+                model.noise)))
+        if self.payload:
+            yield 'payload: ' + ', '.join(f'{name} {value:+.3f} {"kg" if name == "mass" else "m"}'
+                                          for name, value in self.payload.items())
+        yield from (f'warning: {warning}' for warning in self.warnings)
         yield 'torque in N·m (s2, c2: sine and cosine of the angle of the second joint)'
-        for name, joint in self.report.joints.items():
-            yield f'{name} = {joint.equation}'
+        yield from (f'{name} = {shortened(model.equation(name), _MAX_TERMS)}'
+                    for name in self.joints)
 
 
 def _shaped(predict: Callable[[FloatArray], FloatArray], q: ArrayLike) -> FloatArray:
@@ -214,11 +187,3 @@ def load(path: str | Path) -> Model:
     :raises ModelFileError: if it is missing, damaged or of another version.
     """
     return Model(load_model(Path(path)))
-
-
-def _payload(record: Mapping[str, object]) -> dict[str, float]:
-    payload = record.get('payload')
-    if not isinstance(payload, dict):
-        return {}
-    centre = payload['centre'] or {}
-    return {'mass': payload['mass']['value'], **{axis: x['value'] for axis, x in centre.items()}}

@@ -240,7 +240,7 @@ class Session(State):
         if is_first and self.given:
             first = self.given[0]
             self._append(replace(first, choice=self.choice,
-                                 warnings=Model(first.model).report.warnings))
+                                 warnings=Model(first.model).warnings))
         elif is_first:
             # All samples of a fast recording, as `fit` does.
             recording = Recording(read.samples, self.choice.gate(), read.reports)

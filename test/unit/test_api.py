@@ -64,7 +64,7 @@ def test_the_loop_finds_the_friction_and_the_error_falls(loop):
     assert FRICTION in better.effects and not model.effects
     before, after = gc.compare(model, test), gc.compare(better, test)
     assert after.joints['shoulder'].rmse < 1.15 * NOISE < 0.5 * before.joints['shoulder'].rmse
-    held = better.report.held_out['shoulder']
+    held = better.held_out['shoulder']
     assert held[1] < 1.15 * NOISE < held[0]
     assert better.undo().effects == ()
 
@@ -100,7 +100,7 @@ def test_payload_update_and_undo(data, loop, tmp_path):
     again = gc.load(tmp_path / 'arm.json')
     np.testing.assert_array_equal(again.predict(heavier.q), model.predict(heavier.q))
     np.testing.assert_allclose(again.undo().predict(heavier.q), better.predict(heavier.q))
-    assert again.report == model.report and 'before payload' in str(model.report)
+    assert str(again) == str(model) and 'before payload' in str(model)
 
 
 def test_a_motion_is_planned_for_a_named_effect(loop, tmp_path):
@@ -123,7 +123,7 @@ def test_weak_findings_are_not_added(loop):
 
 def test_results_print_and_show_in_a_notebook(loop):
     train, test, model, diagnosis, better = loop
-    for result in (train, test, model, better, better.report, diagnosis, gc.compare(better, test)):
+    for result in (train, test, model, better, diagnosis, gc.compare(better, test)):
         assert len(repr(result)) < 200 and '\n' not in repr(result)
         text, page = str(result), result._repr_html_()
         assert text.splitlines()[0] == result.summary() and len(text.splitlines()) > 2

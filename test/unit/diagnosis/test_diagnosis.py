@@ -125,7 +125,7 @@ def test_the_sum_of_an_ambiguous_effect_and_its_alternatives_is_predicted(seed):
     std = model.gravity.predict_std(train.q[::50])
     assert np.abs(difference).max() > 0.2 and (np.abs(difference) < 3.0 * std + 0.02).all()
     # `add` reports what `compare` measures, although each effect absorbs the other one.
-    earlier, later_error = max(added.report.held_out.values())
+    earlier, later_error = max(added.held_out.values())
     assert earlier == pytest.approx(before, rel=0.5) and later_error < 1.1 * 1.06 * NOISE
 
 
