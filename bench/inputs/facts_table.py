@@ -27,7 +27,6 @@ from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.planning.enough import enough_motion
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.simulation.hidden import KINDS
-from gravity_comp_ros.simulation.hidden_sizes import SIZES
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 ENDINGS = ('.mcap', '.db3', '.csv')
@@ -53,7 +52,7 @@ def simulated(folder: Path) -> Iterator[Path]:
     """Yield a recording of the arm with friction, and one with each effect in addition."""
     for effect in ('', *KINDS):
         path = folder / f'{effect or "friction"}.mcap'
-        where = '' if effect and SIZES[effect].whole_arm else ':4'
+        where = '' if effect and KINDS[effect].whole_arm else ':4'
         hidden = ['coulomb_friction:2', *([f'{effect}{where}'] if effect else [])]
         quiet(['synth', '--motion', 'multisine', '--rate', '20', '--noise', '0.1',
                *(word for each in hidden for word in ('--hidden', each)), '-o', str(path)])

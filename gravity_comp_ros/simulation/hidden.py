@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
+from math import asinh, isfinite
+import textwrap
+from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm, gravity_torque
-from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, GreasedGear, LoadFriction, LuGre, ThermalFriction)
-from gravity_comp_ros.simulation.disturbances.joint_torque import (
-    Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.signals import (
-    Backlash, DelayedEffort, ElasticGear, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset,
-    TiltedBase, ToolForce)
-from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
-from gravity_comp_ros.simulation.synthesise import Disturbance
-import numpy as np
+if TYPE_CHECKING:
+    # Imports pinocchio, which the help of `synth` does not need.
+    from gravity_comp_ros.simulation.arms import Arm
+    from gravity_comp_ros.simulation.synthesise import Disturbance
 
 # Default size of relative effects, in noise levels: visible, but small against gravity.
 _NOISE_LEVELS = 10.0
@@ -29,15 +24,21 @@ _LARGE_JOINT_NOISE, _WRIST_NOISE, _WRIST_JOINTS = 0.1, 0.03, 3
 @dataclass(frozen=True)
 class Kind:
     """
-    A kind of hidden effect: its default size and its disturbance.
+    A kind of hidden effect.
 
-    `size` is in the unit of `SIZES`, or in tens of noise levels of the joint if `relative`.
-    `make` takes arm, joint and size.
+    `unit` of its size is that of `diagnose` for the same effect. The default `size` is in this
+    unit, or in tens of noise levels of the joint if `relative`. `make` takes the package
+    `disturbances`, arm, joint and size. `signed` sizes may be negative. Effects of the
+    `whole_arm` have no joint.
     """
 
+    unit: str
+    meaning: str
     size: float
     relative: bool
-    make: Callable[[Arm, int, float], Disturbance]
+    make: Callable[[Any, Arm, int, float], Disturbance]
+    signed: bool = False
+    whole_arm: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,48 +71,88 @@ _RELATIVE_PRELOAD, _MIN_PRELOAD, _MAX_PRELOAD, _POSES = 0.1, 1e-6, 3.0, 200
 
 def _preload(arm: Arm, joint: int) -> float:
     """Return a preload in N·m: a tenth of the joint's largest load, at most 3 N·m."""
+    from gravity_comp_ros.simulation.arms import gravity_torque
+    import numpy as np
     poses = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_POSES, arm.n_joints))
     load = float(np.abs(gravity_torque(arm, poses)[:, joint]).max())
     return float(np.clip(_RELATIVE_PRELOAD * load, _MIN_PRELOAD, _MAX_PRELOAD))
 
 
-def _spring(joint: int, stiffness: float) -> SpringBalancer:
+def _spring(disturbances: Any, joint: int, stiffness: float) -> Disturbance:
     """Return a balancer with a torque of `stiffness` N·m at 1 rad from its rest."""
-    unit = SpringBalancer(joint, 1.0, free=0.5, post=0.6)
-    return SpringBalancer(joint, stiffness / float(unit.torque(np.array(1.0))), free=0.5, post=0.6)
+    torque = float(disturbances.SpringBalancer(joint, 1.0, free=0.5, post=0.6).torque(1.0))
+    balancer: Disturbance = disturbances.SpringBalancer(joint, stiffness / torque, free=0.5,
+                                                        post=0.6)
+    return balancer
 
 
 KINDS: dict[str, Kind] = {
-    'coulomb_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x))),
-    'viscous_friction': Kind(4.0, True, lambda arm, j, x: Friction(j, LuGre(0.0, x))),
-    'stribeck_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x, static=2 * x))),
-    'degressive_friction': Kind(2.0, True, lambda arm, j, x: GreasedGear(
-        j, x / float(np.arcsinh(1.0 / _THINNING)), _THINNING, LuGre(0.5 * x))),
-    'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
-        j, LuGre(3 * x), LuGre(3 * x).at_level(x))),
-    'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(
-        j, x, _preload(arm, j))),
-    'friction_drift': Kind(2.0, True, lambda arm, j, x: ThermalFriction(j, LuGre(x, 2 * x))),
-    'presliding_hysteresis': Kind(1.0, True, lambda arm, j, x: Friction(
-        j, LuGre(x, presliding=0.03))),
-    'coupled_friction': Kind(1.0, True, lambda arm, j, x: DifferentialFriction(
-        (j, j + 1 if j + 1 < arm.n_joints else j - 1), LuGre(x))),
-    'torque_offset': Kind(1.0, True, lambda arm, j, x: GaugeOffset(j, x)),
-    'torque_gain': Kind(0.1, False, lambda arm, j, x: GaugeGain(j, 1 + x)),
-    'torque_drift': Kind(1.0 / _WARMING, True, lambda arm, j, x: GaugeDrift(
-        j, x * _WARMING, _WARMING)),
-    'joint_spring': Kind(10.0, False, lambda arm, j, x: _spring(j, x)),
-    'cable_stiffness': Kind(2.0, True, lambda arm, j, x: DressPack(j, 0.3, x)),
-    'torque_ripple': Kind(1.0, True, lambda arm, j, x: Cogging(j, 12, x)),
-    'encoder_offset': Kind(0.03, False, lambda arm, j, x: EncoderOffset(j, x)),
-    'end_stop': Kind(30.0, True, lambda arm, j, x: Bumper(j, 0.5 * float(arm.upper[j]), x)),
-    'joint_flexibility': Kind(1 / 6000.0, False, lambda arm, j, x: ElasticGear(j, 1 / x)),
-    'backlash': Kind(0.02, False, lambda arm, j, x: Backlash(j, x)),
-    'detent': Kind(4.0, True, lambda arm, j, x: Detent(j, 0.5, x)),
-    'base_tilt': Kind(0.035, False, lambda arm, j, x: TiltedBase(x, 0.0)),
-    'time_delay': Kind(0.04, False, lambda arm, j, x: DelayedEffort(x)),
-    'tool_force': Kind(12.0, False, lambda arm, j, x: ToolForce((0.5 * x, 0.25 * x, -x))),
+    'coulomb_friction': Kind('N·m', 'Coulomb friction', 1.0, True,
+                             lambda d, arm, j, x: d.Friction(j, d.LuGre(x))),
+    'viscous_friction': Kind('N·m·s/rad', 'viscous friction', 4.0, True,
+                             lambda d, arm, j, x: d.Friction(j, d.LuGre(0.0, x))),
+    'stribeck_friction': Kind('N·m', 'static friction beyond a Coulomb friction of the same size',
+                              1.0, True,
+                              lambda d, arm, j, x: d.Friction(j, d.LuGre(x, static=2 * x))),
+    'degressive_friction': Kind(
+        'N·m', 'friction of grease at 1 rad/s, with a Coulomb friction of half the size', 2.0,
+        True, lambda d, arm, j, x: d.GreasedGear(j, x / asinh(1.0 / _THINNING), _THINNING,
+                                                 d.LuGre(0.5 * x))),
+    'asymmetric_friction': Kind(
+        'N·m', 'half the difference of friction in the two directions', 0.5, True,
+        lambda d, arm, j, x: d.Friction(j, d.LuGre(3 * x), d.LuGre(3 * x).at_level(x))),
+    'load_dependent_friction': Kind('', 'friction as a fraction of the load', 0.05, False,
+                                    lambda d, arm, j, x: d.LoadFriction(j, x, _preload(arm, j))),
+    'friction_drift': Kind('N·m', 'friction of the cold gear; it falls with warming', 2.0, True,
+                           lambda d, arm, j, x: d.ThermalFriction(j, d.LuGre(x, 2 * x))),
+    'presliding_hysteresis': Kind('N·m', 'friction that builds up over 0.03 rad', 1.0, True,
+                                  lambda d, arm, j, x: d.Friction(j, d.LuGre(x, presliding=0.03))),
+    'coupled_friction': Kind(
+        'N·m', 'friction of a gear shared with the next joint', 1.0, True,
+        lambda d, arm, j, x: d.DifferentialFriction(
+            (j, j + 1 if j + 1 < arm.n_joints else j - 1), d.LuGre(x))),
+    'torque_offset': Kind('N·m', 'torque signal at zero torque', 1.0, True,
+                          lambda d, arm, j, x: d.GaugeOffset(j, x), signed=True),
+    'torque_gain': Kind('', 'relative error of the torque scale, 0.1 for 10 % too much', 0.1,
+                        False, lambda d, arm, j, x: d.GaugeGain(j, 1 + x), signed=True),
+    'torque_drift': Kind(
+        'N·m/s', 'change of the torque signal per second at the start; it fades within 200 s',
+        1.0 / _WARMING, True, lambda d, arm, j, x: d.GaugeDrift(j, x * _WARMING, _WARMING),
+        signed=True),
+    'joint_spring': Kind('N·m/rad', 'torque of a spring balancer 1 rad from its rest, over 1 rad',
+                         10.0, False, lambda d, arm, j, x: _spring(d, j, x)),
+    'cable_stiffness': Kind('N·m/rad', 'stiffness of a cable that is taut beyond 0.3 rad', 2.0,
+                            True, lambda d, arm, j, x: d.DressPack(j, 0.3, x)),
+    'torque_ripple': Kind('N·m', 'amplitude of a ripple of 12 periods per revolution', 1.0, True,
+                          lambda d, arm, j, x: d.Cogging(j, 12, x)),
+    'encoder_offset': Kind('rad', 'true minus reported angle', 0.03, False,
+                           lambda d, arm, j, x: d.EncoderOffset(j, x), signed=True),
+    'end_stop': Kind('N·m/rad', 'stiffness of a bumper at half the upper limit', 30.0, True,
+                     lambda d, arm, j, x: d.Bumper(j, 0.5 * float(arm.upper[j]), x)),
+    'joint_flexibility': Kind('rad/(N·m)', 'compliance of the gear', 1 / 6000.0, False,
+                              lambda d, arm, j, x: d.ElasticGear(j, 1 / x)),
+    'backlash': Kind('rad', 'play of the gear', 0.02, False,
+                     lambda d, arm, j, x: d.Backlash(j, x)),
+    'detent': Kind('N·m', 'largest torque of a detent at 0.5 rad', 4.0, True,
+                   lambda d, arm, j, x: d.Detent(j, 0.5, x)),
+    'base_tilt': Kind('rad', 'roll of the base', 0.035, False,
+                      lambda d, arm, j, x: d.TiltedBase(x, 0.0), signed=True, whole_arm=True),
+    'time_delay': Kind('s', 'delay of torque relative to position', 0.04, False,
+                       lambda d, arm, j, x: d.DelayedEffort(x), whole_arm=True),
+    'tool_force': Kind('N', 'force on the tool, fixed in its frame', 12.0, False,
+                       lambda d, arm, j, x: d.ToolForce((0.5 * x, 0.25 * x, -x)), whole_arm=True),
 }
+
+
+def size_table() -> str:
+    """Return a text table of the effects with unit and meaning of their size."""
+    lines = []
+    for name, kind in sorted(KINDS.items()):
+        place = '' if kind.whole_arm else ':JOINT'
+        unit = f'{kind.unit}: ' if kind.unit else ''
+        lines += textwrap.wrap(f'  {name + place:<30}{unit}{kind.meaning}', 79,
+                               subsequent_indent=' ' * 34)
+    return '\n'.join(lines)
 
 
 def noise_levels(arm: Arm) -> tuple[float, ...]:
@@ -132,15 +173,16 @@ def hidden(text: str, arm: Arm) -> Hidden:
     name, _, where = place.partition(':')
     if name not in KINDS:
         raise OptionError(f'no hidden effect {name!r}; there are {", ".join(sorted(KINDS))}')
-    kind, limits = KINDS[name], SIZES[name]
-    if limits.whole_arm and where:
+    from gravity_comp_ros.simulation import disturbances
+    kind = KINDS[name]
+    if kind.whole_arm and where:
         raise OptionError(f'{name} acts on the whole arm; remove :{where}')
-    joint = 0 if limits.whole_arm else _joint(name, where, arm)
+    joint = 0 if kind.whole_arm else _joint(name, where, arm)
     size = kind.size * (_NOISE_LEVELS * noise_levels(arm)[joint] if kind.relative else 1.0)
     if equals:
-        size = _number(text, number, limits)
-    return Hidden(name, None if limits.whole_arm else arm.joints[joint], size, limits.unit,
-                  kind.make(arm, joint, size))
+        size = _number(text, number, kind)
+    return Hidden(name, None if kind.whole_arm else arm.joints[joint], size, kind.unit,
+                  kind.make(disturbances, arm, joint, size))
 
 
 def _joint(name: str, where: str, arm: Arm) -> int:
@@ -154,18 +196,14 @@ def _joint(name: str, where: str, arm: Arm) -> int:
                       f'{arm.n_joints}')
 
 
-def _number(text: str, number: str, limits: Size) -> float:
+def _number(text: str, number: str, kind: Kind) -> float:
     try:
         size = float(number)
     except ValueError:
         size = float('nan')
     if not isfinite(size):
         raise OptionError(f'{text}: the size {number!r} is not a number')
-    unit = f' {limits.unit}'.rstrip()
-    if size == 0.0 or size < 0.0 and not limits.signed:
+    if size == 0.0 or size < 0.0 and not kind.signed:
         raise OptionError(f'{text}: the size is {number}; it must be '
-                          f'{"other than" if limits.signed else "above"} 0{unit}')
-    if abs(size) > limits.maximum:
-        raise OptionError(f'{text}: {number}{unit} is too large ({limits.meaning}); at most '
-                          f'{limits.maximum:g}{unit}')
+                          f'{"other than" if kind.signed else "above"} 0 {kind.unit}'.rstrip())
     return size

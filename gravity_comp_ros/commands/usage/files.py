@@ -8,7 +8,7 @@ from pathlib import Path
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.recordings.units import (
     ANGLE_HELP, CURRENT_UNITS, SHARE_UNITS, TIME_UNITS, TORQUE_UNITS)
-from gravity_comp_ros.simulation.hidden_sizes import size_table
+from gravity_comp_ros.simulation.hidden import size_table
 
 MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
 FILES = ('.yaml', '.yml', '.csv')

@@ -8,8 +8,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
-from gravity_comp_ros.simulation.hidden import hidden, KINDS
-from gravity_comp_ros.simulation.hidden_sizes import size_table, SIZES
+from gravity_comp_ros.simulation.hidden import hidden, KINDS, size_table
 from gravity_comp_ros.simulation.motions import sample
 from gravity_comp_ros.simulation.synthesise import Signals
 from mcap.reader import make_reader
@@ -35,10 +34,10 @@ def test_every_hidden_foundchanges_the_signals(name):
 
     motion = sample('sweep', path, 60.0, 20.0)
     still = Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
-    text = name if SIZES[name].whole_arm else f'{name}:2'
+    text = name if KINDS[name].whole_arm else f'{name}:2'
     added = hidden(text, ARM)
     out = added.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
-    assert abs(added.size) <= SIZES[name].maximum and hidden(f'{text}={added.size}', ARM) == added
+    assert hidden(f'{text}={added.size}', ARM) == added
     change = np.abs(out.tau - still.tau).max() + np.abs(out.q - still.q).max()
     assert 0.005 < change < 100.0
     assert np.isfinite(out.tau).all() and np.isfinite(out.q).all()
@@ -49,7 +48,6 @@ def test_every_hidden_foundchanges_the_signals(name):
     ('coulomb_friction:0', 'no joint 0'), ('coulomb_friction:4=much', 'not a number'),
     ('coulomb_friction:4=nan', 'not a number'), ('base_tilt:1', 'whole arm'),
     ('coulomb_friction:2=-1', 'above 0 N·m'), ('torque_offset:2=0', 'other than 0'),
-    ('coulomb_friction:4=1e9', 'at most 300 N·m'), ('base_tilt=2', 'at most 0.5 rad'),
     ('coulomb_friction', 'on which joint'), ('coulomb_friction=0.8', 'on which joint'),
     ('coulomb_friction:=0.8', 'on which joint'), ('coulomb_friction:4=', 'not a number'),
 ])
@@ -75,10 +73,9 @@ def test_synth_writes_the_hidden_effect(tmp_path):
 
 
 def test_sizes_have_the_units_of_diagnose():
-    assert set(SIZES) == set(KINDS)
     for name, effect in all_effects().items():
-        if name in SIZES and name != 'tool_force':   # reported by joint, hidden as one force
-            assert SIZES[name].unit == effect.coefficients[0].unit, name
+        if name in KINDS and name != 'tool_force':   # reported by joint, hidden as one force
+            assert KINDS[name].unit == effect.coefficients[0].unit, name
     assert max(map(len, size_table().splitlines())) < 80
 
 
