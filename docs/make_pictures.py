@@ -105,8 +105,6 @@ def _worked(tab: Watched, address: str) -> str:
     page.locator('#idle').wait_for()
     _look(tab, 'Summary', 'Error of each joint')
     page.screenshot(path=PICTURES / 'workbench-added.png')
-    _look(tab, 'Two models', 'against 1. gravity')
-    page.locator('#views').screenshot(path=PICTURES / 'workbench-two-models.png')
     page.get_by_role('button', name='Dark or light', exact=True).click()
     page.wait_for_selector('html.dark')
     _look(tab, 'Over time', 'Over time')

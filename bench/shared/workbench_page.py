@@ -18,7 +18,6 @@ VIEWS = {'Errors': ('Errors by joint', 0), 'Over time': ('Over time', 2),
          'Pairs': ('Pairs of joints', 2), 'Spectrum': ('Spectrum of the residual', 2),
          'Effects': ('Missing effects', 1), 'Model': ('The model', 1),
          'Data': ('Quality of the data', 0), 'Provenance': ('Provenance', 0),
-         'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 3),
          'Summary': ('Error of each joint', 2)}
 
 

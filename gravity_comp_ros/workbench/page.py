@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import logging
 import secrets
 
 from bokeh.document import Document
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
-from bokeh.models import CustomJS, UIElement
+from bokeh.models import CustomJS, Select, UIElement
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.facts.fact import Action
 from gravity_comp_ros.report import markup
@@ -22,15 +22,14 @@ from gravity_comp_ros.workbench.jobs import ReadResult
 from gravity_comp_ros.workbench.panels import Sidebar
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session, Sessions
-from gravity_comp_ros.workbench.store import Entry
-from gravity_comp_ros.workbench.views import TwoModels, Views
+from gravity_comp_ros.workbench.store import Entry, Stage
+from gravity_comp_ros.workbench.views import Views
 
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
 _TOGGLE_DARK = "document.documentElement.classList.toggle('dark')"
 _READY = "document.documentElement.dataset.ready = 'yes'"
-COMPARE = 'Two models'
-NAMES = (*SECTIONS, COMPARE)
+NAMES = tuple(SECTIONS)
 
 
 class Page:
@@ -49,7 +48,6 @@ class Page:
         self.view = NAMES[0]
         self._version, self._reason, self._moves_focus = -1, '', False
         self._side: Sidebar | None = None
-        self._two = TwoModels()
         self._build(document)
         document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
@@ -200,15 +198,28 @@ class Page:
         if self.results is None or self.views is None:
             return widgets.html(f'<h2 id="words">{markup.text(self._reason)}</h2>')
         try:
-            if self.view == COMPARE:
-                return self._two.show(self.results)
-            return self.views.show(self.view)
+            view = self.views.show(self.view)
+            others = self.results.others() if self.view == 'Errors' else {}
+            return column(self._other(self.results, others), view,
+                          sizing_mode='stretch_width') if others else view
         except Exception as problem:
             # A failure of one view must be reported on the page.
             _LOG.exception('the view %s failed', self.view)
             return widgets.html(markup.paragraph(
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
+
+    def _other(self, results: Results, others: Mapping[str, Stage]) -> Select:
+        """Return the selector of the model to compare with."""
+        def choose(name: str) -> None:
+            results.other = name
+            self._make_views(results)
+            self._show_view()
+
+        stage = results.session.stage
+        first = 'the stage before' if stage is not None and stage.effects else 'no model'
+        return widgets.select('Compare with', [('', first), *((name, name) for name in others)],
+                              results.other if results.other in others else '', choose, 'other')
 
 
 def status_html(results: Results) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 from gravity_comp_ros.api.recording import Recording
@@ -30,10 +29,15 @@ Value = TypeVar('Value')
 
 
 class Results:
-    """Derived results of one session, cached until their inputs change."""
+    """
+    Derived results of one session, cached until their inputs change.
+
+    `other` is the name of the model whose errors are shown with those of the current one;
+    '' for the stage before an addition.
+    """
 
     def __init__(self, session: Session) -> None:
-        self.session = session
+        self.session, self.other = session, ''
         self._cache: dict[tuple[int, ...], tuple[tuple[object, ...], Any]] = {}
 
     def _cached(self, make: Callable[[], Value], *inputs: object) -> Value:
@@ -68,26 +72,25 @@ class Results:
         session = self.session
         if not session.is_read:
             raise DataError('the recordings are being read')
-        base = self.contents_of(session.stage or self._cached(
-            self._constant, 'constant', session.choice, session.read))
+        stage, before = session.stage or self._cached(
+            self._constant, 'constant', session.choice, session.read), self._before()
+        base = self._cached(lambda: self._contents(stage, before), 'contents', session.choice,
+                            session.read, stage.model, before and before.model)
         # A new diagnosis does not change the errors.
         diagnosis = session.diagnosis
         return self._cached(lambda: replace(base, diagnosis=diagnosis,
                                             next_command=self._next_command()), base, diagnosis)
 
-    def contents_of(self, stage: Stage) -> Contents:
-        """
-        Return the contents of the views of a model, without a diagnosis.
+    def _before(self) -> Stage | None:
+        """Return the model to compare with."""
+        session, models = self.session, self.others()
+        if self.other in models:
+            return models[self.other]
+        at = session.at if session.stage and session.stage.effects else None
+        return list(models.values())[at - 1] if at else None
 
-        :raises ModelMismatchError: if a joint of the model is missing.
-        """
-        return self._cached(lambda: self._contents(stage), 'contents', self.session.choice,
-                            self.session.read, stage.model)
-
-    def _contents(self, stage: Stage) -> Contents:
-        recording, stages = self.recording.select_joints(stage.model.joints), self.session.stages
-        at = next((k for k, each in enumerate(stages) if each.model is stage.model), 0)
-        before = stages[at - 1] if at and stage.effects else None
+    def _contents(self, stage: Stage, before: Stage | None) -> Contents:
+        recording = self.recording.select_joints(stage.model.joints)
         return Contents(
             recording.samples, stage.model, self.compared(stage.model),
             recording.gated.sentence(), recording.reports,
@@ -177,19 +180,10 @@ class Results:
         more = (stage.given.resolve(),) if stage.given else ()
         return session.choice.add_command(targets, session.paths, *more)
 
-    def models(self) -> list[Stage]:
-        """Return all models that can be compared: numbered stages, and further model files."""
-        own = [replace(stage, name=f'{k + 1}. {stage.name}')
-               for k, stage in enumerate(self.session.stages)]
-        return [*own, *self.session.given[1:]]
-
-    def facts(self, stage: Stage) -> dict[str, str]:
-        """Return formulation, recordings and axes of a model."""
-        model = stage.model
-        terms = sum(len(torque.weights) for torque in model.torques)
-        source = model.geometry.source if model.geometry else 'not known'
-        runs = ', '.join(self.session.paths[run].name for run in stage.choice.runs)
-        gate = ' '.join(stage.choice.gate_options()).replace('--', '') or 'slow samples'
-        return {'formulation': f'{model.formulation}, {terms} terms',
-                'axes': source if ' in ' in source else Path(source).name,
-                'fitted to': str(stage.given) if stage.given else f'{runs}; {gate}'}
+    def others(self) -> dict[str, Stage]:
+        """Return the models to compare with by name: other stages, and further model files."""
+        session = self.session
+        own = {f'{k + 1}. {stage.name}': stage for k, stage in enumerate(session.stages)}
+        every = {**own, **{stage.name: stage for stage in session.given[1:]}}
+        return {name: replace(stage, name=name) for name, stage in every.items()
+                if stage is not session.stage}

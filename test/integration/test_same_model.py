@@ -12,7 +12,6 @@ from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.workbench.results import Results
 import numpy as np
 import pytest
 
@@ -59,8 +58,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
     assert data.joints == JOINTS
     notebook, session = gc.fit(data).gravity, on_the_bench(bag)
     assert session.stage.choice.joints == JOINTS == session.joints[:len(JOINTS)]
-    results = Results(session)
-    assert results.facts(results.models()[0])['axes'] == f'/robot_description in {bag.name}'
+    assert session.stage.model.geometry.source == f'/robot_description in {bag.name}'
     for other in (notebook, session.stage.model):
         assert other.joints == JOINTS
         np.testing.assert_array_equal(other.predict(poses()), fitted.predict(poses()))
@@ -112,7 +110,6 @@ def test_the_same_recording_is_refused_with_the_same_error(tmp_path, capsys, mon
 def test_the_workbench_can_ignore_the_description(folder):
     session = worked(session_of(folder / 'robots' / 'one' / 'run'), until='LEARN')
     session.learn(replace(session.choice, urdf='none'))
-    results = Results(worked(session, until='DIAGNOSE'))
+    worked(session, until='DIAGNOSE')
     assert session.stage.model.geometry is None
     assert ' --urdf none ' in session.commands()[0]
-    assert results.facts(results.models()[0])['axes'] == 'not known'

@@ -118,14 +118,17 @@ def test_a_step_after_undo_replaces_the_undone_stages(learned):
     worked(session, until='DIAGNOSE')
     assert session.worker.done[-2:] == ['READ', 'LEARN']
     assert session.stage.model.joints == ('elbow',) and len(session.stages) == 3
-    assert [named.name for named in results.models()] == [
-        '1. gravity', '2. + torque_offset:elbow', '3. gravity']
+    assert list(results.others()) == ['1. gravity', '2. + torque_offset:elbow']
     session.select_stage(1)
     with pytest.raises(DataError, match='being read'):
         results.contents()
     worked(session, until='DIAGNOSE')
     assert session.worker.done[-1] == 'READ'
     assert results.contents().model is session.stages[1].model
+    assert results.contents().previous_name == '1. gravity'
+    results.other = '3. gravity'
+    assert results.contents().previous_name == '3. gravity'
+    assert set(results.contents().previous) == {'elbow'}
 
 
 def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
