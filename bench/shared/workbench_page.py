@@ -11,7 +11,7 @@ import sys
 from bench.shared.browser import ROOT
 
 PATIENCE = 240.0  # s
-RMSE = 'td:nth-of-type(2)'  # in the table of errors
+RMSE = 'td:nth-of-type(1)'  # in the table of errors
 # Heading of each view, and its number of plots for one joint.
 VIEWS = {'Errors': ('Errors by joint', 0), 'Over time': ('Over time', 2),
          'Residual': ('Residual against speed, position, load and time', 4),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 
 from gravity_comp_ros.api.provenance import held_out_blocks
@@ -12,9 +13,8 @@ from gravity_comp_ros.commands import html, next_step, reading, refitting, termi
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
+from gravity_comp_ros.evaluation.compare import Calibration, Comparison, JointComparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         '', _drift_table(args.previous.name, selected, since), *_drift_lines(since, selected)]
     faster = next_step.lines('evaluate fast samples as well', f'{args.command} --all-samples')
     return terminal.Answer(
-        document, [*reading.lines(recording), '', _table(model, joints, samples),
+        document, [*reading.lines(recording), '', _table(model, comparison, joints, samples),
                    *_failures(joints, comparison.share_outside), *_band(comparison.band),
                    *changes, *(faster if few else []),
                    *next_step.lines('identify missing effects', _diagnose_command(args))],
@@ -122,21 +122,14 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
     return selected, []
 
 
-def _table(model: GravityModel, joints: dict[str, JointComparison],
+def _table(model: GravityModel, comparison: Comparison, joints: Mapping[str, JointComparison],
            samples: JointSamples) -> Table:
+    errors = comparison.table(joints, dict(zip(model.joints, model.noise.tolist())))
     worst = _worst(joints)
-    rows = []
-    for name, errors in joints.items():
-        cells = [printable(name), str(errors.n), f'{errors.rmse:.4f}', percent(errors.nrmse),
-                 f'{errors.std:.4f}', f'{errors.max_abs:.3f}',
-                 f'{model.noise[model.joints.index(name)]:.4f}',
-                 *((percent(errors.band.trained.share), percent(errors.band.outside.share))
-                   if errors.band else ())]
-        rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
     return terminal.table(
-        f'error of the model in N·m, {counted(samples.n_samples, "sample")}',
-        ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training',
-         *(() if model.covariance is None else ('in band', 'outside'))], rows)
+        f'error of the model, {counted(samples.n_samples, "sample")}', errors.columns,
+        [[Text(printable(cell), style='bold' if row[0] == worst else '') for cell in row]
+         for row in errors.rows])
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
@@ -188,5 +181,5 @@ def _band(band: Calibration | None) -> list[str]:
             f'{meaning}']
 
 
-def _worst(joints: dict[str, JointComparison]) -> str:
+def _worst(joints: Mapping[str, JointComparison]) -> str:
     return max(joints, key=lambda name: joints[name].rmse)

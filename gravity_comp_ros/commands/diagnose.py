@@ -38,7 +38,6 @@ _PLANNED = ('effect', 'stated probability', 'verdict now', 'as expected', 'expec
             'interval now')
 _DATA = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
          'effective n')
-_FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 _WHY_OPEN = {
     'ambiguous': 'an alternative explains the data equally well; together they predict the sum',
     'weak': 'too small, uncertain or not physical: do not add',
@@ -177,12 +176,10 @@ def _width(value: float | None, unit: str) -> str:
 
 
 def _table(diagnosis: Diagnosis) -> Table:
-    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
-             wording.coefficients(f.coefficients), wording.change(f)] for f in diagnosis.findings]
+    table = diagnosis.table()
     # Names are copied from here, so they are never folded; coefficients may be.
-    return terminal.table('missing effects', _FINDINGS, rows,
-                          left=('effect', 'verdict', 'coefficient, 95 %'),
-                          folds=('coefficient, 95 %',))
+    return terminal.table('missing effects', table.columns, table.rows,
+                          left=table.columns[:table.left], folds=('coefficients, 95 %',))
 
 
 def next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[terminal.Line]:

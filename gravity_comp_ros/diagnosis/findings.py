@@ -139,14 +139,17 @@ class Diagnosis(Displayable):
         """Return the overall verdict in one sentence."""
         return wording.verdict(self)
 
+    def table(self) -> TextTable:
+        """Return the findings with their size, and held-out error without and with each."""
+        return TextTable(
+            ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error'),
+            tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
+                   wording.coefficients(f.coefficients), wording.change(f))
+                  for f in self.findings), left=4)
+
     def details(self) -> Iterable[str | TextTable]:
         """Return a table of the findings, and the evidence for the first one."""
-        if not self.findings:
-            return
-        yield TextTable(
-            ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error', 'with it'),
-            tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
-                   wording.coefficients(f.coefficients), *wording.before_and_after(f))
-                  for f in self.findings), left=4)
+        if self.findings:
+            yield self.table()
         yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
                     for f in self.findings[:1] if f.why)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.display import Displayable, percent, TextTable
+from gravity_comp_ros.display import change, Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -203,12 +203,32 @@ class Comparison(Displayable):
 
     def details(self) -> Iterable[str | TextTable]:
         """Return the errors of every joint, and the worst regions of the worst joint."""
-        yield TextTable(
-            ('joint', 'RMSE N·m', 'nRMSE', 'bias N·m', 'std N·m', 'max N·m', 'in 95 % band'),
-            tuple((name, f'{x.rmse:.4f}', percent(x.nrmse), f'{x.bias:+.4f}', f'{x.std:.4f}',
-                   f'{x.max_abs:.3f}', percent(x.band.trained.share if x.band else None))
-                  for name, x in self.joints.items()))
+        yield self.table()
         yield from (f'{self.worst} {region.words}' for region in self.joints[self.worst].where[:2])
+
+    def table(self, joints: Collection[str] = (), noise: Mapping[str, float] | None = None,
+              previous: Mapping[str, float] | None = None, previous_name: str = '') -> TextTable:
+        """
+        Return the errors by joint, and that of a constant torque.
+
+        :param joints: those to show; all if empty.
+        :param noise: training RMSE in N·m by joint, if shown.
+        :param previous: RMSE in N·m by joint of the model `previous_name`, if shown.
+        """
+        columns = ['joint', 'RMSE N·m', 'nRMSE', 'std N·m', 'max N·m',
+                   *['training N·m'] * bool(noise), *['in band', 'outside'] * bool(self.band),
+                   *[f'{previous_name} N·m', 'change'] * bool(previous), 'constant N·m']
+        rows = []
+        for name in joints or self.joints:
+            x = self.joints[name]
+            row = [name, f'{x.rmse:.4f}', percent(x.nrmse), f'{x.std:.4f}', f'{x.max_abs:.3f}']
+            row += [f'{noise[name]:.4f}'] if noise else []
+            row += [percent(x.band.trained.share), percent(x.band.outside.share)] if x.band else []
+            if previous:
+                row += [f'{previous[name]:.4f}', change(previous[name], x.rmse)
+                        ] if name in previous else ['–', '–']
+            rows.append((*row, f'{x.rmse_constant:.4f}'))
+        return TextTable(tuple(columns), tuple(rows))
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of `compare --json`."""

@@ -59,7 +59,8 @@ range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints wit
 "in band" is the share of residuals inside the 95 % prediction band within the trained range;
 "outside" is the same share for poses outside the trained range. A share near 95 % confirms the
 band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
-means that the band is too wide, often where few samples were trained.
+means that the band is too wide, often where few samples were trained. "training" is the RMSE of
+the fit, "constant" that of a constant torque.
 """, arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json,
                 arguments.add_page)
 def compare(parser: argparse.ArgumentParser) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 from bokeh.layouts import row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.display import change, percent
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section
@@ -81,27 +79,21 @@ def _noise(contents: Contents, name: str) -> float:
 
 def errors(contents: Contents) -> Section:
     """Return the table of errors and the regions of large error."""
-    columns = ['joint', 'n', 'RMSE N·m', 'nRMSE', 'std N·m', 'largest N·m', 'in training N·m']
-    if contents.previous:
-        columns += [f'{contents.previous_name} N·m', 'change']
-    rows = []
-    for name in contents.joints:
-        joint, before = contents.comparison.joints[name], contents.previous.get(name, math.nan)
-        rows.append([name, joint.n, contents.error(name), percent(joint.nrmse),
-                     f'{joint.std:.4f}', f'{joint.max_abs:.3f}', f'{_noise(contents, name):.4f}',
-                     *(['–' if math.isnan(before) else f'{before:.4f}',
-                        change(before, joint.rmse)] if contents.previous else []),
-                     f'{joint.rmse_constant:.4f}'])
-    columns.append('constant torque N·m')
+    errors = contents.comparison.table(
+        contents.joints, dict(zip(contents.model.joints, contents.model.noise.tolist())),
+        contents.previous, contents.previous_name)
     lead = markup.paragraph(
         'The error is measured minus predicted torque. nRMSE is RMSE over the range of the '
         'measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load. '
-        'The last columns are for comparison: the training error'
+        'For comparison: the training error'
         + (f', the error of {contents.previous_name},' if contents.previous else '')
-        + ' and the error of a constant torque.', 'quiet')
+        + ' and the error of a constant torque. "in band" and "outside" are the shares of '
+        'residuals inside the 95 % prediction band, within and outside the trained range.',
+        'quiet')
     lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
                              'quiet')
-    table = markup.table(columns, rows, strong=contents.joints.index(named_joint(contents)))
+    table = markup.table(errors.columns, errors.rows,
+                         strong=contents.joints.index(named_joint(contents)))
     return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
 
 

@@ -140,7 +140,7 @@ def test_in_a_pipe_each_joint_has_one_row(files, capsys):
     assert main(['compare', bag, '--model', model]) == 0
     rows = [line for line in capsys.readouterr().out.splitlines()
             if line.startswith(' left_arm_shoulder_lift_joint_3')]
-    assert len(rows) == 1 and len(NUMBER.findall(rows[0])) == 5
+    assert len(rows) == 1 and len(NUMBER.findall(rows[0])) == 6
 
 
 @pytest.mark.parametrize('width', [20, 34, 50, 90])
