@@ -184,15 +184,13 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     return ReadOptions(**{name: getattr(args, name) for name in OPTIONS})
 
 
-def add_gate(parser: argparse.ArgumentParser, title: str = 'slow-motion gate',
-             rate: bool = True) -> None:
-    """Add --max-speed, --all-samples and, for `gate`, --rate."""
+def add_gate(parser: argparse.ArgumentParser, title: str = 'slow-motion gate') -> None:
+    """Add --max-speed, --rate and --all-samples, for `gate`."""
     group = parser.add_argument_group(title)
     group.add_argument('--max-speed', metavar='RAD/S', type=positive,
                        help='maximum joint speed of a sample (default: 0.15)')
-    if rate:
-        group.add_argument('--rate', metavar='HZ', type=positive,
-                           help='maximum number of samples per second of slow motion (default: 5)')
+    group.add_argument('--rate', metavar='HZ', type=positive,
+                       help='maximum number of samples per second of slow motion (default: 5)')
     group.add_argument('--all-samples', action='store_true',
                        help='use every sample, fast or slow')
 

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     from gravity_comp_ros.workbench.store import Choice, Stage, State
     reading = arguments.read_options(args)
     choice = Choice((), reading.joints or (), args.formulation or FitOptions().formulation,
-                    reading, args.max_speed, args.all_samples)
+                    reading, arguments.gate(args))
     if args.urdf is not None:
         read_text(args.urdf)
         # The same default as `fit`: a chain with --urdf.

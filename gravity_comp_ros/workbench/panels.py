@@ -230,11 +230,10 @@ class Sidebar:
             self._joints, [self._joints.index(name) for name in choice.joints], 'joints')
         self.samples: Select = widgets.select(
             'Samples for fit and errors', [(_SLOW, 'slow samples'), (_ALL, 'all samples')],
-            _ALL if choice.all_samples else _SLOW, name='samples')
-        limit = '' if choice.max_speed is None else f'{choice.max_speed:g}'
+            _SLOW if choice.gate else _ALL, name='samples')
+        self._gate = choice.gate or GateOptions()
         self.limit: TextInput = widgets.field(
-            'Speed limit of slow samples, rad/s', limit, 'max-speed',
-            f'{GateOptions().max_speed:g}')
+            'Speed limit of slow samples, rad/s', f'{self._gate.max_speed:g}', 'max-speed')
         self.scales: dict[str, TextInput] = {
             name: widgets.field(name, f'{choice.reading.effort_scale.get(name, 1.0):g}',
                                 f'scale-{k}')
@@ -269,14 +268,13 @@ class Sidebar:
             raise OptionError('select at least one run and one joint')
         scale = {name: _number(field.value, f'the scale of the effort of {name}')
                  for name, field in self.scales.items()}
-        limit = self.limit.value.strip()
         reading = replace(
             self.shows.reading, effort_scale={name: x for name, x in scale.items() if x != 1.0},
             differentiate=bool(self.speeds.active),
             accept=tuple(self._kinds[k] for k in sorted(self.accept.active)))
-        return Choice(runs, joints, self.formulation.value, reading,
-                      _number(limit, 'the speed limit') if limit else None,
-                      self.samples.value == _ALL,
+        gate = None if self.samples.value == _ALL else replace(
+            self._gate, max_speed=_number(self.limit.value, 'the speed limit'))
+        return Choice(runs, joints, self.formulation.value, reading, gate,
                       NO_DESCRIPTION if self.axes.value == _UNKNOWN else self._urdf)
 
     def _apply(self, action: Callable[[Choice], None]) -> None:

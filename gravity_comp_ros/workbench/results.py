@@ -140,7 +140,7 @@ class Results:
         session = self.session
         if session.read is None or not session.choice.runs:
             return ''
-        if session.choice.all_samples:
+        if session.choice.gate is None:
             return session.ungated
         return self._cached(self._count_slow, 'slow', session.choice, session.read)
 

@@ -243,10 +243,10 @@ class Session(State):
                                  warnings=Model(first.model).warnings))
         elif is_first:
             # All samples of a fast recording, as `fit` does.
-            recording = Recording(read.samples, self.choice.gate(), read.reports)
+            recording = Recording(read.samples, self.choice.gate, read.reports)
             self.ungated = with_enough_motion(recording).ungated
             if self.ungated:
-                self.choice = replace(self.choice, all_samples=True)
+                self.choice = replace(self.choice, gate=None)
 
     def _learned(self, job: Job, answer: Learned) -> None:
         """Append a fitted model; its joints are in the order of the arm."""

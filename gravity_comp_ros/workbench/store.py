@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 import json
-import math
 import os
 from pathlib import Path
 import re
@@ -27,7 +26,7 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -43,24 +42,16 @@ class Choice:
     Chosen runs (by number) and joints, options of reading, and samples.
 
     The joints are those of `joints`, in this order. `urdf` is the robot description for the joint
-    axes, `none` for no description, None for that of the recordings. Gravity is fitted to and
-    compared on samples slower than `max_speed` in rad/s (None: the default limit), or all samples.
-
-    :raises OptionError: if a value is invalid.
+    axes, `none` for no description, None for that of the recordings. The model is fitted to and
+    compared on the slow samples of the `gate`, all if it is None.
     """
 
     runs: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
     formulation: str = FitOptions().formulation
     reading: ReadOptions = ReadOptions()
-    max_speed: float | None = None
-    all_samples: bool = False
+    gate: GateOptions | None = GateOptions()
     urdf: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.max_speed is not None and not (math.isfinite(self.max_speed)
-                                               and self.max_speed > 0.0):
-            raise OptionError(f'the speed limit is {self.max_speed} rad/s; it must be above 0')
 
     def options(self) -> ReadOptions:
         """Return the options to read the recordings; what is refused is refused by each job."""
@@ -81,12 +72,6 @@ class Choice:
             '--urdf', self.urdf]
         return ['--formulation', self.formulation, *axes]
 
-    def gate(self) -> GateOptions | None:
-        """Return the gate for the fit and the comparison; None for all samples."""
-        if self.all_samples:
-            return None
-        return GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
-
     def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
         """
         Return the chosen runs and joints of all recordings.
@@ -96,14 +81,17 @@ class Choice:
         runs = [samples.run(number) for number in self.runs]
         if not runs:
             raise DataError('no run is selected')
-        return Recording(concatenate(runs).joints(self.joints), self.gate(),
+        return Recording(concatenate(runs).joints(self.joints), self.gate,
                          tuple(reports[number] for number in self.runs))
 
     def gate_options(self) -> list[str]:
         """Return the arguments of a command with the same gate."""
-        if self.all_samples:
+        if self.gate is None:
             return ['--all-samples']
-        return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
+        given = (('--max-speed', 'max_speed'), ('--rate', 'rate_hz'))
+        return [word for option, name in given
+                if (value := getattr(self.gate, name)) != getattr(GateOptions(), name)
+                for word in (option, repr(value))]
 
     def command(self, verb: str, paths: tuple[Path, ...], *options: str,
                 joints: bool = False) -> str:
@@ -192,7 +180,7 @@ class State:
                 choice.command('diagnose', self.paths, *model, '--html', 'report.html')]
 
 
-_VERSION = 3
+_VERSION = 4
 _ID = re.compile(r'[0-9a-f]{16}')
 _MAX_SESSIONS = 50
 
@@ -330,7 +318,8 @@ def _choice(entry: dict[str, Any]) -> Choice:
                                for name, value in entry['reading'].items()}
     return Choice(**{**entry, 'runs': tuple(map(int, entry['runs'])),
                      'joints': tuple(map(str, entry['joints'])),
-                     'reading': ReadOptions(**options)})
+                     'reading': ReadOptions(**options),
+                     'gate': GateOptions(**entry['gate']) if entry['gate'] else None})
 
 
 def _check(state: State) -> None:

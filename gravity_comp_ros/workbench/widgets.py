@@ -148,9 +148,9 @@ def boxes(labels: Sequence[str], active: Sequence[int], name: str = '') -> Check
                          stylesheets=[INSIDE], name=name or None)
 
 
-def field(title: str, value: str, name: str, placeholder: str = '') -> TextInput:
+def field(title: str, value: str, name: str) -> TextInput:
     """Return a text field."""
-    return TextInput(title=printable(title), value=value, placeholder=placeholder, name=name,
+    return TextInput(title=printable(title), value=value, name=name,
                      stylesheets=[INSIDE], sizing_mode='stretch_width')
 
 

@@ -171,7 +171,7 @@ def workbench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
     parser.add_argument('--forget', action='store_true',
                         help='save no session on disk, and list none')
-    arguments.add_gate(parser, 'samples for the fit and the errors of gravity', rate=False)
+    arguments.add_gate(parser, 'samples for the fit and the errors of gravity')
     arguments.add_description(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
                               fixed=False)
 

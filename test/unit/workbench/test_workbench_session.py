@@ -15,6 +15,7 @@ from bench.shared.campaign import campaign
 from bench.shared.rough_links import COULOMB, JOINTS, two_links
 from bench.shared.workbench_session import InProcess, session_of, worked
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
@@ -163,13 +164,13 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     session = worked(session_of(fast), until='DIAGNOSE')
     results = Results(session)
     # As in `fit`, all samples are fitted, and the model is evaluated on the same samples.
-    assert session.choice.all_samples
+    assert session.choice.gate is None
     assert 'samples: all are fitted' in results.slow_warning()
     contents = results.contents()
     assert contents.compared == '1200 samples used, including fast ones'
     assert contents.comparison.joints['elbow'].n == 1200
     assert '--all-samples' in session.commands()[0]
-    session.evaluate(replace(session.choice, all_samples=False))
+    session.evaluate(replace(session.choice, gate=GateOptions()))
     assert 'keeps only' in results.slow_warning()
 
 
@@ -211,7 +212,7 @@ def a_random_choice(rng, session):
     runs = tuple(sorted(rng.permutation(2)[:rng.integers(1, 3)].tolist()))
     joints = tuple(rng.permutation(JOINTS).tolist())
     gate = {} if rng.random() < 0.5 else (
-        {'max_speed': 0.1} if rng.random() < 0.5 else {'all_samples': True})
+        {'gate': GateOptions(0.1)} if rng.random() < 0.5 else {'gate': None})
     scale = {} if rng.random() < 0.5 else {'elbow': -1.0 / 3.0}
     reading = replace(session.choice.reading, effort_scale=scale,
                       differentiate=bool(rng.random() < 0.5))
