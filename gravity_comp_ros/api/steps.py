@@ -42,8 +42,6 @@ from gravity_comp_ros.models.history import with_step
 import numpy as np
 
 PAYLOAD = 'payload'
-# Minimum number of slow samples for a fit with the default gate.
-MIN_SLOW_SAMPLES = int(FactOptions().min_samples)
 # Maximum recorded time, in s, for which the convergence of the model is tested.
 _MAX_TESTED_TIME = 90.0
 
@@ -173,20 +171,20 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
 
 def with_enough_motion(recording: Recording) -> Recording:
     """
-    Return the recording, without its gate if it has too few slow samples.
+    Return the recording, without its gate if it has too few slow samples, or less than a fifth.
 
     The few slow samples of a fast recording cover few poses, and a model fitted to them does not
-    generalise. Friction and inertia are nuisance terms of the fit, so that fast samples can be
-    used. Only the default gate is removed.
+    generalise; effects of motion have larger intervals. Friction and inertia are nuisance terms
+    of the fit, so that fast samples can be used. Only the default gate is removed.
     """
     if recording.gate != GateOptions():
         return recording
     try:
-        n_slow = recording.slow.n_samples
+        n_slow, share = recording.slow.n_samples, slow_mask(recording).sum() / len(recording)
     except DataError:
-        n_slow = 0
-    n = recording.samples.n_samples
-    if n_slow >= MIN_SLOW_SAMPLES or n < 2 * MIN_SLOW_SAMPLES:
+        n_slow, share = 0, 0.0
+    n, facts = recording.samples.n_samples, FactOptions()
+    if n_slow >= facts.min_samples and share >= facts.min_slow or n < 2 * facts.min_samples:
         return recording
     return replace(recording, gate=None, ungated=(
         f'the slow-motion gate keeps only {n_slow} of {n} samples: all are fitted, with inertia '

@@ -8,7 +8,7 @@ from dataclasses import replace
 from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
+from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands import next_step, terminal
 from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
 from gravity_comp_ros.data.gate import GateOptions
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
          'motion': None if enough is None else enough.to_json()},
         [*(line for each in facts for line in _lines(*each)),
          *([*map(_fact_line, missing), ''] if missing else []),
-         *_next_step(args, facts, refusals)])
+         *_next_step(args, facts, refusals, bool(with_enough_motion(together).ungated))])
 
 
 def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough | None:
@@ -61,15 +61,15 @@ def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough
 
 
 def _next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, RecordingFacts]],
-               refusals: list[Fact]) -> list[terminal.Line]:
+               refusals: list[Fact], ungated: bool) -> list[terminal.Line]:
     """Return the command of the fit, with inverted effort where friction has the wrong sign."""
     other = [fact for fact in refusals if fact.kind is not Kind.EFFORT_SIGN]
     if other:
         return next_step.lines('correct what is refused above; `fit` refuses it too')
     inverted = {name for fact in refusals for name in fact.joints}
     why = 'learn gravity' + ', with the sign of the effort inverted' * bool(inverted)
-    if sum(facts.kept for _, facts in recordings) < MIN_SLOW_SAMPLES:
-        why += '; the gate keeps few samples, so that `fit` uses all'
+    if ungated:
+        why += '; few samples are slow, so that `fit` uses all'
     if inverted:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': _scales(
             recordings[0][0], inverted)})

@@ -21,8 +21,8 @@ which recordings: slow motion (every joint under 0.15 rad/s) through the poses o
 joint in both directions, with a constant payload; a minute or more, two runs rather than one.
 
 Gravity is fitted jointly with friction, inertia and other effects, to slow samples, or to all if
-fewer than 100 of at least 200 are slow. With --holdout the saved model is fitted without the
-held-out data; `compare --holdout` uses that data.
+fewer than 100 of at least 200, or less than a fifth, are slow. With --holdout the saved model is
+fitted without the held-out data; `compare --holdout` uses that data.
 """, arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json)
 def fit(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fit`."""
