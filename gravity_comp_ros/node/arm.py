@@ -13,14 +13,13 @@ from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.errors import GravityCompError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import rms
-from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
 from gravity_comp_ros.node.parameters import BY_NAME, Parameters
-from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
+from gravity_comp_ros.node.torque_source import ModelInUse
 from gravity_comp_ros.node.watch import Watch
 import numpy as np
 
@@ -73,10 +72,6 @@ def _effort(element: Element) -> float:
     return 0.0
 
 
-# Time between two evaluations of the share of an uncertain change, s. Each takes 0.2 ms.
-SHARE_PERIOD = ExternalTorqueOptions().std_period
-
-
 class Arm:
     """
     The state that exists once the joint names are known.
@@ -101,7 +96,6 @@ class Arm:
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
         self.in_use: ModelInUse | None = None
-        self._share_at = -np.inf
         # Residuals since the last report (2, N) in N·m: with and without nuisance terms.
         self._residuals: list[FloatArray] = []
         self.set(settings)
@@ -167,19 +161,15 @@ class Arm:
         self.restart()
         self.feed.restart()
 
-    def use(self, model: GravityModel, before: GravityModel | None, learned: int,
-            change: UncertainChange | None = None) -> None:
+    def use(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
         """
         Take another model into use.
 
         :param before: the model to roll back to if this one is wrong.
         :param learned: the number of its training samples; 0 for a model from a file.
-        :param change: change from the previous payload where it was learned from few samples.
         """
         self.watch.use(model, before, learned)
-        self.in_use = ModelInUse(model, self.settings, change)
-        if self.pose is not None:
-            self.in_use.update_share(self.pose)
+        self.in_use = ModelInUse(model, self.settings)
         self.feed.use(self.in_use.source)
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
@@ -195,14 +185,6 @@ class Arm:
         if tau is not None:
             self.sent.published(now, tau)
         return tau
-
-    def update_share(self, now: float) -> None:
-        """Determine the share of an uncertain change at the present pose every `SHARE_PERIOD`."""
-        if self.in_use is not None and self.pose is not None and (
-                not 0.0 <= now - self._share_at < SHARE_PERIOD):
-            self._share_at = now
-            if self.in_use.update_share(self.pose):
-                self.feed.use(self.in_use.source)
 
     def learn(self, reading: Reading, now: float) -> None:
         """

@@ -77,14 +77,12 @@ class CheckOptions:
     Limits of the checks, and of the data that they use; ratios have no unit, evidence is in nats.
 
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
-    - `significant`: standard deviations of a change of the torque that is published, and by which
-      a model of more samples may have a larger error on held-out samples: its expected error is
-      smaller, and the figures of two equal ones differ. Also those by which a mass or a reach may
-      exceed its limit.
+    - `significant`: standard deviations by which a model of more samples may have a larger error
+      on held-out samples: its expected error is smaller, and the figures of two equal ones differ.
+      Also those by which a mass or a reach may exceed its limit.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
     - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
-      explains too little (`FactOptions.min_share`) has no gravity; and distance outside the range
-      of new samples at which a change of the torque must be twice as significant.
+      explains too little (`FactOptions.min_share`) has no gravity.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
       variation, and of the largest one; of a change where no chain explains the arm, `max_largest`
       of the change, or `predicted` times the noise.

@@ -15,7 +15,6 @@ from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, Rows, rows_of
 from gravity_comp_ros.node.job_messages import (
     FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
-from gravity_comp_ros.node.torque_source import UncertainChange
 from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.worker_process import Failed, READY, Supervised
 import numpy as np
@@ -197,11 +196,8 @@ class Learner:
         """Take a new model into use."""
         epoch, model = self.arm.epoch, result.model
         self.models.use(model, f'{result.how} in epoch {epoch.number}', now, epoch.number)
-        # The samples of a closed epoch determine the whole change.
-        change = None if epoch.base is None or not epoch.is_open else UncertainChange(
-            model, epoch.base, result.range)
         past = self.models.past
-        self.arm.use(model, past[-1].model if past else None, model.coverage.n_samples, change)
+        self.arm.use(model, past[-1].model if past else None, model.coverage.n_samples)
         self.models.problem = ''
         self._save()
 

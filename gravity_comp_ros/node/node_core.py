@@ -176,7 +176,6 @@ class NodeCore:
         if self.learner is None:
             return None
         self.learner.poll(answers, now, wall)
-        self.learner.arm.update_share(now)
         return self.learner.arm.watchdog(now)
 
     def close(self) -> None:

@@ -51,7 +51,7 @@ class NodeOptions:
     - `watch_period`, s: of calls of the watchdog, and of polling the fit process.
     - `ramp_share`: largest change of a joint's torque within `ramp_time` by a transition to a
       model, as a share of its limit `max_torque`: a wrong model then moves any arm slowly.
-    - `rounding`, N·m: of an offset or a change of the torque.
+    - `rounding`, N·m: of an offset.
 
     Process:
 

@@ -1,9 +1,9 @@
-"""The model in use: torque for the feed-forward, its effects and share, and residuals."""
+"""The model in use: torque for the feed-forward, its effects, and residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -14,9 +14,7 @@ from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.messages import CompleteReading, Reading
-from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -76,46 +74,6 @@ class TorqueSource:
         return torque if all_finite(torque) else None
 
 
-@dataclass(eq=False)
-class UncertainChange:
-    """
-    The change of the torque from a model to one of few samples, which is used in part.
-
-    A few seconds of motion determine the change of some joints well and of others badly. With d_n
-    the change of the torque of joint n at a pose and s_n its standard deviation,
-
-        share_n = max(0, 1 - (k s_n / d_n)^2),    k = 2 (1 + distance / 0.5 rad),
-
-    the torque is old + share (new - old): a change that is not significant is not sent. `distance`
-    is that of the pose from the range of the new samples, where the standard deviation itself is
-    less certain. Without a standard deviation no change is significant.
-
-    `model` was learned from few samples in a `range`, `before` is that of the previous payload.
-    The `share` in use is none of the change at first.
-    """
-
-    model: GravityModel
-    before: GravityModel
-    range: Coverage
-    share: FloatArray | float = 0.0
-
-    def share_at(self, q: FloatArray) -> FloatArray:
-        """Return the share (N,) of the change to use at pose q (N,), 0 to 1; it takes 0.2 ms."""
-        std = std_of(self.model, q)
-        if not std.size:
-            return np.zeros(len(q))
-        change = self.model.predict_one(q) - self.before.predict_one(q)
-        distance = float(self.range.distance(q).max())
-        uncertain = OPTIONS.significant * (1.0 + distance / OPTIONS.min_span) * std
-        share = 1.0 - (uncertain / np.maximum(np.abs(change), NODE.rounding)) ** 2
-        return np.where(np.isfinite(share), np.maximum(0.0, share), 0.0)
-
-    def predict(self, q: FloatArray) -> FloatArray:
-        """Return the torque (N,) in N·m: that of the previous model and a share of the change."""
-        before = self.before.predict_one(q)
-        return before + self.share * (self.model.predict_one(q) - before)
-
-
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
     """Return the standard deviation of a model's torque (N,) in N·m; empty if there is none."""
     try:
@@ -130,15 +88,10 @@ class ModelInUse:
 
     `source` is the torque to publish, `compensated` the effects in it, as `NAME:JOINT`. `problem`
     is the reason why another effect of the parameter `compensate` is not sent, else empty.
-
-    :param change: change from the previous payload where few samples determine it; none of it is
-        used until `update_share` is called.
     """
 
-    def __init__(self, model: GravityModel, settings: Parameters,
-                 change: UncertainChange | None = None) -> None:
+    def __init__(self, model: GravityModel, settings: Parameters) -> None:
         self.model = model
-        self._change = change
         # Friction that persists at rest has a memory: one of the messages, one of the samples.
         self._effects, self._effects_of_samples = (
             LiveEffects(model, model.applied.effects) for _ in range(2))
@@ -156,19 +109,9 @@ class ModelInUse:
         if requested and not sent.targets and not self.problem:
             self.problem = 'the model has none of the effects to compensate'
         self.source = TorqueSource(
-            self._change.predict if self._change else model.predict_one, model.coverage,
+            model.predict_one, model.coverage,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
             (lambda q, qd: sent.torque(q, qd, model.predict_one(q))) if sent.targets else None)
-
-    def update_share(self, q: FloatArray) -> bool:
-        """Determine the share of an uncertain change at pose q (N,); return whether it differs."""
-        change = self._change
-        if change is None:
-            return False
-        before, change.share = change.share, change.share_at(self.source.nearest(q))
-        # Another source begins a transition.
-        self.source = replace(self.source)
-        return bool((change.share != before).any())
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""

@@ -1,15 +1,9 @@
 """`NodeCore` without ROS, with explicit messages and time: its input, torque and description."""
 
-from dataclasses import replace
-
 from bench.shared.node_messages import (
     feed, motion, send_message, slow_state, status, torque, until)
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
-from gravity_comp_ros.node.torque_source import UncertainChange
 import numpy as np
 import pytest
 
@@ -209,17 +203,3 @@ def test_a_description_does_not_limit_torque_that_is_published_without_limits(li
     np.testing.assert_allclose(tau, node.models.model.predict_one(pose))
     assert tau[0] > 4.0 and node.arm.described.geometry is not None
     assert 'effort limits none' in node.events.log[-1][1]
-
-
-def test_an_uncertain_change_without_a_standard_deviation_is_not_used(live, model_file):
-    node = live(model_file=str(model_file), ramp_time=0.0, max_torque_rate=())
-    now = feed(node, 20)
-    base = node.models.model
-    t, q = motion(60)
-    samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))
-    unknown = replace(fit(samples).model, covariance=None)
-    change = UncertainChange(unknown, base, Coverage.of(samples))
-    node.arm.use(unknown, base, 60, change)
-    pose = np.array([0.4, 0.1])
-    tau = send_message(node, slow_state(now + 0.2, pose, [0.0, 0.0]), now + 0.2)[1]
-    np.testing.assert_allclose(tau, base.predict_one(pose))

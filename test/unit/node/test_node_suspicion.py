@@ -19,7 +19,7 @@ from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import ModelInUse, UncertainChange
+from gravity_comp_ros.node.torque_source import ModelInUse
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, Watch
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
@@ -192,28 +192,6 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
     longest = NODE.period + 1.0 / rate
     if lasts > max(lasting, MIN_WINDOW * longest) + 15.0 * longest:
         assert suspected
-
-
-@given(st.floats(0.0, 50.0), st.floats(0.0, 3.0))
-def test_a_share_of_an_uncertain_change_is_used(change, std):
-    class Model:
-        def __init__(self, torque):
-            self.torque = torque
-
-        def predict_one(self, q):
-            return self.torque
-
-        def predict_std(self, q):
-            return np.full((1, 2), std)
-
-    uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)),
-                                Coverage(np.zeros(2), np.ones(2), 1))
-    here, far = uncertain.share_at(np.full(2, 0.5)), uncertain.share_at(np.full(2, 1.5))
-    assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
-    if 1e-3 < change <= 2.0 * std:
-        assert here[0] == 0.0
-    elif change > 20.0 * std:
-        assert here[0] >= 0.99
 
 
 def core_with(model, **settings):
