@@ -8,13 +8,12 @@ last from the new target begins to fall linearly to zero,
 
     published = target + offset,    between the torque published last and the target,
 
-so that the torque follows the pose from the first message on and never moves away from its target.
+so that the torque follows the pose and never moves away from its target.
 Then the limits of rate and size apply.
 """
 
 from __future__ import annotations
 
-from collections import deque
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -69,13 +68,12 @@ class FeedForward:
     def restart(self) -> None:
         """Forget torque and input; with the next message torque ramps up from zero."""
         self._last = self._offset = self._speed = self._zero
-        # Pose and speed of the last message.
-        self._moved: tuple[FloatArray, FloatArray | None] | None = None
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
         self._fresh: float | None = None
         self._now = None
-        self._intervals: deque[float] = deque(maxlen=NODE.period_messages)
+        # Mean period of the messages, s; 0 before there are two.
+        self._period = 0.0
 
     @property
     def is_publishing(self) -> bool:
@@ -100,21 +98,17 @@ class FeedForward:
         if source is None:
             self._fresh = now
             return None
-        gravity, effects = self._due(source, q, qd)
+        gravity = source.torque(q, self.options.extrapolation, self.margin)
+        effects = source.effect_torque(q, qd, self.margin)
         if not all_finite(gravity):
             return None
         silent = not self.enabled and self._is_at_rest()
         phase = ('model', source, effects is None) if self.enabled else ('off',)
-        target = self._target(gravity, effects)
+        target = self._zero if not self.enabled else self._clipped(
+            gravity if effects is None else gravity + effects)
         if phase != self._phase:
-            reference = target
-            if self._moved is not None and self._phase[:1] == phase[:1] == ('model',):
-                # The motion since the last message is no part of the offset.
-                before = self._due(source, *self._moved)
-                if (before[1] is None) == (effects is None):
-                    reference = self._target(*before)
-            self._begin(phase, reference, self.options.ramp_time, is_capped=self.enabled)
-        self._fresh, self._gravity, self._moved = now, gravity, (q, qd)
+            self._begin(phase, target, self.options.ramp_time, is_capped=self.enabled)
+        self._fresh, self._gravity = now, gravity
         return None if silent else self._published(target, dt)
 
     def watch(self, now: float) -> FloatArray | None:
@@ -154,17 +148,6 @@ class FeedForward:
                 return FADED
             return FADING if self._is_fading(now) else HOLDING
         return RAMPING if self._offset.any() else ACTIVE
-
-    def _due(self, source: TorqueSource, q: FloatArray,
-             qd: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
-        """Return gravity, and the torque of the effects or None, (N,) in N·m."""
-        return (source.torque(q, self.options.extrapolation, self.margin),
-                source.effect_torque(q, qd, self.margin))
-
-    def _target(self, gravity: FloatArray, effects: FloatArray | None) -> FloatArray:
-        if not self.enabled:
-            return self._zero
-        return self._clipped(gravity if effects is None else gravity + effects)
 
     def _begin(self, phase: tuple[object, ...], target: FloatArray, seconds: float,
                is_capped: bool) -> None:
@@ -211,13 +194,16 @@ class FeedForward:
         """
         Return the time step since the last call.
 
-        It is at most `stale_after`, because the clock may jump, and some median periods of the
+        It is at most `stale_after`, because the clock may jump, and some mean periods of the
         messages, so that the first one after a stall makes no large step.
         """
         dt = 0.0 if self._now is None else max(now - self._now, 0.0)
         dt, self._now = min(dt, self.options.stale_after), now
-        periods = sorted(self._intervals)
-        longest = NODE.max_periods * periods[len(periods) // 2] if periods else dt
-        if is_message and dt > 0.0:
-            self._intervals.append(dt)
-        return min(dt, longest if is_message else max(NODE.watch_period, longest))
+        longest = NODE.max_periods * self._period or dt
+        if not is_message:
+            return min(dt, max(NODE.watch_period, longest))
+        dt = min(dt, longest)
+        if dt > 0.0:
+            share = 1.0 / NODE.period_messages if self._period else 1.0
+            self._period += share * (dt - self._period)
+        return dt

@@ -46,7 +46,7 @@ class NodeOptions:
 
     Torque:
 
-    - `period_messages`: messages of the median period; `max_periods`: largest time step of a
+    - `period_messages`: time constant of the mean period; `max_periods`: largest time step of a
       message in this period, so that the first one after a stall makes no large step.
     - `watch_period`, s: of calls of the watchdog, and of polling the fit process.
     - `ramp_share`: largest change of a joint's torque within `ramp_time` by a transition to a
@@ -89,7 +89,7 @@ class NodeOptions:
     max_acceleration: float = 0.25
     max_required: int = 200
     new_samples: int = 5
-    period_messages: int = 20
+    period_messages: int = 5
     max_periods: float = 2.0
     watch_period: float = 0.02
     ramp_share: float = 0.2
