@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 
-# Weight of velocity, in s, in the distance of two samples: samples of one pose with opposite
-# directions of motion differ by friction.
+# Weight of velocity, in s, in the cell of a sample: samples of one pose with opposite directions
+# of motion differ by friction.
 VELOCITY_WEIGHT = 1.0
 
-# Minimum distance, in rad, of a new sample that is added; a closer one replaces the kept one, so
-# that an arm at rest does not fill the buffer.
-MIN_DISTANCE = 1e-3
+# Smallest edge of a cell, in rad: an arm at rest does not fill the buffer.
+MIN_EDGE = 1e-3
+# Number of the cell of 0. Its alternate bits place 0 a third of an edge from the border of its
+# cell at every size, so that small values of both signs share a large cell.
+_ORIGIN = 0x55555555
 # Minimum share of the samples whose acceleration is known.
 _MIN_KNOWN = 0.9
 
 
-class SampleRing:
+class SampleBuffer:
     """
-    At most `capacity` samples of N joints.
+    At most `capacity` samples of N joints, one for each cell of pose and velocity.
 
-    The distance of two samples is that of their poses and velocities. A sample closer than
-    `MIN_DISTANCE` to a kept one replaces it. In a full buffer every other new sample is added and
-    the older one of the closest pair is removed: an arm at rest replaces its own samples, and
-    those of earlier motion stay. Memory is O(capacity); an offer costs O(capacity · N), and as
-    much again for every sample whose nearest neighbour is removed.
+    A sample replaces that of its cell, but a held-out one replaces held-out ones alone. In a full
+    buffer the edge of the cells doubles, and the newest sample of each stays: an arm at rest
+    replaces its own samples, and those of earlier motion stay. An offer is O(N), and
+    O(capacity · N) where the cells grow, which a motion requires once in capacity / 2 offers or
+    less often.
 
     :param names: joint names.
     :param capacity: the number of samples to keep, at least 2.
@@ -39,34 +42,29 @@ class SampleRing:
         if capacity < 2:
             raise OptionError(f'buffer: capacity is {capacity}; it must be at least 2')
         self._names = tuple(names)
-        n = len(self._names)
-        # One row more than the capacity, for the new sample before one is removed.
-        rows = capacity + 1
         self._capacity = capacity
-        self._count = 0
-        self._offered = 0
         self._run = 0
         self._last = -np.inf
-        self._t = np.zeros(rows)
-        self._values = np.zeros((rows, 4, n))
-        self._extra = np.zeros((rows, n_extra))
-        self._features = np.zeros((rows, 2 * n))
-        self._runs = np.zeros(rows, dtype=np.int64)
-        self._order = np.zeros(rows, dtype=np.int64)
-        self._near = np.full(rows, np.inf)
-        self._nearest = np.full(rows, -1, dtype=np.int64)
+        # The edge of a cell is `MIN_EDGE` times 2 to this power.
+        self._doublings = 0
+        # The row of each cell. A row has run, part, time, position, velocity, torque and
+        # acceleration, and the further figures; there is one more than the capacity.
+        self._row_of: dict[bytes, int] = {}
+        self._free = list(range(capacity + 1))
+        self._rows = np.zeros((capacity + 1, 3 + 4 * len(self._names) + n_extra))
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._row_of)
 
     @property
     def names(self) -> tuple[str, ...]:
         return self._names
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
-              qdd: FloatArray | None = None, extra: FloatArray | None = None) -> None:
+              qdd: FloatArray | None = None, extra: Sequence[float] | FloatArray = (),
+              is_held_out: bool = False) -> None:
         """
-        Add a sample; from a full buffer one is removed.
+        Add a sample in place of the one in its cell.
 
         A time that does not increase starts a new run.
 
@@ -75,32 +73,25 @@ class SampleRing:
         :param qd: velocities (N,) in rad/s.
         :param tau: torques (N,) in N·m.
         :param qdd: accelerations (N,) in rad/s^2, None if they are unknown.
-        :param extra: further figures (K,) of the sample; None for zeros.
+        :param extra: the further figures (K,) of the sample.
+        :param is_held_out: a held-out sample replaces none that is not, and is replaced by none.
         :raises DataError: if a value is not finite.
         """
-        unknown = np.full(len(self._names), np.nan)
-        sample = np.array((q, qd, tau, unknown if qdd is None else qdd), dtype=np.float64)
-        if not (np.isfinite(sample[:3]).all() and np.isfinite(t)):
+        measured = np.concatenate(([t], q, qd, tau))
+        if not np.isfinite(measured).all():
             raise DataError('buffer: a sample is not finite')
         if t <= self._last:
             self._run += 1
         self._last = t
-        feature = np.concatenate((sample[0], sample[1] * VELOCITY_WEIGHT))
-        distances = self._distances(feature)
-        nearest = int(np.argmin(distances)) if self._count else -1
-        if nearest >= 0 and distances[nearest] < MIN_DISTANCE ** 2:
-            # The feature is not replaced: otherwise a slow creep would move a single sample.
-            self._put(nearest, t, sample, extra)
-            return
-        row = self._count
-        self._count += 1
-        self._features[row] = feature
-        self._put(row, t, sample, extra)
-        self._link(row, distances)
-        if self._count > self._capacity:
-            first = int(np.argmin(self._near[:self._count]))
-            second = int(self._nearest[first])
-            self._remove(first if self._order[first] < self._order[second] else second)
+        unknown = np.full(len(self._names), np.nan)
+        row = np.concatenate(([self._run, is_held_out], measured,
+                              unknown if qdd is None else qdd, extra))
+        key = _keys(self._cells(row[None]))[0]
+        if key not in self._row_of:
+            self._row_of[key] = self._free.pop()
+        self._rows[self._row_of[key]] = row
+        if len(self) > self._capacity:
+            self._grow()
 
     def samples(self) -> JointSamples:
         """
@@ -108,63 +99,63 @@ class SampleRing:
 
         They have accelerations if most are known; unknown ones are then 0, as at isolated samples.
         """
-        n, order = self._count, self._by_time()
-        runs, numbers = np.unique(self._runs[:n][order], return_inverse=True)
-        values = self._values[:n][order]
+        rows = self._rows[self._by_time()]
+        runs, numbers = np.unique(rows[:, 0].astype(np.int64), return_inverse=True)
+        q, qd, tau, qdd = np.split(rows[:, 3:3 + 4 * len(self._names)], 4, axis=1)
         labels = tuple(f'live {run}' for run in runs) or ('live 0',)
-        known = np.asarray(np.isfinite(values[:, 3]).all(axis=1))
-        qdd = np.where(known[:, None], values[:, 3], 0.0) if (
-            n and known.mean() >= _MIN_KNOWN) else None
-        return JointSamples(self._names, self._t[:n][order], values[:, 0], values[:, 1],
-                            values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels), qdd)
+        known = np.asarray(np.isfinite(qdd).all(axis=1))
+        is_known = bool(len(rows)) and known.mean() >= _MIN_KNOWN
+        return JointSamples(self._names, rows[:, 2], q, qd, tau, numbers.reshape(-1), labels,
+                            (0.0,) * len(labels),
+                            np.where(known[:, None], qdd, 0.0) if is_known else None)
+
+    def held_out(self) -> BoolArray:
+        """Return a mask (M,) of the held-out samples, in the order of `samples`."""
+        return np.asarray(self._rows[self._by_time(), 1] > 0.0)
 
     def extra(self) -> FloatArray:
         """Return the further figures (M, K) of the samples, in the order of `samples`."""
-        return self._extra[:self._count][self._by_time()]
-
-    def _by_time(self) -> IntArray:
-        return np.lexsort((self._t[:self._count], self._runs[:self._count]))
+        return self._rows[self._by_time(), 3 + 4 * len(self._names):]
 
     def span(self) -> FloatArray:
         """Return the range of every joint over the samples, (N,) in rad; 0 without samples."""
-        q = self._values[:self._count, 0]
-        return np.ptp(q, axis=0) if self._count else np.zeros(len(self._names))
+        n = len(self._names)
+        return np.ptp(self._rows[self._by_time(), 3:3 + n], axis=0) if len(self) else np.zeros(n)
 
-    def _put(self, row: int, t: float, sample: FloatArray, extra: FloatArray | None) -> None:
-        self._t[row] = t
-        self._values[row] = sample
-        self._extra[row] = 0.0 if extra is None else extra
-        self._runs[row] = self._run
-        self._order[row] = self._offered
-        self._offered += 1
+    def snapshot(self) -> SampleBuffer:
+        """Return a copy that later samples do not change."""
+        result = copy(self)
+        result._rows, result._row_of = self._rows.copy(), self._row_of.copy()
+        result._free = self._free.copy()
+        return result
 
-    def _distances(self, feature: FloatArray) -> FloatArray:
-        difference = self._features[:self._count] - feature
-        return np.einsum('ij,ij->i', difference, difference)
+    def _by_time(self) -> IntArray:
+        """Return the rows of the samples in order of time."""
+        used = np.fromiter(self._row_of.values(), dtype=np.int64, count=len(self))
+        return np.asarray(used[np.lexsort((self._rows[used, 2], self._rows[used, 0]))])
 
-    def _link(self, row: int, distances: FloatArray) -> None:
-        """Update nearest neighbours for the newest row with `distances` to the rows before it."""
-        self._near[row], self._nearest[row] = np.inf, -1
-        if row == 0:
-            return
-        closer = np.flatnonzero(distances < self._near[:row])
-        self._near[closer] = distances[closer]
-        self._nearest[closer] = row
-        self._nearest[row] = np.argmin(distances)
-        self._near[row] = distances[self._nearest[row]]
+    def _cells(self, rows: FloatArray) -> IntArray:
+        """Return part and cell (M, 1 + 2N) of rows."""
+        n = len(self._names)
+        cells = np.empty((len(rows), 1 + 2 * n), dtype=np.int64)
+        cells[:, 0] = rows[:, 1]
+        cells[:, 1:1 + n] = np.floor(rows[:, 3:3 + n] / MIN_EDGE)
+        cells[:, 1 + n:] = np.floor(rows[:, 3 + n:3 + 2 * n] * (VELOCITY_WEIGHT / MIN_EDGE))
+        cells[:, 1:] = cells[:, 1:] + _ORIGIN >> self._doublings
+        return cells
 
-    def _remove(self, row: int) -> None:
-        last = self._count - 1
-        orphans = np.flatnonzero(self._nearest[:self._count] == row)
-        for array in (self._t, self._values, self._extra, self._features, self._runs, self._order,
-                      self._near, self._nearest):
-            array[row] = array[last]
-        self._count = last
-        nearest = self._nearest[:last]
-        nearest[nearest == last] = row
-        for orphan in orphans:
-            moved = row if orphan == last else int(orphan)
-            distances = self._distances(self._features[moved])
-            distances[moved] = np.inf
-            nearest[moved] = np.argmin(distances)
-            self._near[moved] = distances[nearest[moved]]
+    def _grow(self) -> None:
+        """Double the edge of the cells until the samples fit; the newest of each cell stays."""
+        order = self._by_time()
+        cells, rows = self._cells(self._rows)[order], order.tolist()
+        while len(self) > self._capacity:
+            self._doublings += 1
+            cells[:, 1:] >>= 1
+            self._row_of = dict(zip(_keys(cells), rows))
+        self._free = list({*rows} - {*self._row_of.values()})
+
+
+def _keys(cells: IntArray) -> list[bytes]:
+    """Return one key for each row of integers (M, K)."""
+    whole = np.dtype((np.void, cells.itemsize * cells.shape[1]))
+    return [bytes(key) for key in cells.view(whole).ravel().tolist()]

@@ -9,12 +9,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from operator import itemgetter
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
-from gravity_comp_ros.data.sample_buffer import SampleRing
+from gravity_comp_ros.data.sample_buffer import SampleBuffer
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.facts.options import FactOptions
@@ -159,10 +158,10 @@ def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> Complete
                            reading.new_run)
 
 
-def rows_of(ring: SampleRing) -> Rows:
-    """Return the samples of a ring, with a mark and the sent torques; it takes milliseconds."""
-    extra, n = ring.extra(), len(ring.names)
-    return Rows(ring.samples(), extra[:, 0] > 0.0, extra[:, 1:].reshape(-1, len(DELAYS), n))
+def rows_of(buffer: SampleBuffer) -> Rows:
+    """Return the samples of a buffer with the sent torques; it takes milliseconds."""
+    return Rows(buffer.samples(), buffer.held_out(),
+                buffer.extra().reshape(-1, len(DELAYS), len(buffer.names)))
 
 
 class Epoch:
@@ -193,8 +192,8 @@ class Epoch:
         self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
-        n_extra = 1 + len(DELAYS) * len(self._names)
-        self._ring = SampleRing(self._names, NODE.capacity, n_extra)
+        self._buffer = SampleBuffer(
+            self._names, NODE.capacity, len(DELAYS) * len(self._names))
 
     def restart_after_broken_effort(self) -> None:
         """Drop all samples; in few a payload explains a wrong gain: the next fit needs more."""
@@ -206,24 +205,23 @@ class Epoch:
         block = self._offered // self.settings.block
         is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
         r = sample.reading
-        self._ring.offer(r.t, r.q, r.qd, r.tau, sample.qdd,
-                         np.concatenate(([is_held_out], sample.sent.ravel())))
+        self._buffer.offer(r.t, r.q, r.qd, r.tau, sample.qdd, sample.sent.ravel(), is_held_out)
         self._offered += 1
 
     def __len__(self) -> int:
-        return len(self._ring)
+        return len(self._buffer)
 
     @property
     def n_held_out(self) -> int:
-        return int(self._ring.extra()[:, 0].sum())
+        return int(self._buffer.held_out().sum())
 
-    def snapshot(self) -> SampleRing:
-        """Return a copy of the ring for `rows_of` in another thread; it takes 0.1 ms."""
-        return deepcopy(self._ring)
+    def snapshot(self) -> SampleBuffer:
+        """Return a copy of the samples for `rows_of` in another thread; it takes 0.1 ms."""
+        return self._buffer.snapshot()
 
     def span(self) -> FloatArray:
         """Return the range of every joint over the samples, (N,) in rad."""
-        return self._ring.span()
+        return self._buffer.span()
 
     def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `NODE.min_range`."""
@@ -251,13 +249,13 @@ class Epoch:
         if not self.is_open:
             return False
         # A fit that failed is repeated with more samples only: it may fail each time.
-        is_due = self._growing() >= NODE.growth * self._fitted_at or (
+        is_due = self._offered >= NODE.growth * self._fitted_at or (
             self._is_full() and not self._was_full)
         return is_due and self.missing_for_fit() is None
 
     def fit_started(self) -> None:
         """Record the start of a fit of all samples up to now."""
-        self._fitted_at, self._was_full = self._growing(), self._is_full()
+        self._fitted_at, self._was_full = self._offered, self._is_full()
 
     def fit_succeeded(self) -> None:
         """Close the epoch if the last fit was one of all samples that it requires."""
@@ -269,10 +267,6 @@ class Epoch:
         text = f', too little range on {", ".join(missing)}' if missing else ''
         return (f'epoch {self.number} {"open" if self.is_open else "closed"}, {len(self)} of '
                 f'{self.settings.full_samples} samples ({self.n_held_out} held out){text}')
-
-    def _growing(self) -> int:
-        """Return the number of samples, of a full ring with those that were replaced."""
-        return len(self) if len(self) < NODE.capacity else self._offered
 
     def _is_full(self) -> bool:
         return len(self) >= self.settings.full_samples and not self.short_of_range()

@@ -29,8 +29,8 @@ class NodeOptions:
       the number of interpolated ones from each to the next.
     - `held_out_every`: one block of samples in this many is held out from fits.
     - `growth`: of the number of samples, after which the next fit is due.
-    - `capacity`: maximum number of samples, five minutes at 5 Hz; then new poses replace samples
-      at similar poses.
+    - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
+      and velocities stays, the newest.
     - `min_range`, rad: motion that each joint needs before the last fit.
 
     Watch of the model in use:

@@ -182,5 +182,5 @@ def test_a_failed_fit_does_not_close_the_epoch_and_is_repeated_with_more_samples
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     due = due_fits(epoch, 2 * NODE.capacity, False)
     assert epoch.is_open and due[:8] == [20, 25, 32, 40, 50, 60, 75, 94]
-    # Also with a full ring, whose number of samples does not grow.
-    assert due[-1] > NODE.capacity and len(epoch) == NODE.capacity
+    # Also with a full buffer, whose number of samples does not grow.
+    assert due[-1] > NODE.capacity and NODE.capacity // 2 <= len(epoch) <= NODE.capacity
