@@ -222,11 +222,9 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     t, body = table.window.samples.t, table.carried.log_evidence
     parts = table.explained(np.arange(len(t)) * NODE.parts // len(t)
                             == np.arange(NODE.parts)[:, None])
-    ends = table.explained([t <= t[0] + OPTIONS.end, t >= t[-1] - OPTIONS.end])
     present = [
         Check(checks.BODY_PRESENT, body - table.explain().log_evidence, OPTIONS.min_body, True),
-        Check(checks.IN_EACH_PART, parts, OPTIONS.min_part, True),
-        Check(checks.IN_EACH_PART, ends, OPTIONS.min_end, True)]
+        Check(checks.IN_EACH_PART, parts, OPTIONS.min_part, True)]
     other = [
         Check(checks.NO_PUSH, body - table.push().log_evidence, OPTIONS.min_over_push, True,
               'something pushes or pulls the last link, not only downwards'),

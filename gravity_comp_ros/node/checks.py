@@ -99,8 +99,7 @@ class CheckOptions:
     - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
     - `min_over_push`: log evidence of a body over a push. Payloads of 0.5 to 5 kg had 11 to 54 in
       six seconds of motion.
-    - `min_part`, `min_end`: share of the squared residual of each third of the window, and of
-      its first and last second, that the rest predicts.
+    - `min_part`: share of the squared residual of each third of the window that the rest predicts.
     - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
       judged.
     - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
@@ -119,7 +118,6 @@ class CheckOptions:
       the previous model's residual to it for a rollback.
     - `large`, `min_large`: a test for a payload is due where this share of the samples of each
       part of the window has a joint with a residual of this many times the noise.
-    - `end`: duration of the first and last part of a window that must show a body, s.
 
     Priors of the hypotheses, as standard deviations:
 
@@ -146,7 +144,6 @@ class CheckOptions:
     min_body: float = 20.0
     min_over_push: float = 10.0
     min_part: float = 0.6
-    min_end: float = 0.3
     min_gravity_ratio: float = 5.0
     full_fit_margin: float = 0.25
     sparse_margin: float = 0.1
@@ -160,7 +157,6 @@ class CheckOptions:
     max_previous: float = 0.5
     large: float = 3.0
     min_large: float = 0.75
-    end: float = 1.0
     correlated: float = 2.0
     body: tuple[float, ...] = (0.01, 1.0 / 30.0, 0.1, 1.0 / 3.0, 1.0)
     moment: float = 30.0
