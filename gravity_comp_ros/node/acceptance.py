@@ -145,11 +145,12 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
     :param before: torque of the model before the change (M, N), N·m.
     """
     weighted = before / noise
-    power = float((weighted ** 2).sum())
-    share = 1.0
-    if power > OPTIONS.min_gravity_ratio ** 2 * before.size:
-        share = float((weighted * samples.tau / noise).sum()) / power
-    return Check(checks.GRAVITY_PRESENT, share, OPTIONS.min_gravity, True, (
+    power = max(float((weighted ** 2).sum()), 1e-30)
+    share = float((weighted * samples.tau / noise).sum()) / power
+    # The standard deviation of the share, with the same error in all samples.
+    std = (before.size / power) ** 0.5
+    limit = OPTIONS.min_gravity - OPTIONS.significant * std
+    return Check(checks.GRAVITY_PRESENT, share, limit, True, (
         f'the effort contains {share:.0%} of the gravity of the arm itself: drives off, gravity '
         'subtracted by the driver, or another unit or sign'))
 

@@ -79,7 +79,8 @@ class CheckOptions:
     - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
     - `significant`: standard deviations by which a model of more samples may have a larger error
       on held-out samples: its expected error is smaller, and the figures of two equal ones differ.
-      Also those by which a mass or a reach may exceed its limit.
+      Also those by which a mass or a reach may exceed its limit, and the share of gravity may be
+      below it.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
     - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
       explains too little (`FactOptions.min_share`) has no gravity.
@@ -100,8 +101,6 @@ class CheckOptions:
     - `min_over_push`: log evidence of a body over a push. Payloads of 0.5 to 5 kg had 11 to 54 in
       six seconds of motion.
     - `min_part`: share of the squared residual of each third of the window that the rest predicts.
-    - `min_gravity_ratio`: gravity of the arm in units of the noise from which its presence is
-      judged.
     - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
       error than the change of the old model, and a potential than a chain. On about thirty
       samples a model that was wrong at other poses was better by a tenth.
@@ -144,7 +143,6 @@ class CheckOptions:
     min_body: float = 20.0
     min_over_push: float = 10.0
     min_part: float = 0.6
-    min_gravity_ratio: float = 5.0
     full_fit_margin: float = 0.25
     sparse_margin: float = 0.1
     new_effects: float = 2.0
