@@ -56,8 +56,8 @@ class ArmFit:
     def __init__(self, samples: JointSamples, rotations: FloatArray | None = None,
                  options: ArmFitOptions = ArmFitOptions()) -> None:
         self.options, self.rotations = options, rotations
-        problem = Problem.of(samples.select(evenly_picked(samples.n_samples, _SAMPLES)))
-        self.poses, nuisance = generic_poses(problem, _ROWS)
+        self.regression = Problem.of(samples.select(evenly_picked(samples.n_samples, _SAMPLES)))
+        self.poses, nuisance = generic_poses(self.regression, _ROWS)
         self.problem = arm_problem(self.poses, nuisance)
         self.q, self.y = self.problem.q, self.problem.target
         self.size = self.y.std(axis=1)

@@ -1,13 +1,11 @@
 """
 Sufficiency of the motion of recordings for gravity, and the slow motion that they lack.
 
-The posterior of axes and moments of a rough fit, with offset, friction and inertia of each joint,
-gives the standard deviation of gravity at poses within the recorded ranges, in any combination.
-Offsets may deviate in later recordings, by a size that has the most evidence (D. MacKay, Bayesian
-interpolation, Neural Computation 4, 1992).
-The precision of slow motion adds to it (`planning.sums`): sweeps of one joint at several poses of
-the others, and tours of all joints, are added until every joint is certain enough. A joint that
-hardly moves is uncertain at other angles, so that its range is at least `min_range`.
+The posterior of axes and moments of a rough fit (`ArmFit`), with offset, friction and inertia of
+each joint and recording, gives the standard deviation of gravity at poses within the recorded
+ranges, in any combination. The precision of slow motion adds to it: sweeps of one joint at several
+poses of the others, and tours of all joints, are added until every joint is certain enough. A
+joint that hardly moves is uncertain at other angles, so that its range is at least `min_range`.
 
 A rough fit is one of several where joints follow others: its posterior does not contain the rest.
 Joints whose angle is a linear function of the other angles are named for themselves.
@@ -23,26 +21,24 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import FitError
+from gravity_comp_ros.estimation.arm_fit import ArmFit
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_search import search
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.noise import correlation_times, floor, WHITE
+from gravity_comp_ros.models.noise import WHITE
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions
-from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.start import arm_problem, generic_poses
+from gravity_comp_ros.regression.start import CHANGING, GENERIC
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors
 import numpy as np
 
-# Rows of the fit, and of a planned motion.
-_ROWS, _PLANNED = 400, 40
-_STARTS, _MIN_SAMPLES = 12, 30
-# Rounds in which noise and deviations of offsets are estimated.
-_ROUNDS = 5
+# Rows of a planned motion; smallest number of samples.
+_PLANNED, _MIN_SAMPLES = 40, 30
+# Prior standard deviation of offset, friction and inertia, per N·m of noise: they are free.
+_FREE = 1e6
 # Poses of the other joints at which a joint is swept; tours of all joints, and their postures.
 _BASES, _TOURS, _POSTURES = 3, 6, 6
 # Angle in rad of an axis that a description gives.
@@ -173,7 +169,7 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None) -> En
     """
     if samples.n_samples < _MIN_SAMPLES or at_rest(samples.q).all() or not samples.tau.any():
         raise FitError('no motion with efforts, from which gravity could be estimated')
-    sums = _Sums(Problem.of(samples), geometry)
+    sums = _Sums(samples, geometry)
     (*each, together), after = sums.motion_to_add()
     names = samples.names
     sweeps = tuple(Stroke(*stroke) for stroke in zip(
@@ -186,78 +182,46 @@ def enough_motion(samples: JointSamples, geometry: Geometry | None = None) -> En
 
 class _Sums:
     """
-    Precision of axes and moments (4N), then the generic columns of each joint (4N).
+    Precision of axes and moments (4N) by recorded and by planned motion.
 
-    That of the K deviations of each offset in later recordings (N K) is eliminated.
+    Offset, friction and inertia are eliminated from each: they differ in the next recording.
     """
 
-    def __init__(self, problem: Problem, geometry: Geometry | None) -> None:
-        self.scale = problem.scale
-        middle = 0.5 * (problem.scale.low + problem.scale.high)
-        half = 0.5 * np.maximum(problem.scale.high - problem.scale.low, LIMITS.min_range)
+    def __init__(self, samples: JointSamples, geometry: Geometry | None) -> None:
+        fit = ArmFit(samples, None if geometry is None else geometry.rotations)
+        state, rows = fit.plain, fit.regression.rows
+        self.q, self.chain, self.scale = fit.q, state.chain, fit.regression.scale
+        middle = 0.5 * (self.scale.low + self.scale.high)
+        half = 0.5 * np.maximum(self.scale.high - self.scale.low, LIMITS.min_range)
         self.low, self.high = middle - half, middle + half
-        poses, nuisance = generic_poses(problem, _ROWS)
-        self.q, n = poses.q, poses.n_joints
-        if geometry is None:
-            self.chain = search(arm_problem(poses, nuisance), _STARTS).chain
-        else:
-            self.chain = Chain(geometry.rotations, np.zeros((n, 2)))
-        moment = LengthPriors().moment * problem.scale.largest
-        prior_std = np.full(n * (4 + nuisance.columns.shape[1]), moment)
-        prior_std[:2 * n] = LengthPriors().tilt if geometry is None else _EXACT
-        x = self._columns(self.q, nuisance.columns)
-        beta, residual, weight = self._fitted(x, poses.tau - self.chain.torque(self.q), prior_std,
-                                              floor(poses.tau))
-        if geometry is not None:
-            self.chain = Chain(geometry.rotations, beta[2 * n:4 * n].reshape(n, 2))
-        times = correlation_times(residual, poses.runs)
-        rows = problem.rows.n_rows / len(self.q)
-        self.weight = weight / np.where(times < WHITE, 1.0, times * rows)
-        whole = _products(x, rows * self.weight, prior_std)
-        own = slice(8 * n, None)
-        self.recorded = whole[:8 * n, :8 * n] - whole[:8 * n, own] @ np.linalg.solve(
-            whole[own, own], whole[own, :8 * n])
+        times = state.times(fit.poses.runs)
+        each = rows.n_rows / len(self.q)
+        self.weight = 1.0 / (state.noise ** 2 * np.where(times < WHITE, 1.0, times * each))
+        n, priors = samples.n_joints, LengthPriors()
+        std = np.full(4 * n, priors.moment * self.scale.largest)
+        std[:2 * n] = priors.tilt if geometry is None else _EXACT
+        nuisance = fit.problem.nuisance.columns * _sizes(fit.problem, state)[:, :, None]
+        self.recorded = np.diag(std ** -2.0) + self._precision(self.q, nuisance, each)
         poses_in_range = random_poses(n, self.low, self.high)
         at = self.chain.jacobian(poses_in_range)
         self.mean_square = np.einsum('inp,jnp->nij', at, at) / len(poses_in_range)
 
-    @staticmethod
-    def _fitted(x: FloatArray, tau: FloatArray, prior_std: FloatArray, least: float
-                ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _precision(self, q: FloatArray, nuisance: FloatArray, rows: float) -> FloatArray:
         """
-        Return coefficients, residual (M, N) and weights (N,) of the noise.
+        Return the precision (4N, 4N) of poses (M, N).
 
-        :param prior_std: of all coefficients; those of deviations of offsets are replaced by the
-            size of most evidence.
-        :param least: smallest noise and deviation, N·m.
+        :param nuisance: columns (N, C, M) of each joint, times the prior standard deviation of
+            their coefficients per N·m of noise.
+        :param rows: number of rows of the regression for each pose.
         """
-        n = tau.shape[1]
-        offsets = np.arange(8 * n, x.shape[1]).reshape(n, -1)
-        weight = np.full(n, 1.0 / max(float(tau.var()), least ** 2))
-        for _ in range(_ROUNDS):
-            covariance = _inverse(_products(x, weight, prior_std))
-            beta = covariance @ np.einsum('n,njm,mn->j', weight, x, tau)
-            residual = tau - np.einsum('njm,j->mn', x, beta)
-            weight = 1.0 / ((residual ** 2).mean(axis=0) + least ** 2)
-            known = (1.0 - np.diag(covariance) / prior_std ** 2)[offsets].sum(axis=1)
-            squares = (beta[offsets] ** 2).sum(axis=1) / np.maximum(known, 1e-9)
-            prior_std[offsets] = np.sqrt(squares + least ** 2)[:, None]
-        return beta, residual, weight
-
-    def _columns(self, q: FloatArray, nuisance: FloatArray) -> FloatArray:
-        """Return the columns (N, 8N + N K, M) of each joint's torque."""
-        n, count = q.shape[1], nuisance.shape[1] - 4
-        x = np.zeros((n, n * (8 + count), len(q)))
-        x[:, :4 * n] = self.chain.jacobian(q).transpose(1, 0, 2)
-        for joint, own in enumerate(nuisance):
-            x[joint, 4 * (n + joint):4 * (n + joint + 1)] = own[:4]
-            x[joint, 8 * n + count * joint:8 * n + count * (joint + 1)] = own[4:]
-        return x
+        scaled = Nuisance(nuisance, np.ones(nuisance.shape[1]))
+        columns = scaled.whitened(self.chain.jacobian(q)) * np.sqrt(rows * self.weight)[:, None]
+        flat = columns.reshape(len(columns), -1)
+        return np.asarray(flat @ flat.T)
 
     def std(self, precision: FloatArray) -> FloatArray:
         """Return the standard deviation (N,) of gravity as a share of the torque scale."""
-        p = self.mean_square.shape[1]
-        square = np.einsum('ij,nji->n', _inverse(precision)[:p, :p], self.mean_square)
+        square = np.einsum('ij,nji->n', _inverse(precision), self.mean_square)
         scale = np.maximum(self.scale.torque, LIMITS.min_scale * self.scale.largest)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / scale)
 
@@ -297,17 +261,27 @@ class _Sums:
             LIMITS.speed, PlanOptions.max_acceleration, PlanOptions.max_jerk))
         seconds = duration(lines)
         q, qd, qdd = sampled(lines, _PLANNED / seconds)[1]
-        nuisance = np.stack([np.ones(q.shape), np.sign(qd), qd, qdd])
-        rows = seconds / EngineOptions().row_seconds / len(q)
-        x = self._columns(q, nuisance.transpose(2, 0, 1))
-        return seconds, _products(x, rows * self.weight)
+        nuisance = _FREE * np.stack([np.ones(q.shape), np.sign(qd), qd, qdd]).transpose(2, 0, 1)
+        return seconds, self._precision(q, nuisance,
+                                        seconds / EngineOptions().row_seconds / len(q))
 
 
-def _products(x: FloatArray, weight: FloatArray, prior_std: FloatArray | float = np.inf
-              ) -> FloatArray:
-    """Return the precision (P, P) of columns (N, P, M) and of a prior."""
-    prior = np.eye(x.shape[1]) * np.square(1.0 / np.asarray(prior_std))
-    return np.asarray(prior + sum(w * (own @ own.T) for w, own in zip(weight, x)))
+def _sizes(problem: ArmProblem, state: ArmState) -> FloatArray:
+    """
+    Return the prior standard deviations (N, C) of the nuisance, per N·m of noise.
+
+    Offset, friction and inertia are free. The deviations between recordings, of each kind, have
+    the size that they have in the fit.
+    """
+    columns, spread = problem.nuisance.columns, problem.nuisance.spread
+    sizes = np.full(columns.shape[:2], _FREE)
+    residual = problem.tau - state.chain.torque(problem.q)
+    for own, size, tau, noise in zip(columns, sizes, residual.T, state.noise):
+        mean = np.linalg.solve(own @ own.T + np.diag(spread ** -2.0), own @ tau) / noise
+        later = mean[GENERIC:].reshape(-1, len(CHANGING))
+        square = (later ** 2).sum(axis=0) / max(len(later), 1)
+        size[GENERIC:] = np.tile(np.sqrt(square), len(later))
+    return sizes
 
 
 def _inverse(precision: FloatArray) -> FloatArray:

@@ -33,9 +33,11 @@ _ROWS = 400
 _WIDTHS = (0.003, 0.01, 0.04)
 # Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia.
 _SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0])
+# Number of these columns; those of the deviations of later recordings follow.
+GENERIC = len(_SPREAD)
 # Columns that differ between recordings, by zeroed sensors and by temperature: offset, friction of
 # the middle width, viscous friction.
-_CHANGING = np.array([0, 2, 4])
+CHANGING = np.array([0, 2, 4])
 # Smallest noise of a joint, as a share of its RMS effort, and smallest effort, as a share of the
 # largest: a joint without gravity has no effort but rounding.
 _FLOOR, _SMALL = 1e-4, 0.1
@@ -119,8 +121,8 @@ def generic_poses(problem: Problem, count: int, share: float = 1.0
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
     columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd])
     later = [own[:, None] * columns[k]
-             for own in _later_recordings(problem.rows.run[rows]) for k in _CHANGING]
-    spread = np.concatenate([_SPREAD, np.resize(_SPREAD[_CHANGING], len(later))])
+             for own in _later_recordings(problem.rows.run[rows]) for k in CHANGING]
+    spread = np.concatenate([_SPREAD, np.resize(_SPREAD[CHANGING], len(later))])
     poses = JointSamples(samples.names, problem.rows.t[rows], q, qd, problem.y[rows],
                          problem.rows.run[rows], samples.run_labels)
     return poses, Nuisance(np.stack([*columns, *later]).transpose(2, 0, 1), spread)
