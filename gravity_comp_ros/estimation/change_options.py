@@ -39,13 +39,14 @@ class ChangeOptions:
     - `reset`: log evidence in nats that such an axis must gain over the old one, about the
       logarithm of the number of directions.
     - `trials`, `resets`: most probable trials that are solved fully, with old and reset axes.
-    - `probable`: share of the largest evidence from which a trial may be selected.
-    - `max_loss`: chi^2 that the average over supports may lose against the best support.
+    - `probable`: share of the largest evidence from which a trial adds to the uncertainty.
+    - `max_loss`: chi^2 that the average over supports may lose against the best support, and a
+      step of the search against the one before.
 
     Search:
 
-    - `rounds`: linearisations; `max_rotation`, rad: of an axis in one of them; `converged`: change
-      of the torque in noise levels at which they end.
+    - `rounds`: linearisations, and halvings of a step; `max_rotation`, rad: of an axis in a
+      linearisation; `converged`: change of the torque in noise levels at which they end.
     - `reversal`: factor by which the speed or distance of a reversal of friction changes with the
       payload.
     - `noise`: relative change of the noise from which the change is solved again.

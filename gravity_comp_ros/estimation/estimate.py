@@ -21,7 +21,6 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.residuals import (
     held_out_ratio, is_white, samples_of_rows, torque_at_rest)
-from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -302,8 +301,7 @@ class _Work:
         """
         terms, is_selected = tuple(start), False
         if not terms and self.old is not None:
-            terms = (*self._terms_of(shared, self.old.applied.effects, self.forced),
-                     *self._terms_of(shared, self.old.fitted.effects, frozenset()))
+            terms = self._terms_of(shared, self.old)
             is_selected = bool(terms)
         present = self.forced & {term.key for term in terms}
         first = regress(self.problem, shared, self.effects, terms, present, is_selected)
@@ -313,18 +311,22 @@ class _Work:
         return regress(self.problem, first.shared, self.effects, (*first.terms, *missing),
                        self.forced, is_selected=True)
 
-    def _terms_of(self, shared: Shared, applied: Iterable[AppliedEffect],
-                  kept: frozenset[Key]) -> tuple[Term, ...]:
-        """Return terms of the effects of a model that are tested, and testable here or kept."""
+    def _terms_of(self, shared: Shared, old: GravityModel) -> tuple[Term, ...]:
+        """
+        Return terms of the effects of a model that are tested and testable here.
+
+        Effects that it predicts are kept where they are forced.
+        """
         factory, names, terms = self.problem.factory(shared), self.problem.samples.names, []
         tested = {effect.name: effect for effect in self.effects}
-        for one in applied:
+        for one in (*old.applied.effects, *old.fitted.effects):
             effect = tested.get(one.name)
             if effect is None or effect.is_shared:
                 continue
             joint = None if one.joint is None else names.index(one.joint)
             settings, _ = factory.settings(effect, joint)
-            if settings or (one.name, joint) in kept:
+            is_kept = (one.name, joint) in self.forced and old.applied.has(one.name, one.joint)
+            if settings or is_kept:
                 terms.append(factory.term(effect, joint, one.setting, max(len(settings), 1)))
         return tuple(terms)
 

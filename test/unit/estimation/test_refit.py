@@ -10,10 +10,11 @@ from gravity_comp_ros.api.steps import add_to_model, fit_model
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.effects.periodic import TorqueRipple
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
-from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
@@ -124,6 +125,14 @@ def test_the_samples_of_the_fit_are_fitted():
         n_slow = int((np.abs(samples.qd) <= limit).all(axis=1).sum())
         again = add_to_model(fitted(), recording, [FRICTION[0]])
         assert joint.n_samples == again.n_samples == n_slow
+
+
+def test_a_forced_effect_that_the_samples_do_not_excite_is_left_out(monkeypatch):
+    drift, ripple = ('friction_drift', 0), ('torque_ripple', 0)
+    monkeypatch.setattr(TorqueRipple, 'settings', lambda *_: [])
+    regression = estimate(two_links(3, 400), forced=frozenset({drift, ripple})).regression
+    assert not {drift, ripple} & {term.key for term in regression.terms}
+    assert {drift, ripple} <= set(regression.candidates.untestable)
 
 
 def test_an_effect_that_a_recording_does_not_excite_is_kept():
