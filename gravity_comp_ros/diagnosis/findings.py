@@ -33,9 +33,9 @@ class Finding:
     One effect, or an unexplained residual, on one joint (None: the whole arm).
 
     `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
-    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of the torque (RMS) of its best
-    coefficient that gravity and all other columns absorb, `runs_better` the share of runs that it
-    improves, `gain` its log evidence in nats. `rivals` are alternative explanations. `to_add` are
+    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of its torque (RMS) that gravity
+    and all other terms absorb, `runs_better` the share of runs that it improves, `gain` its log
+    evidence in nats. `rivals` are alternative explanations. `to_add` are
     the targets to add: the effect, and the testable alternatives of an ambiguous one, of which the
     sum is identified. `next_step` is the motion that resolves an open finding, '' for one that is
     established or likely. `verdict` is a `Verdict`, which compares and prints as its text.

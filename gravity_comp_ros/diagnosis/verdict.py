@@ -136,24 +136,27 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
     others = alternatives_of(regression, term, evidence.joints)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
-    verdict, why = _verdict(evidence, term, gain, shares.max(), values, std, held_out, others)
+    share = regression.unabsorbed[term.key]
     identified = shares >= regression.problem.options.min_identified
+    covers_zero = identified.any() and (np.abs(values) < HALF_95 * std)[identified].all()
+    verdict, why = _verdict(evidence, term, gain, share, values, bool(covers_zero), held_out,
+                            others)
     sizes = {symbol: size for (symbol, size), given
              in zip(values_of(listed, values, std).items(), identified) if given}
     return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
-                   1.0 - float(shares.max()), held_out.runs_better, why,
-                   _next_step(term, verdict, joint), gain, p_of(gain - term.log_odds),
+                   1.0 - share, held_out.runs_better, why,
+                   _next_step(term, verdict, joint), gain, p_of(gain - term.log_prior),
                    dict(term.setting), to_add=_to_add(evidence, term, verdict))
 
 
 def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]:
     """Return the targets to add for a finding: of an ambiguous one also its alternatives."""
     regression, joints = evidence.estimated.regression, evidence.joints
+    # A term that gravity absorbs is predicted by every model of this estimate.
+    if verdict not in (*FOUND, Verdict.AMBIGUOUS) or is_absorbed(evidence.estimated, term):
+        return ()
     if verdict in FOUND:
         return (target_of(term, joints),)
-    # A term that gravity absorbs is predicted by every model of this estimate.
-    if verdict != Verdict.AMBIGUOUS or is_absorbed(evidence.estimated, term):
-        return ()
     return (target_of(term, joints), *(
         target(name, None if joint is None else joints[joint])
         for name, joint in regression.alternatives[term.key]
@@ -161,7 +164,7 @@ def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]
 
 
 def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: FloatArray,
-             std: FloatArray, held_out: _HeldOut,
+             covers_zero: bool, held_out: _HeldOut,
              others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
     options, engine = evidence.options, evidence.estimated.regression.problem.options
@@ -176,7 +179,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
         return Verdict.WEAK, f'its size is not physical: {reason}'
     if held_out.after >= (1.0 - options.min_reduction) * held_out.before:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
-    if (np.abs(values) < HALF_95 * std).all():
+    if covers_zero:
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
     if gain < engine.min_gain:
         # The noise of the selection has no autocorrelation; that of the result has.

@@ -210,7 +210,7 @@ def _check_not_worse(errors: Mapping[str, HeldOut], options: RefitOptions) -> No
 def _gain(estimated: Estimate, targets: Sequence[str]) -> tuple[float, float]:
     """Return the largest gain of new effects in nats, with and without its prior odds."""
     regression, joints = estimated.regression, estimated.regression.problem.samples.names
-    gains = [(gain := regression.gains[term.key], gain - term.log_odds)
+    gains = [(gain := regression.gains[term.key], gain - term.log_prior)
              for term in regression.terms if target_of(term, joints) in targets]
     if DYNAMICS in targets and has_dynamics(regression.shared):
         gains.append((gain := gain_of_dynamics(regression), gain))

@@ -69,7 +69,12 @@ class TermFactory:
         """Return a term with its columns computed from this motion."""
         if not term.effect.uses_gravity:
             return term
-        return replace(self.term(term.effect, term.joint, term.setting), log_odds=term.log_odds)
+        return replace(self.term(term.effect, term.joint, term.setting), log_odds=term.log_odds,
+                       log_volume=term.log_volume)
+
+    def cell(self, term: Term) -> list[Setting]:
+        """Return the settings at the ends of the cell about a term's, one parameter at a time."""
+        return [*term.effect.refine(self.motion, term.joint_number, term.setting, 1.0)]
 
     def neighbours(self, term: Term, step: float) -> list[Term]:
         """Return the same effect at neighbouring settings (`Effect.refine`)."""

@@ -6,16 +6,17 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 # Gain in nats for which a setting is changed.
-_BETTER = 0.01
+BETTER = 0.01
 
 Point = TypeVar('Point')
 
 
 def climbed(start: Point, gain: float,
             near: Callable[[Point, float], Sequence[tuple[float, Point]]], halvings: int,
-            needed: float = -float('inf')) -> tuple[float, Point]:
+            needed: float = -float('inf')
+            ) -> tuple[float, Point, Sequence[tuple[float, Point]]]:
     """
-    Return the gain and the place of the maximum near a start.
+    Return the gain and the place of the maximum near a start, and its neighbours at the last step.
 
     Let d be the sum of the differences between the best point and its two neighbours along a
     parameter. A parabola through the three has a maximum that is at most d / 8 above the best
@@ -31,11 +32,11 @@ def climbed(start: Point, gain: float,
     for number in range(halvings):
         while tried := near(best, 0.5 ** number):
             value, point = max(tried, key=lambda each: each[0])
-            if value <= gain + _BETTER:
+            if value <= gain + BETTER:
                 break
             gain, best = value, point
         higher = sum(gain - value for value, _ in tried) / 8.0
         reached.append(gain)
-        if higher < _BETTER or (number and 2.0 * gain - reached[-3] < needed):
+        if higher < BETTER or (number and 2.0 * gain - reached[-3] < needed):
             break
-    return gain, best
+    return gain, best, tried

@@ -31,7 +31,7 @@ def with_common(factory: TermFactory, term: Term, common: Common) -> Term:
         return term
     own = {name: value for name, value in term.setting.items() if name not in term.common}
     return replace(factory.term(term.effect, term.joint, {**own, **common}),
-                   log_odds=term.log_odds)
+                   log_odds=term.log_odds, log_volume=term.log_volume)
 
 
 @dataclass(frozen=True, eq=False)

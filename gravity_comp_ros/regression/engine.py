@@ -37,8 +37,9 @@ class Regression:
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
     the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
     error of their law, `identified` the share of each coefficient's torque (RMS) that all other
-    columns leave. `motion` is that of the samples at the estimated gravity. `covariance` (P, P) is
-    that of the shared part, over the alternatives too.
+    columns leave, `unabsorbed` that of a term's whole torque that other terms leave. `motion` is
+    that of the samples at the estimated gravity. `covariance` (P, P) is that of the shared part,
+    over the alternatives too.
     """
 
     problem: Problem
@@ -51,6 +52,7 @@ class Regression:
     gains: Mapping[Key, float]
     stds: Mapping[Key, FloatArray]
     identified: Mapping[Key, FloatArray]
+    unabsorbed: Mapping[Key, float]
     covariance: FloatArray
     steps: int
     converged: bool
@@ -133,8 +135,9 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
                       fit.factory.motion,
                       {key: tuple(dict.fromkeys(other.term.key for other in others))
                        for key, others in ambiguous.items()}, gains, stds,
-                      {key: s.identified for key, s in scores.items()}, covariance, steps,
-                      converged)
+                      {key: s.identified for key, s in scores.items()},
+                      {term.key: scores[term.key].share_left(published.beta[published.at[term]])
+                       for term in published.terms}, covariance, steps, converged)
 
 
 def _published(fit: Linear) -> Posterior:

@@ -70,6 +70,11 @@ class Score:
         """Return the share (K,) of each coefficient's torque (RMS) that other columns leave."""
         return shares_left(self.information, np.diag(self.own))
 
+    def share_left(self, beta: FloatArray) -> float:
+        """Return the share of the torque (RMS) at coefficients (K,) that other terms leave."""
+        rest, whole = (float(beta @ each @ beta) for each in (self.information, self.own))
+        return float(np.sqrt(max(rest, 0.0) / max(whole, 1e-300)))
+
     def leverage(self, beta: FloatArray) -> FloatArray:
         """
         Return the largest error (K,) of the coefficients per error of the law.
@@ -143,7 +148,7 @@ def gain(posterior: Posterior, scored: Score, kappa: float | None = None) -> flo
     """Return the gain of a scored term."""
     term, prior = scored.term, np.diag(scored.term.prior_std ** -2.0)
     kappa = inflation(posterior, scored) if kappa is None else kappa
-    return (_gain_of_columns(scored, kappa) + term.log_odds
+    return (_gain_of_columns(scored, kappa) + term.log_prior
             + log_share_allowed(term, scored.mean, scored.information / kappa + prior))
 
 
@@ -169,7 +174,7 @@ def gain_together(posterior: Posterior, terms: Sequence[Term]) -> float:
     total, start = _gain_of_columns(scored, 1.0), 0
     for term in terms:
         here = slice(start, start + term.n_columns)
-        total += term.log_odds + log_share_allowed(
+        total += term.log_prior + log_share_allowed(
             term, scored.mean[here], np.linalg.inv(covariance[here, here]))
         start = here.stop
     return total

@@ -95,7 +95,7 @@ class Posterior:
     @cached_property
     def likelihood_and_odds(self) -> float:
         """Return the logarithm of likelihood and prior odds at the mean, up to a constant."""
-        return float(-0.5 * (self.precision @ self.squares) + sum(t.log_odds for t in self.terms))
+        return float(-0.5 * (self.precision @ self.squares) + sum(t.log_prior for t in self.terms))
 
     @cached_property
     def log_evidence(self) -> float:

@@ -8,17 +8,18 @@ whose own gain is too small, which is then not added again. So the search ends.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from heapq import merge
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
-from gravity_comp_ros.regression.climb import climbed
+from gravity_comp_ros.regression.climb import BETTER, climbed
 from gravity_comp_ros.regression.common_settings import common_of, CommonSettings
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
 from gravity_comp_ros.regression.noise import CONVERGED, precision_of
+from gravity_comp_ros.regression.occam import log_volume
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.scale import Scale
@@ -173,9 +174,16 @@ class Search:
                     for other in self.factory.neighbours(present, step)
                     if not others or other.common == term.common]
 
-        gain, best = climbed(term, gain_of(posterior, term, kappa), near, self.options.halvings,
-                             needed)
-        return best, gain if best is term else gain_of(posterior, best)
+        start = replace(term, log_volume=0.0)
+        gain, best, tried = climbed(start, gain_of(posterior, start, kappa), near,
+                                    self.options.halvings, needed)
+        volume = log_volume(best.setting, self.factory.cell(best),
+                            [(gain - value, other.setting) for value, other in tried
+                             if other.common == best.common])
+        if best is start and abs(volume - term.log_volume) < BETTER:
+            return term, gain_of(posterior, term)
+        best = replace(best, log_volume=volume)
+        return best, gain_of(posterior, best)
 
     def _review(self, term: Term) -> bool:
         """Remove a term, exchange it on its own joint, or refine its setting."""
@@ -216,9 +224,13 @@ class Search:
         """Take other terms if their evidence is higher."""
         if not is_consistent(terms):
             return False
-        minimum = self.options.significant if minimum is None else minimum
         trial = self.solved(terms)
         gain = trial.log_evidence - self.posterior.log_evidence
+        if minimum is None:
+            minimum = self.options.significant
+        else:
+            # The same terms at other settings: the better ones, whatever share of all they are.
+            gain -= sum(t.log_volume for t in terms) - sum(t.log_volume for t in self.terms)
         if gain <= minimum:
             return False
         new = [t for t in terms if t not in self.terms]

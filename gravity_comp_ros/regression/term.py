@@ -21,6 +21,8 @@ class Term:
     `joint` is its number, None for the whole arm. `columns` are the means over rows, (R, K) on
     that joint or (R, N, K) on all; `prior_std` (K,) the prior standard deviations of the
     coefficients; `log_odds` the prior log odds, divided among the settings that are compared.
+    `log_volume` is the logarithm of the share of its cell of settings in which a refined setting
+    lies (`climb.log_volume`), 0 for one that is not refined.
     """
 
     effect: Effect
@@ -29,6 +31,12 @@ class Term:
     columns: FloatArray
     prior_std: FloatArray
     log_odds: float
+    log_volume: float = 0.0
+
+    @property
+    def log_prior(self) -> float:
+        """Return the prior log odds of the term at its setting."""
+        return self.log_odds + self.log_volume
 
     @property
     def name(self) -> str:

@@ -139,6 +139,22 @@ def test_a_finding_has_the_evidence_that_a_term_requires(offset_estimate, gain, 
     assert bool(finding.to_add) == (verdict == Verdict.LIKELY)
 
 
+@pytest.mark.parametrize('left, verdict', [(0.01, Verdict.UNTESTABLE),
+                                           (0.3, Verdict.ESTABLISHED)])
+def test_a_torque_is_established_although_no_coefficient_is_identified(offset_estimate, left,
+                                                                       verdict):
+    """As of several harmonics over a short range: their sum is identified, no single one."""
+    regression = offset_estimate.regression
+    collinear = replace(offset_estimate, regression=replace(
+        regression, identified={key: 0.0 * each for key, each in regression.identified.items()},
+        unabsorbed=dict.fromkeys(regression.unabsorbed, left)))
+    finding, = (f for f in conclude(collinear, None).findings if f.effect == 'torque_offset')
+    assert finding.verdict == verdict and not finding.coefficients
+    assert finding.base_absorbed == pytest.approx(1.0 - left)
+    # Its sum with gravity is in the model already.
+    assert not finding.to_add
+
+
 @pytest.fixture(scope='module')
 def offset_estimate():
     return estimate(links(1.2, lambda q, qd: np.full(len(q), 0.5), 0))

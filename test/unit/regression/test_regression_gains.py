@@ -219,6 +219,16 @@ def test_a_coefficient_is_identified_by_what_all_other_columns_leave_of_its_colu
     assert none.identified[1] < 1e-3 and none.leverage(np.ones(2))[1] == 0.0
 
 
+def test_the_torque_of_collinear_columns_may_be_identified_although_no_coefficient_is():
+    own = np.array([[1.0, 1.0 - 1e-8], [1.0 - 1e-8, 1.0]])
+    pair = Score(None, 0.25 * own, np.zeros(2), np.zeros(2), own)
+    assert pair.identified.max() < 1e-3
+    assert pair.share_left(np.array([3.0, 1.0])) == pytest.approx(0.5)
+    # The part in which the columns differ is explained by others.
+    some = Score(None, 0.25 * np.ones((2, 2)), np.zeros(2), np.zeros(2), own)
+    assert some.share_left(np.array([1.0, -1.0])) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_column_that_is_a_sum_of_others_is_not_identified():
     columns = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1e-7]])
     own = columns @ columns.T
