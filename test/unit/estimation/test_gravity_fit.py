@@ -332,8 +332,7 @@ def test_the_result_does_not_depend_on_the_start(formulation, arm_seed):
 
 
 def test_a_start_from_the_same_arm_takes_fewer_rounds():
-    old = fit(data(5)).model if FitOptions().formulation == 'potential' else fit(
-        data(5), FitOptions('potential')).model
+    old = fit(data(5), FitOptions('potential')).model
     cold, warm = (fit(data(0), FitOptions('potential'), old=start) for start in (None, old))
     assert warm.report.solver[0].rounds <= cold.report.solver[0].rounds
 

@@ -27,7 +27,7 @@ def test_joint_by_name_or_number_and_sizes():
 
 
 @pytest.mark.parametrize('name', sorted(KINDS))
-def test_every_hidden_foundchanges_the_signals(name):
+def test_every_hidden_effect_changes_the_signals(name):
     def path(t):
         angle = np.outer(t, 0.1 * np.arange(2, 9))
         return 1.9 * np.sin(angle), np.cos(angle) * 0.19 * np.arange(2, 9), -np.sin(angle)
