@@ -138,6 +138,7 @@ def test_the_learning_status_names_the_result_of_a_fit(live, model_file, corrupt
     assert reply in text and report in learning.message and learning.level == level
     assert 'epoch 1 open' in learning.message
     assert not success and node.models.model is before
+    assert any(is_warning and reply in line for is_warning, line in node.events.log)
     assert any(value.startswith('not ') for value in learning.values.values())
     # A new payload begins without the result of the earlier one.
     node.learner.payload_changed(now + 50.0)
