@@ -9,7 +9,6 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, fit_model
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.periodic import TorqueRipple
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
@@ -153,12 +152,6 @@ def test_predictions_are_independent_of_measured_torque():
                                effect_torque(result, samples))
     turned = samples.joints(JOINTS[::-1])
     np.testing.assert_array_equal(predict_torque(result, turned), predict_torque(result, samples))
-
-
-def test_effects_of_a_model_are_not_diagnosed_again():
-    result = rubbing().model
-    names = {f.effect for f in diagnose(SAMPLES, result).findings if f.joint == 'shoulder'}
-    assert not names & {'coulomb_friction', 'viscous_friction'}
 
 
 def test_requests_are_expanded_and_corrected():
