@@ -3,8 +3,8 @@ Feed-forward torque: bumpless, limited, and with a watchdog for input that stops
 
 One rule makes every transition bumpless. The target is the torque that is due now: that of the
 model at the present pose, a held torque, or zero. When the target is redefined (another model or
-effects, torque enabled or disabled, input lost or returned), the offset of the torque published
-last from the new target begins to fall linearly to zero,
+effects, another revolution of a joint, torque enabled or disabled, input lost or returned), the
+offset of the torque published last from the new target begins to fall linearly to zero,
 
     published = target + offset,    between the torque published last and the target,
 
@@ -20,7 +20,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import TorqueSource
+from gravity_comp_ros.node.torque_source import REVOLUTION, TorqueSource
 import numpy as np
 
 # States, as they appear in diagnostics.
@@ -70,6 +70,8 @@ class FeedForward:
         self._last = self._offset = self._speed = self._zero
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
+        # Whole revolutions of the pose that the torque of the model is without.
+        self._turns: FloatArray | None = None
         self._fresh: float | None = None
         self._now = None
         # Mean period of the messages, s; 0 before there are two.
@@ -98,12 +100,15 @@ class FeedForward:
         if source is None:
             self._fresh = now
             return None
-        gravity = source.torque(q, self.options.extrapolation, self.margin)
+        policy = self.options.extrapolation
+        turns = self._zero if policy == 'trust' else source.revolutions(q, self._turns)
+        self._turns = turns
+        gravity = source.torque(q - REVOLUTION * turns, policy, self.margin)
         effects = source.effect_torque(q, qd, self.margin)
         if not all_finite(gravity):
             return None
         silent = not self.enabled and self._is_at_rest()
-        phase = ('model', source, effects is None) if self.enabled else ('off',)
+        phase = ('model', source, effects is None, *turns.tolist()) if self.enabled else ('off',)
         target = self._zero if not self.enabled else self._clipped(
             gravity if effects is None else gravity + effects)
         if phase != self._phase:

@@ -52,6 +52,9 @@ class NodeOptions:
     - `ramp_share`: largest change of a joint's torque within `ramp_time` by a transition to a
       model, as a share of its limit `max_torque`: a wrong model then moves any arm slowly.
     - `rounding`, N·m: of an offset.
+    - `turn_margin`, rad: beyond half a revolution from the trained range up to which a joint keeps
+      its revolution: the torque held on the other side is another one, and noise or the swing of
+      an arm at that pose must not alternate between both.
 
     Process:
 
@@ -94,6 +97,7 @@ class NodeOptions:
     watch_period: float = 0.02
     ramp_share: float = 0.2
     rounding: float = 1e-9
+    turn_margin: float = 0.2
     depth: int = 10
     calls: int = 1000
     last_save: float = 1.0

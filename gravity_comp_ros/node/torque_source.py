@@ -15,6 +15,7 @@ from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.node.messages import CompleteReading, Reading
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -38,32 +39,39 @@ class TorqueSource:
     reach: float = math.inf
     effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
-    def nearest(self, q: FloatArray) -> FloatArray:
+    def revolutions(self, q: FloatArray, before: FloatArray | None = None) -> FloatArray:
         """
-        Return pose q (N,) with whole revolutions subtracted from joints outside the trained range.
+        Return the whole revolutions (N,) to subtract from pose q (N,), 0 within the trained range.
 
-        Gravity has a period of one revolution, so the torque is the same. Within the range `q`
-        itself is returned.
+        Gravity has a period of one revolution, so the torque is the same. Half a revolution from
+        the middle of the range the nearest pose of the range changes, and with it a held torque:
+        there the revolutions `before` (N,) are kept for another `NODE.turn_margin`.
         """
         outside = self.coverage.distance(q) > 0.0
         if not outside.any():
-            return q
-        middle = 0.5 * (self.coverage.q_min + self.coverage.q_max)
-        return np.where(outside, q - REVOLUTION * np.round((q - middle) / REVOLUTION), q)
+            return np.zeros(len(q))
+        low, high = self.coverage.q_min, self.coverage.q_max
+        middle = 0.5 * (low + high)
+        turns = np.round((q - middle) / REVOLUTION)
+        if before is not None:
+            kept = np.maximum(0.5 * (high - low), math.pi) + NODE.turn_margin
+            turns = np.where(np.abs(q - REVOLUTION * before - middle) > kept, turns, before)
+        return np.where(outside, turns, 0.0)
 
     def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
-        """Return gravity (N,) in N·m at pose q (N,), by the policy beyond the margin in rad."""
-        nearest = q if policy == 'trust' else self.nearest(q)
-        if nearest is q:
+        """
+        Return gravity (N,) in N·m, by the policy beyond the margin in rad.
+
+        :param q: pose (N,), rad, without `revolutions`.
+        """
+        if policy == 'trust':
             return self.predict(q)
-        inside = np.minimum(np.maximum(nearest, self.coverage.q_min - margin),
+        inside = np.minimum(np.maximum(q, self.coverage.q_min - margin),
                             self.coverage.q_max + margin)
-        outside = float(np.abs(nearest - inside).max())
-        if outside == 0.0:
-            return self.predict(nearest)
+        outside = float(np.abs(q - inside).max())
         if policy == 'hold':
             return self.predict(inside)
-        return self.predict(nearest) * max(0.0, 1.0 - outside / margin)
+        return self.predict(q) * max(0.0, 1.0 - outside / margin)
 
     def effect_torque(self, q: FloatArray, qd: FloatArray | None,
                       margin: float) -> FloatArray | None:
@@ -143,4 +151,4 @@ class ModelInUse:
 
     def distance(self, q: FloatArray) -> FloatArray:
         """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
-        return self.model.coverage.distance(self.source.nearest(q))
+        return self.model.coverage.distance(q - REVOLUTION * self.source.revolutions(q))
