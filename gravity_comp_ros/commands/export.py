@@ -16,7 +16,7 @@ from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.export.changed_description import ChangedDescription, written_friction
-from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, payload_of
+from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, load_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
 from rich.table import Table
@@ -129,18 +129,20 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
 
 
 def _payload(args: argparse.Namespace, model: GravityModel) -> Result:
-    payload = payload_of(model)
+    payload, updates = load_of(model), model.provenance['updates']
     if args.flange is not None:
         payload = in_frame(payload, reading.arm_of_model(args, model), args.flange)
     lines = drive_lines(payload)
     listing: list[terminal.Line] = [
-        payload.sentence(), 'the inertia is not identified and is 0 in these lines; none was '
+        payload.sentence(), f'that is what the arm carries after {len(updates)} '
+        f'update{"s" * (len(updates) > 1)}, in addition to its load in the fit of the model',
+        'the inertia is not identified and is 0 in these lines; none was '
         'tested on its robot']
     for line in lines:
         listing += ['', f'{line.maker} ({line.source})', terminal.command(line.line)]
     return listing, {
             'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
-            'warnings': model.provenance['updates'][-1]['warnings'],
+            'warnings': [text for update in updates for text in update['warnings']],
             'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 import shlex
 
@@ -11,10 +12,10 @@ from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
-from gravity_comp_ros.export.payload_lines import in_frame, millimetres, payload_of
+from gravity_comp_ros.export.payload_lines import in_frame, load_of, millimetres
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
@@ -54,9 +55,10 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answ
             arm = reading.arm_of_model(args, model)
             arm.place(args.flange)  # a missing flange is reported before the update
         result, axes = update_model(model, recording, axes)
-        estimate = result.report.payload
-        flange = in_frame(payload_of(result.model), arm, args.flange) \
-            if arm is not None and estimate is not None and estimate.centre is not None else None
+        load = None
+        with suppress(DataError):  # a load that is not known has no line
+            load = load_of(result.model)
+        flange = None if arm is None or load is None else in_frame(load, arm, args.flange)
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)

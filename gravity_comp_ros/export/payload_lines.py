@@ -62,8 +62,41 @@ def payload_of(model: GravityModel) -> Payload:
 
     :raises DataError: if the model has none, or its mass does not differ from 0.
     """
+    return _payload((model.provenance.get('updates') or [{}])[-1])
+
+
+def load_of(model: GravityModel) -> Payload:
+    """
+    Return the payloads of all updates of a model as one, in the frame of the last joint's link.
+
+    It is relative to the arm of the fit. The errors of the updates count as independent: that of
+    an earlier one is part of the next one with the opposite sign, so that the intervals of the sum
+    are not too narrow.
+
+    :raises DataError: if the model has none, or the mass of one of them does not differ from 0.
+    """
     updates = model.provenance.get('updates') or [{}]
-    estimate = updates[-1].get('payload')
+    parts = [_payload(update) for update in updates]
+    if len(parts) == 1:
+        return parts[0]
+    masses, widths = (np.array([value(part.mass) for part in parts]) for value in (_value, _half))
+    centres, errors = (np.array([[value(part.centre[axis]) for axis in _AXES] for part in parts])
+                       for value in (_value, _half))
+    total, width = float(masses.sum()), float(np.sqrt((widths ** 2).sum()))
+    if len({part.frame for part in parts}) > 1 or abs(total) <= width:
+        raise DataError(f'the payloads of the {len(parts)} updates have no known sum: update a '
+                        'model of the arm without tool to the present state')
+    centre = masses @ centres / total
+    # Errors of the moments of all parts, each by its mass and its centre about that of the sum.
+    spread = np.sqrt((masses ** 2) @ errors ** 2 + widths ** 2 @ (centres - centre) ** 2) / abs(
+        total)
+    return Payload(parts[-1].frame, Quantity(total, 'kg', (total - width, total + width)), {
+        axis: Quantity(float(x), 'm', (float(x - w), float(x + w)))
+        for axis, x, w in zip(_AXES, centre, spread)})
+
+
+def _payload(update: Mapping[str, Any]) -> Payload:
+    estimate = update.get('payload')
     if estimate is None:
         raise DataError('the model has no estimate of a payload: `gravity_comp update BAG --model '
                         'MODEL --urdf FILE` makes one')
@@ -74,6 +107,14 @@ def payload_of(model: GravityModel) -> Payload:
                         f'{high:.3f} kg), so it has no centre of mass')
     return Payload(str(estimate['link']), mass,
                    {axis: _quantity(x) for axis, x in estimate['centre'].items()})
+
+
+def _value(quantity: Quantity) -> float:
+    return quantity.value
+
+
+def _half(quantity: Quantity) -> float:
+    return 0.5 * (quantity.ci95[1] - quantity.ci95[0])
 
 
 def in_frame(payload: Payload, arm: DescribedArm, frame: str) -> Payload:
@@ -91,7 +132,7 @@ def in_frame(payload: Payload, arm: DescribedArm, frame: str) -> Payload:
                         f'fixed: name a flange beyond joint {arm.geometry.joints[old.joint]}')
     rotation = new.rotation.T @ old.rotation
     centre = np.array([payload.centre[axis].value for axis in _AXES])
-    half = np.array([0.5 * np.ptp(payload.centre[axis].ci95) for axis in _AXES])
+    half = np.array([_half(payload.centre[axis]) for axis in _AXES])
     moved = rotation @ centre + new.rotation.T @ (old.origin - new.origin)
     width = np.sqrt(rotation ** 2 @ half ** 2)
     return Payload(frame, payload.mass, {
@@ -106,7 +147,7 @@ def drive_lines(payload: Payload) -> tuple[DriveLine, ...]:
     :raises DataError: if the payload was removed: its mass is negative.
     """
     if payload.mass.value <= 0.0:
-        raise DataError(f'the last update removed {-payload.mass.value:.3f} kg, and a drive takes '
+        raise DataError(f'the updates removed {-payload.mass.value:.3f} kg, and a drive takes '
                         f'no negative mass: update a model of the arm without tool to the '
                         f'present state')
     mass = f'{payload.mass.value:.3f}'

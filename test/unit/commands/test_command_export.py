@@ -10,7 +10,8 @@ from bench.shared.command_line import refused
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, Payload, payload_of
+from gravity_comp_ros.export.payload_lines import (
+    drive_lines, in_frame, load_of, Payload, payload_of)
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Quantity, Value
 from gravity_comp_ros.models.model_file import load_model, save_model
 import numpy as np
@@ -143,6 +144,33 @@ def test_a_payload_in_another_frame_by_hand():
                                [0.01, 0.02, 0.03], atol=1e-12)
     with pytest.raises(GravityCompError, match='turns against'):
         in_frame(moved, arm, f'{joints[-2]}_link')
+
+
+@pytest.mark.parametrize('second', [1.0, -1.0, -2.0, None])
+def test_the_lines_give_the_whole_load_after_two_updates(here, second):
+    """A drive replaces its setting; a sum that is unknown or not there has no line."""
+    def update(mass, x):
+        quantity = {'value': mass, 'unit': 'kg', 'ci95': (mass - 0.03, mass + 0.03)}
+        centre = {axis: {'value': c, 'unit': 'm', 'ci95': (c - 0.01, c + 0.01)}
+                  for axis, c in zip('xyz', (x, 0.0, 0.1))}
+        return {'payload': {'link': 'wrist', 'mass': quantity, 'centre': centre}}
+
+    model = load_model('tool.json')
+    last = {} if second is None else update(second, 0.3)
+    model = replace(model, provenance={**model.provenance, 'updates': [update(2.0, 0.0), last]})
+    if second in (None, -2.0):
+        with pytest.raises(GravityCompError, match='no known sum|no estimate'):
+            load_of(model)
+        return
+    load = load_of(model)
+    assert load.mass.value == pytest.approx(2.0 + second)
+    assert load.centre['x'].value == pytest.approx(0.3 * second / (2.0 + second))
+    assert load.centre['z'].value == pytest.approx(0.1)
+    low, high = load.mass.ci95
+    assert high - low == pytest.approx(2 * 0.03 * 2 ** 0.5)
+    low, high = load.centre['z'].ci95
+    assert 0.005 < 0.5 * (high - low) < 0.03
+    assert f'set_target_payload({2.0 + second:.3f}' in drive_lines(load)[0].line
 
 
 def test_a_removed_payload_has_no_line(here):
