@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 import time
 import traceback
@@ -188,25 +189,27 @@ class GravityCompNode(LifecycleNode):
 
     def end_torque(self, problem: Exception) -> None:
         """
-        Report an error in a callback, and bring the published torque to zero, as on stale input.
+        Bring the published torque to zero, as on stale input, and report an error in a callback.
 
         The controller keeps the last torque that it received, so the process must not simply end.
+        What has failed may fail again: first the torque falls, and no report can prevent it.
         """
         # No callback reads /clock any more, so simulated time would stand still.
         self._clock_is_simulated = False
-        text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
-        details = ''.join(traceback.format_exception(problem))
-        self.get_logger().fatal(f'{text}; the torque falls to zero, then the node ends\n{details}')
         core, outputs = self._core, self._outputs
-        if outputs is None:
-            return
-        outputs.diagnostics([Status('node', ERROR, text)])
-        if not self._active or core is None or core.arm is None:
-            return
-        core.arm.feed.fail()
-        while rclpy.ok() and (tau := core.arm.watchdog(self.now())) is not None:
-            outputs.torque(self.get_clock().now().to_msg(), tau)
-            time.sleep(NODE.watch_period)
+        if self._active and outputs is not None and core is not None and core.arm is not None:
+            core.arm.feed.fail()
+            while rclpy.ok() and (tau := core.arm.watchdog(self.now())) is not None:
+                with suppress(Exception):
+                    outputs.torque(self.get_clock().now().to_msg(), tau)
+                time.sleep(NODE.watch_period)
+        text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
+        with suppress(Exception):
+            self.get_logger().fatal(
+                f'{text}\n{"".join(traceback.format_exception(problem))}')
+        with suppress(Exception):
+            if outputs is not None:
+                outputs.diagnostics([Status('node', ERROR, text)])
 
     def on_joint_states(self, messages: Sequence[JointState]) -> None:
         """Publish the torque of the newest of all waiting messages, and learn from each."""

@@ -1,8 +1,11 @@
 """The executor of the node in this process; `test/integration` runs it over DDS."""
 
 import time
+from types import SimpleNamespace
 
 from bench.shared.dds_domain import private_domain
+from gravity_comp_ros.node import node as node_module
+from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.run import InputFirstExecutor
 import pytest
 import rclpy
@@ -70,3 +73,27 @@ def test_an_error_in_a_callback_is_raised(executor):
     executor.create_task(callback)
     with pytest.raises(RuntimeError, match='a bug'):
         executor._handle_others(time.monotonic() + LONG)
+
+
+def test_the_torque_falls_after_an_error_although_no_report_can_be_made(monkeypatch):
+    """The error may be one of the clock, of the log or of a publisher."""
+    def fails(*_):
+        raise OSError('no space left')
+
+    sent, torques = [], iter([3.0, 2.0, 1.0, None])
+
+    def torque(stamp, tau):
+        sent.append(tau)
+        if tau == 2.0:
+            fails()
+
+    feed = SimpleNamespace(fail=lambda: sent.append('failed'))
+    arm = SimpleNamespace(feed=feed, watchdog=lambda now: next(torques))
+    stamp = SimpleNamespace(to_msg=lambda: None)
+    node = SimpleNamespace(
+        _core=SimpleNamespace(arm=arm), _active=True, now=lambda: 0.0, get_logger=fails,
+        _outputs=SimpleNamespace(torque=torque, diagnostics=fails),
+        get_clock=lambda: SimpleNamespace(now=lambda: stamp))
+    monkeypatch.setattr(node_module.rclpy, 'ok', lambda: True)
+    GravityCompNode.end_torque(node, RuntimeError('a bug'))
+    assert sent == ['failed', 3.0, 2.0, 1.0]
