@@ -157,7 +157,11 @@ class Arm:
         self.watch.restart()
 
     def deactivate(self) -> None:
-        """Forget messages and torque: nothing is received or published from now on."""
+        """
+        Forget messages: nothing is received or published from now on.
+
+        A controller keeps the torque published last, from which the next activation goes on.
+        """
         self.restart()
         self.feed.restart()
 

@@ -45,7 +45,7 @@ class FeedForward:
         self._failed = False
         self._now: float | None = None
         self._zero = np.zeros(n_joints)
-        self._gravity = self._held = self._zero
+        self._gravity = self._held = self._last = self._zero
         self.restart()
         self.set_options(options)
 
@@ -66,8 +66,8 @@ class FeedForward:
         self._now = None
 
     def restart(self) -> None:
-        """Forget torque and input; with the next message torque ramps up from zero."""
-        self._last = self._offset = self._speed = self._zero
+        """Forget the input; with the next message torque goes on from that published last."""
+        self._offset = self._speed = self._zero
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
         # Whole revolutions of the pose that the torque of the model is without.

@@ -48,16 +48,27 @@ def started(options=FREE, torque=10.0):
     return feed, 2.5
 
 
-def test_it_ramps_from_zero_to_the_first_model_and_after_a_restart():
+def test_it_ramps_from_zero_to_the_first_model():
     feed = FeedForward(1, FREE)
     assert feed.update(0.0, Q) is None and feed.watch(9.0) is None
     assert feed.state(9.0) == ff.NO_MODEL
     feed.use(constant(10.0))
-    for start in (9.1, 30.0):
-        feed.restart()
-        assert feed.watch(start) is None and feed.state(start) == ff.WAITING
-        np.testing.assert_allclose(played(feed, start, 13), [*np.arange(11), 10, 10], atol=1e-9)
-        assert feed.state(start + 1.2) == ff.ACTIVE
+    feed.restart()
+    assert feed.watch(9.1) is None and feed.state(9.1) == ff.WAITING
+    np.testing.assert_allclose(played(feed, 9.1, 13), [*np.arange(11), 10, 10], atol=1e-9)
+    assert feed.state(10.3) == ff.ACTIVE
+
+
+@pytest.mark.parametrize('enabled', [True, False])
+def test_after_a_pause_of_the_life_cycle_torque_goes_on_from_that_published_last(enabled):
+    """The controller has kept it: a first torque of zero would drop the arm."""
+    feed, t = started()
+    feed.restart()
+    feed.use(constant(20.0))
+    feed.enabled = enabled
+    assert feed.watch(t + 60.0) is None
+    expected = np.arange(10, 21) if enabled else np.arange(10, -1, -1)
+    np.testing.assert_allclose(played(feed, t + 60.0, 11), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize('first, then', [
