@@ -101,7 +101,7 @@ class Core:
             Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False, max_age=0.0,
                        stale_action='hold'), '/joint_states', 0.0)
         self.send(0.5, *np.zeros((3, 7)))
-        self.live.models.use(model, 'bench', 0.0)
+        self.live.models.use(model, 'bench', 0.0, -1)
         assert self.live.arm is not None
         self.live.arm.use(model, None, 0)
         self.live.arm.epoch.is_open = False

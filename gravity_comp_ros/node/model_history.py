@@ -24,7 +24,7 @@ class Entry:
     model: GravityModel
     origin: str
     since: float
-    epoch: int = 0
+    epoch: int
 
     def describe(self) -> str:
         """Return a one-line description of the model."""
@@ -60,7 +60,7 @@ class ModelHistory:
         """The model in use."""
         return self.entry.model if self.entry else None
 
-    def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> None:
+    def use(self, model: GravityModel, origin: str, now: float, epoch: int) -> None:
         """
         Take a model into use.
 
@@ -94,7 +94,8 @@ class ModelHistory:
             raise ModelMismatchError(
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
                 f'is {", ".join(joints)}')
-        self.use(model, f'loaded from {self.path}', now)
+        # Of an earlier epoch than any model that is learned, so that a rollback returns to it.
+        self.use(model, f'loaded from {self.path}', now, -1)
 
     def save(self, reply: Reply) -> None:
         """Write the present model after all earlier saves; reply now, or from another thread."""

@@ -82,10 +82,12 @@ def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
 def test_rollback_returns_to_the_previous_payload(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     first = node.models.model
-    for epoch in (1, 1, 1, 2, 2):
+    # A refit before any change of the payload is a model of epoch 0.
+    for epoch in (0, 1, 1, 1, 2, 2):
         node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
-    assert len(node.models.past) == 2
+    assert len(node.models.past) == 3
     assert 'epoch 1' in node.learner.roll_back(1.0)[1]
+    assert 'epoch 0' in node.learner.roll_back(1.0)[1]
     assert 'loaded from' in node.learner.roll_back(2.0)[1]
     assert not node.learner.roll_back(3.0)[0]
 
@@ -222,7 +224,7 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
     monkeypatch.setattr(model_history, 'save_model', slow_disk)
     replies = []
     saved(node, replies)
-    node.models.use(second, 'another', 1.0)
+    node.models.use(second, 'another', 1.0, 0)
     saved(node, replies)
     both.set()
     until(node, lambda: len(replies) == 2)
