@@ -164,7 +164,8 @@ class Learner:
 
     def _fit_ended(self, job: Pending, result: FitResult, now: float) -> None:
         """Use or refuse the model of a fit; reply, log, and publish its checks."""
-        if not result.fault:
+        # Without any model further motion may still give the first one.
+        if result.accepted or (self.models.model is not None and not result.fault):
             self.arm.epoch.fit_succeeded()
         # Friction at the start of a motion causes a single outlier.
         outliers = ', '.join(f'{n} of {name}' for name, n in result.outliers.items() if n > 1)

@@ -12,8 +12,10 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
+from gravity_comp_ros.node.checks import Check
 from gravity_comp_ros.node.diagnostics import ERROR, OK, WARN
-from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT
+from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT, FitResult
+from gravity_comp_ros.node.learner import Pending
 import numpy as np
 import pytest
 
@@ -90,6 +92,23 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     assert 'epoch 0' in node.learner.roll_back(1.0)[1]
     assert 'loaded from' in node.learner.roll_back(2.0)[1]
     assert not node.learner.roll_back(3.0)[0]
+
+
+@pytest.mark.parametrize('has_model', [False, True])
+def test_the_last_fit_closes_an_epoch_unless_there_is_no_model_yet(live, model_file, has_model):
+    """A first model that has not converged needs more motion, and its fit is repeated."""
+    node = live(auto_fit=False, min_samples=10, first_samples=20, full_samples=20)
+    now, epoch = feed(node, 60), node.arm.epoch
+    model = load_model(model_file)
+    if has_model:
+        node.models.use(model, 'earlier', now, 0)
+    epoch.fit_started()
+    check = Check('converged', 1.0, 0.5, text='not converged: keep moving slowly')
+    node.learner._fit_ended(Pending(FIT), FitResult(
+        model, (check,), '', 'full fit', 0.0, model.coverage), now)
+    assert epoch.is_open != has_model and 'keep moving' in node.learner.report
+    feed(node, 40, now + 0.2)
+    assert epoch.fit_is_due() != has_model
 
 
 @pytest.mark.parametrize('number, timeout, is_diagnosis, reason', [
